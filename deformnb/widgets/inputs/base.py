@@ -9,7 +9,6 @@ An error in a message is shown in the front end, logged, and changes nothing.
 
 from __future__ import annotations
 
-import json
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -19,6 +18,7 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
+from deformnb.widgets.protocol import check_size
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import ViewMeta
 
@@ -131,12 +131,7 @@ def _envelope(content: Any) -> tuple[int, str, str]:
     """Number, view and phase of an edit."""
     if not isinstance(content, dict) or content.get("type") != "edit":
         raise DeformError("it is no edit.")
-    try:
-        size = len(json.dumps(content))
-    except (TypeError, ValueError, RecursionError):
-        raise DeformError("it is no JSON.") from None
-    if size > LONGEST_MESSAGE:
-        raise DeformError(f"it has {size} bytes, more than {LONGEST_MESSAGE}.")
+    check_size(content, LONGEST_MESSAGE)
     seq: Any = content.get("seq")
     view, phase = content.get("view", ""), content.get("phase")
     if not is_whole(seq) or phase not in ("move", "end") or not isinstance(view, str) or len(view) > _LONGEST_NAME:

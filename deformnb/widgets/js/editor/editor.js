@@ -11,7 +11,7 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { RestingTrait, } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
-import { helpPanel } from "../ui/keys.js";
+import { HelpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
 import { DrawRate, EditorDrawing, initialize } from "./drawing.js";
@@ -115,9 +115,6 @@ export class EditorPage extends EditorDrawing {
   /** The name that is being asked for. @type {Naming | null} */
   naming = null;
 
-  /** The element that had the focus before the list of keys. @type {HTMLElement | SVGElement | null} */
-  beforeHelp = null;
-
   restTimer = 0;
 
   closing = new AbortController();
@@ -152,7 +149,7 @@ export class EditorPage extends EditorDrawing {
     this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
       "aria-label": "name", ...OWN_KEYS });
     this.stage.append(this.tip, this.alert);
-    this.help = helpPanel(this.stage);
+    this.help = new HelpPanel(this.stage, this.root, () => this.focusStage());
     this.statusLine = new StatusLine(this);
     this.root.append(this.spoken);
     this.painter = new Painter(this.canvas);
@@ -535,7 +532,7 @@ export class EditorPage extends EditorDrawing {
       cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
       size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
       stop: model.get("stop_at_folds"), lock: own.length > 0 && own.every((p) => p.locked),
-      grid: model.get("show_grid"), radius: model.get("show_radius"), help: !this.help.hidden });
+      grid: model.get("show_grid"), radius: model.get("show_radius"), help: this.help.isOpen });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
       turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
       steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
@@ -708,18 +705,12 @@ export class EditorPage extends EditorDrawing {
 
   /** The focus goes to the list, and back to where it was. */
   toggleHelp() {
-    const { activeElement } = treeOf(this.root);
-    this.help.hidden = !this.help.hidden;
-    if (!this.help.hidden) {
-      this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
-      this.help.focus();
-    } else if (this.beforeHelp?.isConnected) this.beforeHelp.focus({ preventScroll: true });
-    else this.focusStage();
+    this.help.toggle();
     this.invalidate();
   }
 
   closeHelp() {
-    if (this.help.hidden) return false;
+    if (!this.help.isOpen) return false;
     this.toggleHelp();
     return true;
   }

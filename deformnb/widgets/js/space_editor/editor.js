@@ -12,7 +12,7 @@ import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
-import { helpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
+import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { SpacePane } from "./pane.js";
 import { SpacePointTools } from "./point_tools.js";
@@ -76,8 +76,6 @@ export class SpaceEditorPage extends EditorDrawing {
   isSpaceDown = false;
   /** @type {{ id: number, pane: SpacePane } | null} the point that is being named */
   renamed = null;
-  /** @type {HTMLElement | SVGElement | null} the element in focus before the list of keys */
-  beforeHelp = null;
   /** @type {Facts} */
   facts = {};
   shownCount = 0; // of the messages with pictures
@@ -127,7 +125,8 @@ export class SpaceEditorPage extends EditorDrawing {
     this.input = pageElement("input", "dnb-ed-input", this.row, { type: "text", maxlength: "80", hidden: "",
       "aria-label": "name of the point", ...OWN_KEYS });
     this.row.append(this.tip, this.alert);
-    this.help = helpPanel(this.row, SPACE_EDITOR_KEYS);
+    this.help = new HelpPanel(this.row, this.root, () => this.pictures[0].stage.focus({ preventScroll: true }),
+      SPACE_EDITOR_KEYS);
     const status = pageElement("div", "dnb-ed-status", this.root);
     this.factsLine = pageElement("span", "dnb-ed-facts", status);
     this.foldFact = pageElement("span", "dnb-ed-folds", status);
@@ -250,7 +249,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
     this.chooser.value = model.get("projection");
     const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, mirror: this.pointTools.mirror.on,
-      snap: this.pointTools.snap > 0, compare: model.get("shows_original"), help: !this.help.hidden,
+      snap: this.pointTools.snap > 0, compare: model.get("shows_original"), help: this.help.isOpen,
       lock: selected.size > 0 && points.every((p) => p.locked || !selected.has(p.id)) });
     this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: model.get("history") ?? {},
@@ -441,20 +440,14 @@ export class SpaceEditorPage extends EditorDrawing {
 
   /** Show or hide the list of keys. The focus goes to the list, and back to where it was. */
   toggleHelp() {
-    const { activeElement } = treeOf(this.root);
-    this.help.hidden = !this.help.hidden;
-    if (!this.help.hidden) {
-      this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
-      this.help.focus();
-    } else if (this.beforeHelp?.isConnected) this.beforeHelp.focus({ preventScroll: true });
-    else this.pictures[0].stage.focus({ preventScroll: true });
+    this.help.toggle();
     this.invalidate();
   }
 
   /** End what is going on; returns whether there was anything. */
   escape() {
     if (this.gestures.some((gestures) => gestures.cancel())) return true;
-    if (!this.help.hidden) { this.toggleHelp(); return true; }
+    if (this.help.isOpen) { this.toggleHelp(); return true; }
     if (this.isAdding || this.isSelecting) { this.setAdding(false); this.setSelecting(false); return true; }
     if (this.selected.size === 0) return false;
     this.select([]);
