@@ -188,8 +188,8 @@ def _row(name: str) -> Dataset:
 
 
 def _alternative(data: Dataset) -> str:
-    labels = "_labels" if data.is_labels else ""
-    return f"the phantom deformnb.datasets.{data.phantom}{labels}() instead"
+    make = "labels" if data.is_labels else "make"
+    return f'the phantom deformnb.datasets.PHANTOMS["{data.phantom}"].{make}() instead'
 
 
 def _check_present(path: Path, data: Dataset) -> None:

@@ -12,7 +12,7 @@ import oracle
 import pytest
 from command_line import refused, remarks, run, small_folder
 
-from deformnb.datasets import knee_labels
+from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
@@ -292,7 +292,8 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_labels_that_are_not_declared_are_asked_about(small: Path, capsys: pytest.CaptureFixture[str],
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    write_volume(Volume.from_array(knee_labels((24, 24, 24)).values, is_labels=False), small / "labels.nrrd")
+    labels = PHANTOMS["knee"].labels((24, 24, 24))
+    write_volume(Volume.from_array(labels.values, is_labels=False), small / "labels.nrrd")
     assert run(small, "warp pull.json labels.nrrd out.nrrd", monkeypatch) == 0
     assert remarks(capsys.readouterr().err).count("--labels in a command") == 1, "the result has it too, said once"
     assert run(small, "warp pull.json labels.nrrd out.nrrd --labels --force", monkeypatch) == 0
