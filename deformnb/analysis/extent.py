@@ -230,7 +230,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.document.deformation import Deformation
     >>> volume = Volume.from_array(np.full((8, 8, 8), 200, np.uint8))
-    >>> shifted = Deformation.on_picture(volume.grid, "+y", ControlPoints.from_arrays([[0, 0]], [[3, 0]]),
+    >>> shifted = Deformation.on_picture(volume, "+y", ControlPoints.from_arrays([[0, 0]], [[3, 0]]),
     ...                                  trend="translation")
     >>> seen = field_of_view(volume, shifted.field(volume.grid))
     >>> seen.grid.shape, seen.grid.origin, seen.is_limited

@@ -122,7 +122,7 @@ class Step(AbstractFitSettings):
                                   "make some with ControlPoints.from_arrays(sources, targets).")
         if not isinstance(self.plane, Plane | None):
             raise DeformError(f"the plane of a step is a Plane or None, got {_kind(self.plane)}; "
-                              "Plane.along(volume.grid, \"+y\") makes one.")
+                              "Plane.along(volume, \"+y\") makes one.")
 
     def _check_shapes(self, dim: int) -> None:
         if self.cut_rule not in CUT_RULES:
@@ -353,7 +353,7 @@ class Deformation:
     >>> from deformnb.volume.volume import Grid, Matrix3, Volume
     >>> volume = Volume(np.zeros((4, 8, 8), np.uint8), Grid((4, 8, 8)))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 7]])
-    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation = Deformation.on_picture(volume, "+z", points)
     >>> deformation.apply(volume).shape
     (4, 8, 8)
     """

@@ -131,7 +131,7 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
     >>> from deformnb.rbf.points import ControlPoints
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 4]])
-    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation = Deformation.on_picture(volume, "+z", points)
     >>> frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="core")
     >>> [frame.shape for frame in frames]
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
@@ -160,7 +160,7 @@ def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0,
     >>> from deformnb.document.deformation import Keyframe
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> sets = [ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, b]]) for b in (6, 4)]
-    >>> keys = [Keyframe(t, Deformation.on_picture(volume.grid, "+z", p).steps) for t, p in enumerate(sets)]
+    >>> keys = [Keyframe(t, Deformation.on_picture(volume, "+z", p).steps) for t, p in enumerate(sets)]
     >>> animation = Animation(Deformation(keyframes=keys))
     >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
     3
