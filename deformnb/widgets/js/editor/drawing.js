@@ -122,7 +122,7 @@ export class EditorDrawing {
   /** Take the colours of the page around, light or dark: Jupyter's or VS Code's, else the browser's preference. */
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    this.root.classList.toggle("dnb-ed-dark", this.theme.isDark);
+    this.root.classList.toggle("dnb-dark", this.theme.isDark);
     const style = getComputedStyle(this.root);
     const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map((name) => style.getPropertyValue(name).trim() || "#777");
     this.colours = { stage, grid };

@@ -169,7 +169,7 @@ export class EditedPage {
 
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    this.root.classList.toggle("dnb-cv-dark", this.theme.isDark);
+    this.root.classList.toggle("dnb-dark", this.theme.isDark);
     this.invalidate();
   }
 }

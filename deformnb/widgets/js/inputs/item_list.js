@@ -214,7 +214,7 @@ class ItemListPage {
     }
   }
 
-  #repaint() { this.root.classList.toggle("dnb-il-dark", this.theme.isDark); }
+  #repaint() { this.root.classList.toggle("dnb-dark", this.theme.isDark); }
 
   // ---- keys and names -----------------------------------------------------------------------------------------------
 

@@ -167,7 +167,7 @@ class PointsTablePage {
 
   get isReadOnly() { return Boolean(this.model.get("read_only")); }
 
-  #repaint() { this.root.classList.toggle("dnb-pt-dark", this.theme.isDark); }
+  #repaint() { this.root.classList.toggle("dnb-dark", this.theme.isDark); }
 
   // ---- the points ---------------------------------------------------------------------------------------------------
 

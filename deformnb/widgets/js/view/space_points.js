@@ -7,7 +7,7 @@ import { added, dot, scaled, unitVector } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
 import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.js";
 import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.js";
-import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
+import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
 import { pageElement, setAttributes, svgElement } from "../ui/dom.js";
 import { opacityOfByte } from "../webgl/volume_blocks.js";
@@ -281,12 +281,7 @@ export class SpacePoints {
     this.bus = null; // the editor's
     /** @type {Sender | null} */
     this.sender = null; // the editor's
-    /** @type {string | Model | null} */
-    this.reference = null;
-    /** @type {object | null} */
-    this.ticket = null; // of the reference that is followed
-    /** @type {(() => void)[]} */
-    this.undo = [];
+    this.followed = new FollowedModel(page.model);
     /** @type {Point[]} */
     this.points = [];
     /** @type {Set<number>} */
@@ -327,22 +322,15 @@ export class SpacePoints {
 
   /** @param {string | Model | null} reference */
   async follow(reference) {
-    if (reference === this.reference) return;
+    if (reference === this.followed.reference) return; // following again tears nothing down
     this.leave();
-    this.reference = reference;
-    if (!reference) return;
-    const ticket = {};
-    this.ticket = ticket;
-    const editor = typeof reference === "string"
-      ? await this.page.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
-    if (this.ticket !== ticket) return;
-    /** @type {Bus} */
-    const bus = busOf(editor);
-    const uid = editor.get("uid"), sender = senderOf(bus, editor);
+    const found = await this.followed.choose(reference);
+    if (!found) return;
+    const { model: editor, bus } = found;
+    const sender = senderOf(bus, editor);
     this.editor = editor;
     this.bus = bus;
     this.sender = sender;
-    holdBus(bus);
     const moved = (/** @type {CustomEvent<PointsDetail>} */ { detail }) => {
       if (detail.origin === this.id || this.drag0) return;
       this.points = detail.phase === "move" ? detail.points : sender.points;
@@ -352,16 +340,16 @@ export class SpacePoints {
     bus.addEventListener("deformnb:points", moved);
     editor.on("change:selected", chosen);
     const unlisten = sender.listen((/** @type {string} */ what) => { if (what === "points") this.receive(); });
-    this.undo.push(unlisten, () => bus.removeEventListener("deformnb:points", moved),
-      () => editor.off("change:selected", chosen), () => releaseBus(bus, uid));
+    this.followed.ends.push(unlisten, () => bus.removeEventListener("deformnb:points", moved),
+      () => editor.off("change:selected", chosen));
     sender.receive();
     this.points = sender.points;
     chosen();
   }
 
   leave() {
-    for (const step of this.undo.splice(0)) step();
-    this.editor = this.ticket = this.reference = this.drag0 = null;
+    this.followed.end();
+    this.editor = this.drag0 = null;
     this.points = [];
     this.draw();
   }
