@@ -2,7 +2,7 @@
 
 - :data:`PHANTOMS` work without a network.
 - :data:`DATASETS`, :func:`fetch` and :func:`load` get real volumes of the paper once and keep them.
-- :func:`thompson_points` turns the fish into other fishes.
+- :func:`thompson_map` has the points that turn the fish into other fishes.
 """
 
 from deformnb.datasets.darcy import (
@@ -12,7 +12,6 @@ from deformnb.datasets.darcy import (
     thompson_grids,
     thompson_map,
     thompson_pairs,
-    thompson_points,
 )
 from deformnb.datasets.phantoms import PHANTOMS, Phantom
 from deformnb.datasets.registry import DATASETS, Dataset, credits, fetch, load  # noqa: A004 (see there)
@@ -31,5 +30,4 @@ __all__ = [
     "thompson_grids",
     "thompson_map",
     "thompson_pairs",
-    "thompson_points",
 ]

@@ -7,9 +7,6 @@ import re
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 
-import numpy as np
-from numpy.typing import DTypeLike
-
 # A warp holds its input and its output and some maps; a reader that took all of the free memory would leave no room.
 SHARE = 0.6
 
@@ -22,31 +19,6 @@ _CGROUP_FILES = {
     "cgroup2": ("memory.max", "memory.current", "inactive_file"),
     "cgroup": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
 }
-
-
-def required_bytes(shape: tuple[int, int, int], dtype: DTypeLike, *, output_shape: tuple[int, int, int] | None = None,
-                   maps: int = 0, texture: bool = False) -> int:
-    """Bytes that deforming a volume takes: input, output, maps and a texture of the display.
-
-    Parameters
-    ----------
-    shape : (nz, ny, nx) of the volume.
-    dtype : its voxel type.
-    output_shape : of the deformed volume, if one is made.
-    maps : how many 2-D displacement maps of the volume's own rows and columns (two float32 each) are kept.
-    texture : whether a copy for a GPU is made (of the output, or else of the input).
-
-    Examples
-    --------
-    >>> required_bytes((256, 256, 256), "uint8", output_shape=(256, 256, 256), maps=1) / 2**20
-    32.5
-    """
-    def size(shape: tuple[int, int, int]) -> int:
-        return int(shape[0]) * int(shape[1]) * int(shape[2]) * np.dtype(dtype).itemsize
-
-    total = size(shape) + maps * int(shape[1]) * int(shape[2]) * 8
-    total += size(output_shape) if output_shape is not None else 0
-    return total + (size(output_shape or shape) if texture else 0)
 
 
 def available_memory() -> int:

@@ -379,10 +379,6 @@ class Session(traitlets.HasTraits):
             parts = (*self.step.parts, part)
             self.edit_parts(parts, label or f"add {part.label}", points=without_conflicts(self.points, parts, held))
 
-    def set_cut_rule(self, rule: str) -> None:
-        """Set the rule for the visible region beside a cut: a name of :data:`~deformnb.rbf.cuts.CUT_RULES`."""
-        self.change(cut_rule=rule)
-
     def edit_keys(self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None,
                   selected: int = 0) -> None:
         """Move, add or remove key pictures of the rule "interpolate".

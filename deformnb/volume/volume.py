@@ -440,11 +440,6 @@ class Grid:
         """Number of voxels."""
         return self.shape[0] * self.shape[1] * self.shape[2]
 
-    @property
-    def is_axis_aligned(self) -> bool:
-        """True if every index axis is parallel to x, y or z of space (flips and swaps count as aligned)."""
-        return bool(np.isclose(np.abs(np.asarray(self.direction)).max(axis=0), 1.0, atol=1e-9).all())
-
     def is_like(self, other: Grid) -> bool:
         """True if the voxels of both lie at the same places, as far as files keep digits."""
         close = 1e-5 * min(other.spacing)

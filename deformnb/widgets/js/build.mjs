@@ -10,16 +10,19 @@ import { build } from "esbuild";
 const here = dirname(fileURLToPath(import.meta.url)), outdir = join(here, "..", "static");
 const isDebug = process.argv.includes("--debug");
 
-const VIEW = ["view/live_view.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css", "view/space_points.css"];
+const VIEW = ["view/live_view.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css",
+  "view/space_points.css"];
 
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
   editor: ["editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css", "editor/grid_nodes.css"],
-  space_editor: ["space_editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css", "space_editor/editor.css"],
+  space_editor: ["space_editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css",
+    "space_editor/editor.css"],
   live_view: ["view/live_view.js", ...VIEW],
   volume_view: ["view/volume_view.js", ...VIEW],
   curve_editor: ["inputs/curve_editor.js", "ui/theme.css", "inputs/curve_editor.css"],
-  transfer_editor: ["inputs/transfer_editor.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/transfer_editor.css"],
+  transfer_editor: ["inputs/transfer_editor.js", "ui/theme.css", "inputs/curve_editor.css",
+    "inputs/transfer_editor.css"],
   depth_keys: ["inputs/depth_keys.js", "ui/theme.css", "inputs/curve_editor.css"],
   player: ["inputs/player.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
   points_table: ["inputs/points_table.js", "ui/theme.css", "inputs/points_table.css"],

@@ -97,7 +97,7 @@ def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
     part = RigidPart(HalfSpace((0.0, 14.0), (0.0, -1.0)), name="floor")
     studio.session.edit_cuts([cut])
     studio.session.edit_parts([part])
-    studio.session.set_cut_rule("paper")
+    studio.session.change(cut_rule="paper")
     assert studio.editor.cuts[0].name == "half"
     assert studio.editor.parts[0].name == "floor"
     assert studio.editor.cut_rule == "paper"
