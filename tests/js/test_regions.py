@@ -204,7 +204,3 @@ def test_what_is_seen_beside_cuts_is_that_of_the_package(name: str, with_parts: 
     is_seen = opacity > 1e-6  # elsewhere rounding chooses
     assert np.abs(np.array(found)[:, :2] - moves)[is_seen].max() < CLOSE
     assert np.abs(np.array(found)[:, 2] - opacity).max() < 1e-6
-
-
-def test_the_names_are_alike() -> None:
-    assert run_script(FILES, "() => CUT_RULES", None) == list(CUT_RULES)
