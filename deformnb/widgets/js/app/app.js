@@ -161,17 +161,17 @@ const AppWidget = {
     try {
       this.trame.deformnb ??= new AppWidgets(this.trame);
       const widgets = this.trame.deformnb;
-      const [model, page] = await Promise.all([widgets.open(this.name),
+      const [model, frontEnd] = await Promise.all([widgets.open(this.name),
         import(new URL(this.source, document.baseURI).href)]);
       if (this.isGone) return;
       if (!model.isInitialized) { // once for each model, as anywidget does
         model.isInitialized = true;
-        await page.default.initialize?.({ model });
+        await frontEnd.default.initialize?.({ model });
       }
       if (this.name === "editor") model.update({ fill: true });
       this.model = model;
       this.paint();
-      const close = await page.default.render({ model, el: place });
+      const close = await frontEnd.default.render({ model, el: place });
       const unfit = this.fills ? fitted(this.name, model, place) : null;
       this.close = () => { unfit?.(); close?.(); };
       if (this.isGone) this.close();

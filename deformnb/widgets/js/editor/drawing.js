@@ -63,12 +63,12 @@ export const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its 
  */
 const SILENCE = {
   busy: "The kernel is busy; the volume in Python follows later",
-  silent: "No answer from Python yet; these points stay in the page until it answers",
-  deaf: "This view was loaded too slowly and does not hear Python: run the cell again",
+  unanswered: "No answer from Python yet; these points stay in the browser until it answers",
+  detached: "This view was loaded too slowly and receives nothing from Python: run the cell again",
   lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
 };
 
-const FINAL = new Set(["deaf", "lost"]); // these messages stay as long as the page is open
+const FINAL = new Set(["detached", "lost"]); // these messages stay as long as the page is open
 const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
 
 /** The drawing and the messages that both editors share. */
@@ -82,7 +82,7 @@ export class EditorDrawing {
     this.root = pageElement("div", "dnb-editor", null, { tabindex: "-1", role: "group", ...OWN_KEYS });
     this.tip = pageElement("div", "dnb-ed-hint", null, { hidden: "", "aria-hidden": "true" });
     this.alert = pageElement("div", "dnb-ed-alert", null, { role: "alert", hidden: "" });
-    this.spoken = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
+    this.liveRegion = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
     this.dark = window.matchMedia("(prefers-color-scheme: dark)");
     this.colours = { stage: "#777", grid: "#777" };
     this.frame = 0; // the request of the next one, or 0
@@ -98,7 +98,7 @@ export class EditorDrawing {
   guard(action) {
     try { return action(); } catch (error) {
       console.error(error);
-      this.say(`The editor met an error: ${error instanceof Error ? error.message : error}`);
+      this.showMessage(`The editor met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
     }
   }
@@ -142,7 +142,7 @@ export class EditorDrawing {
    * Show a sentence over the picture; a passing one goes after a while.
    * @param {string} message
    */
-  say(message, isPassing = false) {
+  showMessage(message, isPassing = false) {
     clearTimeout(this.alertTimer);
     this.alert.hidden = !message;
     this.alert.textContent = message;
@@ -170,7 +170,7 @@ export class EditorDrawing {
    * Give a text to screen readers.
    * @param {string} text
    */
-  speak(text) { setText(this.spoken, text); }
+  announce(text) { setText(this.liveRegion, text); }
 }
 
 /**

@@ -7,7 +7,7 @@ import { shownNumber } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
 import { CurvePlot } from "./curve_plot.js";
 
-class CurveEditorPage extends CurvePlot {
+class CurveEditorView extends CurvePlot {
   isTyping = false;
   /** @type {string | undefined} a formula that Python has not answered yet */
   asked = undefined;
@@ -89,7 +89,7 @@ class CurveEditorPage extends CurvePlot {
   forget() {
     this.isTyping = false;
     this.asked = undefined;
-    this.say("");
+    this.showMessage("");
     this.invalidate();
   }
 
@@ -148,8 +148,8 @@ class CurveEditorPage extends CurvePlot {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new CurveEditorPage(model, el);
-  return () => page.close();
+  const view = new CurveEditorView(model, el);
+  return () => view.close();
 }
 
 export default { render };

@@ -27,7 +27,7 @@ const GONE = { autorestarting: "was restarted", restarting: "was restarted", dea
 /** @typedef {(kernel: unknown, status: string) => void} StatusSlot */
 /** @typedef {Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } }} NotebookModel */
 
-class RestoreBarPage {
+class RestoreBarView {
   timer = 0;
   isWaiting = false;
   fate = ""; // of the kernel
@@ -114,7 +114,7 @@ class RestoreBarPage {
 export default {
   /** @param {{ model: NotebookModel, el: HTMLElement }} widget */
   render({ model, el }) {
-    const page = new RestoreBarPage(model, el);
-    return () => page.close();
+    const view = new RestoreBarView(model, el);
+    return () => view.close();
   },
 };

@@ -5,7 +5,7 @@ import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
 import {
-  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, PageTheme, picturesOf, remarksOn, sized,
+  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, Theme, picturesOf, remarksOn, sized,
 } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
@@ -25,7 +25,7 @@ import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
-class LiveViewPage {
+class LiveVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -69,7 +69,7 @@ class LiveViewPage {
     this.progress = pageElement("div", "dnb-progress", this.root,
       { role: "progressbar", "aria-label": "loading the volume" });
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.theme = new PageTheme(this.root, () => this.setBackground());
+    this.theme = new Theme(this.root, () => this.setBackground());
     this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
     this.setBackground();
     this.size();
@@ -153,7 +153,7 @@ class LiveViewPage {
   }
 
   /** @param {string} text */
-  say(text) {
+  showMessage(text) {
     this.notice.textContent = text || "";
     this.notice.hidden = !text;
   }
@@ -224,7 +224,7 @@ class LiveViewPage {
    * @param {MemoryError} why
    * @param {Vector3} shape
    */
-  #askForFewer(why, shape) {
+  #requestFewerVoxels(why, shape) {
     const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
     if (fewer < FEWEST) throw why;
     this.isScarce = true;
@@ -251,7 +251,7 @@ class LiveViewPage {
    * @param {string} text
    */
   fall(text) {
-    this.say(text);
+    this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
@@ -272,7 +272,7 @@ class LiveViewPage {
     if (this.closed) return;
     this.still?.close();
     this.still = null;
-    this.say("");
+    this.showMessage("");
     this.caster = null;
     this.caster = this.#newCaster();
     if (!this.caster) return;
@@ -280,7 +280,7 @@ class LiveViewPage {
     this.setShows();
     this.setTable();
     if (!this.values || !this.info) return;
-    if (this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD), this.info.shape);
+    if (this.wasTooMuch) this.#requestFewerVoxels(new MemoryError(NOT_HELD), this.info.shape);
     else this.upload(this.info, this.values).catch((error) => this.fail(error));
   }
 
@@ -298,7 +298,7 @@ class LiveViewPage {
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   #listen() {
@@ -349,7 +349,7 @@ class LiveViewPage {
 
   /** @param {boolean} isStuck */
   setStuck(isStuck) {
-    this.say(isStuck ? "The volume does not come. Is the kernel running?" : "");
+    this.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
     const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
     button.textContent = "Try again";
@@ -405,7 +405,7 @@ class LiveViewPage {
       done = await caster.setVolume(values, about, tick);
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
-      if (caster === this.caster && info === this.info) this.#askForFewer(error, shape);
+      if (caster === this.caster && info === this.info) this.#requestFewerVoxels(error, shape);
       return;
     }
     if (!done || caster !== this.caster) return;
@@ -532,6 +532,6 @@ class LiveViewPage {
 }
 
 /** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new LiveViewPage(model, el)); }
+function render({ model, el }) { return opened(new LiveVolumeView(model, el)); }
 
 export default { render };

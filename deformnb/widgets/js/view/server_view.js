@@ -4,14 +4,13 @@
 
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
-import { aboutShown, captionsOf, Flicker, Frames, listen, opened, PageTheme, sized } from "../ui/view_parts.js";
+import { aboutShown, captionsOf, Flicker, Frames, listen, opened, sized, Theme } from "../ui/view_parts.js";
 import { PointerControls } from "./pointer.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
 import { bytesOf } from "./volume_loader.js";
 
 /** @import { Model } from "../types.d.ts" */
-/** @import { PageTheme as Theme } from "../ui/view_parts.js" */
 /** @import { Bytes, VolumeInfo } from "./types.d.ts" */
 /** @import { Message } from "./volume_loader.js" */
 
@@ -19,7 +18,7 @@ const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of th
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
-export class ServerViewPage {
+export class ServerVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -58,7 +57,7 @@ export class ServerViewPage {
     this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.badge = pageElement("div", "dnb-badge", this.root);
-    this.theme = new PageTheme(this.root, () => this.size());
+    this.theme = new Theme(this.root, () => this.size());
     this.flicker = new Flicker(this.root, () => { this.caption(); this.paint(); });
     this.wait("Preparing the picture \u2026");
     this.observer = new ResizeObserver(() => this.size());
@@ -94,7 +93,7 @@ export class ServerViewPage {
   send(content) { this.model.send({ view: this.id, ...content }); }
 
   /** @param {string} text */
-  say(text) { this.notice.textContent = text || ""; this.notice.hidden = !text; }
+  showMessage(text) { this.notice.textContent = text || ""; this.notice.hidden = !text; }
 
   /** @param {string} text */
   wait(text) { this.waiting.textContent = text; this.waiting.hidden = !text; }
@@ -102,7 +101,7 @@ export class ServerViewPage {
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   // -- size, theme, captions -----------------------------------------------------------------------------------------
@@ -159,7 +158,7 @@ export class ServerViewPage {
    * @param {Bytes[]} buffers
    */
   receive(content, buffers) {
-    if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
+    if (content.type === "notice") { this.showMessage(String(content.text)); if (!this.drawn) this.wait(""); }
     if (content.type === "trame") this.frame(content);
     if (content.type === "badge") this.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
@@ -271,7 +270,7 @@ export class ServerViewPage {
 }
 
 /**
- * @typedef {object} UndrawnPage a front end that cannot draw
+ * @typedef {object} UndrawnView a front end that cannot draw
  * @property {Model} model
  * @property {string} id
  * @property {HTMLElement} host
@@ -283,24 +282,24 @@ export class ServerViewPage {
 /** A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there. */
 export class StillPicture {
   /**
-   * @param {UndrawnPage} page
+   * @param {UndrawnView} view
    * @param {string} why
    */
-  constructor(page, why) {
-    this.page = page;
+  constructor(view, why) {
+    this.view = view;
     this.why = why;
-    /** @type {ServerViewPage | null} */
+    /** @type {ServerVolumeView | null} */
     this.pictures = null; // as soon as Python draws
     /** @type {(() => void) | null} */
     this.after = null; // called when a picture is shown
     /** @type {VolumeInfo | null} */
     this.info = null;
-    this.image = pageElement("img", "dnb-still", page.root, { alt: page.model.get("label") || "Volume" });
+    this.image = pageElement("img", "dnb-still", view.root, { alt: view.model.get("label") || "Volume" });
   }
 
   /** Requests pictures; Python answers that it draws, and does so from then on. */
   ask() {
-    if (!this.pictures) this.page.send({ type: "still", background: this.page.theme.name });
+    if (!this.pictures) this.view.send({ type: "still", background: this.view.theme.name });
   }
 
   /**
@@ -327,16 +326,16 @@ export class StillPicture {
   drawn(info) {
     if (info) this.inform(info);
     if (this.pictures) return;
-    const { page } = this, { model } = page;
+    const { view } = this, { model } = view;
     /** @type {Model} */
     const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
       set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
       on: (/** @type {string} */ name, /** @type {(...given: any[]) => void} */ call) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
-      send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
-    page.root.hidden = true;
-    this.pictures = new ServerViewPage(part, page.host);
-    this.pictures.say(this.why);
+      send: (content) => model.send({ type: "drawn", view: view.id, say: content }) };
+    view.root.hidden = true;
+    this.pictures = new ServerVolumeView(part, view.host);
+    this.pictures.showMessage(this.why);
     opened(this.pictures);
     this.#shown();
   }
@@ -358,7 +357,7 @@ export class StillPicture {
 
   close() {
     this.pictures?.close();
-    this.page.root.hidden = false;
+    this.view.root.hidden = false;
     URL.revokeObjectURL(this.image.src);
     this.image.remove();
   }

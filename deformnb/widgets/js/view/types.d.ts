@@ -58,7 +58,7 @@ export interface Field {
 }
 
 /** The page of a view, as its camera, its pointer and its points need it. */
-export interface ViewPage {
+export interface VolumeViewLike {
   model: Model;
   root: HTMLElement;
   canvas: HTMLCanvasElement;

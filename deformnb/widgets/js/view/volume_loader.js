@@ -78,7 +78,7 @@ export class VolumeLoader {
   again() {
     this.tries = 0;
     this.#setStuck(false);
-    this.#askAgain();
+    this.#requestMissing();
   }
 
   close() {
@@ -86,7 +86,7 @@ export class VolumeLoader {
     clearTimeout(this.timer);
   }
 
-  #askAgain() {
+  #requestMissing() {
     for (const index of this.missing) if (index < this.asked) this.ask(index);
     this.#watch();
   }
@@ -96,7 +96,7 @@ export class VolumeLoader {
     this.timer = setTimeout(() => {
       this.tries += 1;
       if (this.tries > LOADER_TRIES) this.#setStuck(true); // a piece that comes late is taken all the same
-      else this.#askAgain();
+      else this.#requestMissing();
     }, LOADER_PATIENCE * 2 ** this.tries);
   }
 
