@@ -10,7 +10,7 @@ from deformnb.app.page_sections import (
     add_widget,
     diagnostics_section,
     history_section,
-    look_section,
+    display_section,
     points_section,
     settings_section,
 )
@@ -18,7 +18,7 @@ from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.panels.files import LARGER
 from deformnb.widgets.web.remote_area import AREA
 
-_TABS = (("settings", "Fit", settings_section), ("look", "Display", look_section), ("points", "Points", points_section),
+_TABS = (("settings", "Fit", settings_section), ("display", "Display", display_section), ("points", "Points", points_section),
          ("diagnostics", "Diagnostics", diagnostics_section), ("history", "History", history_section))
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))

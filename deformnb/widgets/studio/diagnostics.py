@@ -95,7 +95,7 @@ def diagnose(step: Step, key: int, grid: Grid) -> Diagnostics:
         reasons.append(str(error))
     points = step.maps[min(key, len(step.maps) - 1)]
     try:
-        bending = bending_energy(points if step.strength == 1 else points.blended(step.strength))
+        bending = bending_energy(points if step.strength == 1 else points.scaled(step.strength))
         quality = step_quality(step, grid, min(key, len(step.maps) - 1))
     except DeformError as error:
         reasons.append(str(error))

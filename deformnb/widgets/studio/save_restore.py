@@ -168,10 +168,10 @@ class SaveButton(SyncedWidget):
         self._session, self._guard, self._say, self._folder = session, guard, say, Path(folder)
         self._run = run or (lambda work: work())
         self._first = _bare(session.deformation)
-        self._heard = weakly(self, SaveButton._look, lambda button: button.comm is not None)
+        self._heard = weakly(self, SaveButton._update, lambda button: button.comm is not None)
         session.observe(self._heard, ["deformation", "saved", "file"])
         self.on_msg(self._received)
-        self._look()
+        self._update()
 
     def press(self) -> None:
         """Save now."""
@@ -183,7 +183,7 @@ class SaveButton(SyncedWidget):
     def _save(self) -> None:
         path = self._session.file or self._new_file()
         self._session.save(path)
-        self._look()
+        self._update()
         self._say(f"Saved {path.name}.")
 
     def _new_file(self) -> Path:
@@ -191,7 +191,7 @@ class SaveButton(SyncedWidget):
         names = (f"{stem}{f'-{k}' if k > 1 else ''}.json" for k in range(1, 10**6))
         return next(path for path in (self._folder / name for name in names) if not path.exists())
 
-    def _look(self, _change: Any = None) -> None:
+    def _update(self, _change: Any = None) -> None:
         saved = self._session.saved
         self.unsaved = _bare(self._session.deformation) != (self._first if saved is None else _bare(saved))
         file = self._session.file

@@ -770,7 +770,7 @@ export function rbfSupport(points, settings) {
 function rbfRadius(active, radius, trend) {
   if (radius !== null) return radius;
   if (active.length && trend === "none") {
-    throw new RbfError(`${rbfLabel(active[0])} is alone and there is no trend, so nothing tells how far it reaches; ` +
+    throw new RbfError(`${rbfLabel(active[0])} is alone and there is no trend, so nothing determines its range; ` +
       "give a support radius.");
   }
   return 1; // a translation does not depend on it
@@ -882,7 +882,7 @@ function rbfRefuseConflicts(places, pairs, radius) {
     const p = places[i], q = places[j];
     if (Math.hypot(p.d[0] - q.d[0], p.d[1] - q.d[1]) <= SAME_DISPLACEMENT * radius) continue;
     const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
-    throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but ask for ` +
+    throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but require ` +
       `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`);
   }
 }

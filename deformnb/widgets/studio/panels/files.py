@@ -23,7 +23,7 @@ from typing import Any
 import ipywidgets as ipw
 
 from deformnb._weak import weakly
-from deformnb.analysis.extent import grown
+from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import LONGEST, from_json
 from deformnb.document.script import VOLUME_LINE
@@ -383,7 +383,7 @@ class ResultBox(Panel):
         grid = self.session.volume.grid
         index = -grid.point_to_index(output.origin)
         for length in (self._length, *(abs(index) * grid.spacing).tolist()):
-            if grown(grid, length) == output:
+            if padded(grid, length) == output:
                 return float(length)
         return None
 
@@ -451,7 +451,7 @@ class ResultBox(Panel):
             self._is_asked = False
         elif self.follows and session.output is not None:
             session.fit_output(joins=True)
-        self._left = session.sides_left()
+        self._left = session.exceeded_sides()
         self.refresh()
 
 

@@ -254,7 +254,7 @@ class FitPanel(Panel):
         self.stiffness = ipw.FloatLogSlider(
             min=-4, max=1, step=0.1, value=0.005, description="Stiffness", style=_STYLE, readout_format=".1g",
             layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
-            tooltip="How much bending counts against likeness, when all points are fitted")
+            tooltip="How much bending counts against similarity, when all points are fitted")
         self.count = ipw.BoundedIntText(min=3, max=200, value=16, style=_STYLE, description="Points",
                                         layout=ipw.Layout(width="120px"), tooltip="How many are put on the outline")
         self.buttons = {text: button(text, tip, partial(guard, partial(self._start, text, work)))
@@ -465,7 +465,7 @@ def _named(points: ControlPoints, point: int) -> str:
 def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
     way = np.linalg.norm(found.points.target - before.target, axis=1)
     if not way.any():
-        return f"Nothing better was found; likeness {found.score_before:.3f}. {seconds:.1f} s."
+        return f"Nothing better was found; similarity {found.score_before:.3f}. {seconds:.1f} s."
     return (f"Likeness {found.score_before:.3f} before, {found.score_after:.3f} after. "
             f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
             f"{seconds:.1f} s.")
