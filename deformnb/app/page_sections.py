@@ -1,4 +1,4 @@
-"""Sections of the client's drawer: single controls, settings, looks, points, diagnostics, and the history."""
+"""Sections of the client's drawer: single controls, settings, display, points, diagnostics, and the history."""
 
 from __future__ import annotations
 

@@ -387,8 +387,9 @@ class Sheet:
     def _landmarks(self, before: _Place, after: _Place, points: ControlPoints) -> None:
         from matplotlib.patches import FancyArrowPatch
 
-        before.axes.plot(*points.source.T, "o", mfc=self.colours.paper, mec=SOURCE, mew=1.1, ms=3.6, ls="none", zorder=6)
-        after.axes.plot(*points.target.T, "o", mfc=TARGET, mec=self.colours.paper, mew=0.5, ms=4.2, ls="none", zorder=6)
+        paper = self.colours.paper
+        before.axes.plot(*points.source.T, "o", mfc=paper, mec=SOURCE, mew=1.1, ms=3.6, ls="none", zorder=6)
+        after.axes.plot(*points.target.T, "o", mfc=TARGET, mec=paper, mew=0.5, ms=4.2, ls="none", zorder=6)
         size = self.grids.cell
         for source, target in zip(points.source, points.target, strict=True):
             if np.linalg.norm(target - source) < 0.06 * size:

@@ -124,7 +124,7 @@ def format_of(path: Path, *, writing: bool = False) -> tuple[str, Format]:
                 raise fail(path, f"{entry.description} is read but not written; write {_writable()}.")
             return name, entry
     if writing:
-        raise fail(path, f"the end of its name is that of no volume file; write {_writable()}.")
+        raise fail(path, f"its suffix belongs to no kind of volume file; write {_writable()}.")
     if dicom.is_dicom(path):  # scanners often write names without a suffix
         return "dicom", FORMATS["dicom"]
     with regular_file(path).open("rb") as file:

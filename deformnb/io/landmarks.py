@@ -118,7 +118,7 @@ def check_landmark_target(path: Path) -> LandmarkFormat:
     """The format of the end of a name; VolumeFileError if it is none."""
     row = _row(path)
     if row is None:
-        raise fail(path, f"the end of its name is that of no landmark file; known are {landmark_suffixes()}.")
+        raise fail(path, f"its suffix belongs to no kind of landmark file; known are {landmark_suffixes()}.")
     return row
 
 

@@ -428,7 +428,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
     place = regular_file(as_path(path))
     row = _row(place)
     if row is None:
-        raise fail(place, f"the end of its name is that of no surface file; known are {mesh_suffixes()}.")
+        raise fail(place, f"its suffix belongs to no kind of surface file; known are {mesh_suffixes()}.")
     size, limit = place.stat().st_size, default_limit()
     if size * _MEMORY_PER_BYTE > limit:
         raise fail(place, f"reading it takes about {human_bytes(size * _MEMORY_PER_BYTE)} of memory and "
@@ -471,7 +471,7 @@ def check_mesh_target(path: Path) -> MeshFormat:
     """The format that a path to write to selects; VolumeFileError if there is none of its suffix."""
     row = _row(path)
     if row is None:
-        raise fail(path, f"the end of its name is that of no surface file; write {mesh_suffixes()}.")
+        raise fail(path, f"its suffix belongs to no kind of surface file; write {mesh_suffixes()}.")
     return row
 
 

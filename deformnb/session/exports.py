@@ -326,7 +326,7 @@ def export_for(path: str | PathLike[str]) -> Export:
         if name.endswith(export.suffixes):
             return export
     known = "; ".join(f"{e.title.lower()} {', '.join(e.suffixes[:3])}" for e in EXPORTS.values())
-    raise DeformError(f"the end of {Path(path).name!r} is that of no kind of file; write one of: {known}.")
+    raise DeformError(f"the suffix of {Path(path).name!r} belongs to no kind of file; write one of: {known}.")
 
 
 def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapping[str, Any] | None = None,

@@ -147,7 +147,8 @@ class Session(traitlets.HasTraits):
         self._show(_State(first, len(first.steps) - 1, 0))
         self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in (*volume.notes, laid) if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
-        self._restore_view_state(view_state, besides=traits, is_other=made_on is not None and made_on.shape != volume.shape)
+        self._restore_view_state(view_state, besides=traits,
+                                 is_other=made_on is not None and made_on.shape != volume.shape)
 
     # -- the step that is edited ---------------------------------------------------------------------------------------
 

@@ -466,7 +466,7 @@ def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
     way = np.linalg.norm(found.points.target - before.target, axis=1)
     if not way.any():
         return f"Nothing better was found; similarity {found.score_before:.3f}. {seconds:.1f} s."
-    return (f"Likeness {found.score_before:.3f} before, {found.score_after:.3f} after. "
+    return (f"Similarity {found.score_before:.3f} before, {found.score_after:.3f} after. "
             f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
             f"{seconds:.1f} s.")
 
