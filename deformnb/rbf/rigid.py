@@ -592,7 +592,7 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
             continue
         torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
         if torn is not None:
-            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its matter is seen "
+            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its tissue is seen "
                          "twice")
     return free, notes
 

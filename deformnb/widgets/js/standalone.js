@@ -164,7 +164,8 @@ class StandalonePage {
   fall() {
     this.isStill = true;
     pagePart("volume").classList.add("dnb-page-flat");
-    showOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be dragged.");
+    showOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " +
+      "dragged.");
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
     if (this.cut) this.cut.hidden = true;
     this.view?.update({ background: this.data.still_background });

@@ -16,7 +16,7 @@ import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
 import { DrawRate, EditorDrawing, initialize } from "./drawing.js";
 import { GridNodes } from "./grid_nodes.js";
-import { Handles, HandMarks } from "./handles.js";
+import { Handles, ToolMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
 import { decodePicture, drawGrid, Painter } from "./painter.js";
 import { PointTools } from "./point_tools.js";
@@ -55,7 +55,8 @@ const COMMANDS = {
   lock: (editor, ids) => editor.pointTools.toggleLock(ids),
   undo: (editor) => editor.stepHistory("undo"), redo: (editor) => editor.stepHistory("redo"),
   smudge: (editor) => editor.setBrush("smudge"), size: (editor) => editor.setBrush("size"),
-  cut: (editor) => editor.setPen("cut"), part: (editor) => editor.setPen("part"), ground: (editor) => editor.setPen("ground"),
+  cut: (editor) => editor.setPen("cut"), part: (editor) => editor.setPen("part"),
+  ground: (editor) => editor.setPen("ground"),
   mirror: (editor) => editor.pointTools.toggleMirror(), "mirror-axis": (editor) => editor.pointTools.turnMirror(),
   snap: (editor) => editor.pointTools.toggleSnap(), stop: (editor) => editor.toggle("stop_at_folds"),
   "turn-left": (editor) => editor.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
@@ -63,7 +64,8 @@ const COMMANDS = {
   grid: (editor) => editor.toggle("show_grid"), radius: (editor) => editor.toggle("show_radius"),
   overlay: (editor) => editor.overlay.next(),
   compare: (editor) => { editor.isComparing = !editor.isComparing; editor.invalidate(); },
-  "zoom-in": (editor) => editor.zoomAt(1.25), "zoom-out": (editor) => editor.zoomAt(0.8), fit: (editor) => editor.fitView(),
+  "zoom-in": (editor) => editor.zoomAt(1.25), "zoom-out": (editor) => editor.zoomAt(0.8),
+  fit: (editor) => editor.fitView(),
   help: (editor) => editor.toggleHelp(),
 };
 
@@ -112,7 +114,7 @@ export class EditorView extends EditorDrawing {
   /** @type {Folds | null} */
   folds = null;
 
-  /** The name that is being asked for. @type {Naming | null} */
+  /** The name that is being requested. @type {Naming | null} */
   naming = null;
 
   /** The element that had the focus before the list of keys. @type {HTMLElement | SVGElement | null} */
@@ -125,7 +127,7 @@ export class EditorView extends EditorDrawing {
   /** @type {(() => void)[]} */
   #ends = [];
 
-  #pictures = 0; // that were asked for
+  #pictures = 0; // that were requested
 
   /**
    * @param {Model} model
@@ -164,10 +166,10 @@ export class EditorView extends EditorDrawing {
     this.pointTools = new PointTools(this);
     this.pen = new Pen(this);
     this.brush = new Brush(this);
-    this.marks = new HandMarks(this.svg, this.handles.points);
+    this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.gridNodes = new GridNodes(this);
-    Object.assign(this.root, { deformnb: this }); // for tests and for whoever looks into the page
+    Object.assign(this.root, { deformnb: this }); // for tests and for debugging
     this.#followModel();
     this.#followPage();
     this.guard(() => this.shapeTools.receiveChosen());
@@ -232,7 +234,7 @@ export class EditorView extends EditorDrawing {
     cancelAnimationFrame(this.frame);
     for (const timer of [this.restTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.bus.views = (this.bus.views ?? 1) - 1;
-    if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
+    if (this.bus.views === 0) this.bus.latest = null; // nothing fits any more: followers take the traits
     this.root.remove();
     this.host.classList.remove("dnb-ed-host");
   }
@@ -423,7 +425,7 @@ export class EditorView extends EditorDrawing {
     this.handles.blink([id]);
   }
 
-  /** Some of the picture stays in the view, so that nobody is lost in the grey. */
+  /** Keep some of the picture in the view. */
   #keepInView() {
     const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
@@ -497,7 +499,7 @@ export class EditorView extends EditorDrawing {
     this.pointTools.sendMove();
   }
 
-  /** The fit where there are no cuts, for tests and for whoever looks into the page. */
+  /** The fit where there are no cuts, for tests and for debugging. */
   get fit() { return this.layered?.fit ?? null; }
 
   /** @param {LayeredFit | null} layered */
@@ -528,7 +530,7 @@ export class EditorView extends EditorDrawing {
     const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
     if (!fit) return 0;
     const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has its own reach: this is the first one's
-    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels know no radius
+    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels have no radius
   }
 
   #updateToolbar() {
@@ -682,7 +684,7 @@ export class EditorView extends EditorDrawing {
   // ---- names and help -----------------------------------------------------------------------------------------------
 
   /**
-   * Ask for a name beside a place of the view.
+   * Request a name beside a place of the view.
    * @param {string} text
    * @param {string} placeholder
    * @param {number[]} at

@@ -118,7 +118,8 @@ export class GridNodes {
     const isShown = this.isOn && layered !== null;
     setAttributes(this.group, { visibility: isShown ? "visible" : "hidden" });
     if (!isShown) { if (!this.drag) this.#trim(0); return; }
-    const { columns, rows, target, isSeen } = this.placesOf(layered), { k, x, y } = this.editor.view, held = this.#held();
+    const { columns, rows, target, isSeen } = this.placesOf(layered), held = this.#held();
+    const { k, x, y } = this.editor.view;
     const [a0, a1] = this.editor.box, reach = Math.max(5, Math.min(11, 0.42 * k * (a1 - a0) / (columns - 1)));
     this.#trim(columns * rows);
     for (let n = 0; n < columns * rows; n++) {
@@ -208,7 +209,8 @@ export class GridNodes {
   /** @param {PointerEvent} event */
   #down(event) {
     const { editor } = this, n = this.#at(event);
-    if (event.button !== 0 || n === null || editor.isLocked || editor.pen.isOn || editor.isAdding || editor.gestures.isSpaceDown
+    if (event.button !== 0 || n === null || editor.isLocked || editor.pen.isOn || editor.isAdding ||
+        editor.gestures.isSpaceDown
       || editor.gestures.pointers.size) return; // the others' business
     event.stopPropagation();
     event.preventDefault();

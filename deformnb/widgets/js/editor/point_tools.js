@@ -120,7 +120,7 @@ export class PointTools {
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   /**
-   * Begin a drag of these points, which may have one more than the page.
+   * Begin a drag of these points, which may have one more than the editor.
    * @param {Point[]} points
    */
   beginDrag(points = this.editor.points) {
@@ -169,7 +169,7 @@ export class PointTools {
     this.isLive = true;
   }
 
-  /** Send points on their way, if Python wants to follow the drag. */
+  /** Send points on their way, if Python follows the drag. */
   sendMove() {
     const { editor } = this;
     if (this.drag0 && this.isLive && editor.model.get("live")) {
@@ -230,7 +230,7 @@ export class PointTools {
   }
 
   /**
-   * The drag as far as the map stays free of folds, if the user wants that.
+   * The drag as far as the map stays free of folds, if the user has chosen that.
    * @param {(share: number) => Point[]} make
    */
   #withoutFolds(make) {
@@ -297,7 +297,7 @@ export class PointTools {
   }
 
   /**
-   * Add a point that takes hold of what is seen at a place of the view: its source is where the map looks, so nothing
+   * Add a point that holds what is seen at a place of the view: its source is where the map leads, so nothing
    * moves.
    * @param {number[]} at CSS pixels
    * @returns {number | null} its id, that of a point which is there already, or null in a gap
@@ -405,7 +405,8 @@ export class PointTools {
    * @param {boolean} isEnd
    */
   moveAxis(at, isEnd) {
-    const { editor } = this, c = this.mirror.axis === "a" ? 0 : 1, [low, high] = [editor.box[2 * c], editor.box[2 * c + 1]];
+    const { editor } = this, c = this.mirror.axis === "a" ? 0 : 1;
+    const [low, high] = [editor.box[2 * c], editor.box[2 * c + 1]];
     editor.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
     if (isEnd) editor.model.save_changes();
     editor.invalidate();
@@ -508,8 +509,10 @@ export class PointTools {
     const { editor } = this, [angle, factor] = turnOfKey(way, how), turn = editor.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
-    this.change(turnedPoints(turn.points, turn.ids, turn.about, angle, factor), kind, `${kind} ${[...editor.selected]}`);
-    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`);
+    const points = turnedPoints(turn.points, turn.ids, turn.about, angle, factor);
+    this.change(points, kind, `${kind} ${[...editor.selected]}`);
+    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees`
+      : `scaled by ${factor.toFixed(2)}`);
   }
 
   beginTurn() {
@@ -556,7 +559,8 @@ export class PointTools {
     /** @param {number[]} at */
     const isNear = (at) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
     const stroke = new Stroke(editor.points, place, radius, { tool, box: editor.box,
-      id: nextId(editor.points, editor.sender.nextId), reach: typeof settings.support === "number" ? settings.support : 0,
+      id: nextId(editor.points, editor.sender.nextId),
+      reach: typeof settings.support === "number" ? settings.support : 0,
       sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? layeredFit(points, settings) : null),
       settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
     if (stroke.lockedBy) { this.hintLocked([stroke.lockedBy.id]); return null; }

@@ -1,7 +1,7 @@
 // Pointers, the wheel and keys of the editor, turned into calls of its tools. The keys are listed in ui/keys.js.
 
 import { shownLength } from "../maths/numbers.js";
-import { freeIds, TURN_CODES, TURN_WAYS, turnOfHand, withRims } from "../maths/points.js";
+import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.js";
 import { SLACK, treeOf } from "../ui/dom.js";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.js";
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "./handles.js";
@@ -316,7 +316,7 @@ export class Gestures {
 
   /**
    * The part of the chosen shape that an event is about. Another shape is chosen by a click: a drag that begins on its
-   * line is one on the picture, and nobody moves what he did not see.
+   * line is one on the picture, and a shape that was not chosen is not moved.
    * @param {Event} event
    */
   #ownShapeAt(event) {
@@ -361,7 +361,7 @@ export class Gestures {
     else if (g.kind === "band") this.#band(g, at);
     else if (g.kind === "pen") editor.pen.drag(at);
     else if (g.kind === "turn") { // about the middle of the selection; Alt scales instead, Shift goes in steps
-      const [angle, factor] = turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
+      const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       g.scales = event.altKey;
       pointTools.turnTo(g.turn, angle, factor);
     } else if (g.kind === "axis") pointTools.moveAxis(g.start + by[g.c] / editor.view.k, false);

@@ -133,7 +133,8 @@ export class Pen {
     const before = draft.places.slice(0, draft.shown), isWhole = before.length === 0;
     const all = [editor.placeAt(from), ...stroke], isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
     draft.shown = undefined;
-    const path = draft.tool === "ground" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.view.k);
+    const path = draft.tool === "ground" ? [all[0], all[all.length - 1]]
+      : simplified(all, STROKE_ERROR / editor.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
     this.#count(draft);
@@ -209,13 +210,19 @@ export class Pen {
     const { draft, editor } = this;
     if (!draft) return false;
     const { tool, places } = draft, least = isClosed || tool === "part" ? 3 : 2;
-    if (places.length < least) { editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000); return false; }
+    if (places.length < least) {
+      editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
+      return false;
+    }
     const [a0, a1, b0, b1] = editor.box;
     /** @type {RegionData} */
     const region = tool === "ground" ? groundThrough(places[0], places[1], [(a0 + a1) / 2, (b0 + b1) / 2])
       : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
-    if (fault) { editor.showMessage(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true); return false; }
+    if (fault) {
+      editor.showMessage(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);
+      return false;
+    }
     this.stop();
     editor.shapeTools.add(tool === "cut" ? "cuts" : "parts", region, tool === "ground" ? "ground" : "");
     return true;
@@ -402,7 +409,8 @@ export class ShapeTools {
    * @param {number} pixels
    */
   nudge(grip, [dx, dy], pixels) {
-    const { editor } = this, [du, dv] = editor.model.get("raster").spacing, [da, db] = [dx * pixels * du, dy * pixels * dv];
+    const { editor } = this, [du, dv] = editor.model.get("raster").spacing;
+    const [da, db] = [dx * pixels * du, dy * pixels * dv];
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner, { chosenShape: shape } = this;
     if (!shape) return;
     if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
@@ -464,7 +472,7 @@ export class ShapeTools {
   // ---- a part around points that contradict it ----------------------------------------------------------------------
 
   /**
-   * Keep the outline, show the problem, and ask what shall become of the points.
+   * Keep the outline, show the problem, and offer what may become of the points.
    * @param {PartData} shape
    */
   #offer(shape) {
@@ -472,7 +480,8 @@ export class ShapeTools {
     if (!held.length) return;
     const [who, it, whose] = held.length === 1 ? [rbfLabel(held[0]), "it", "its"]
       : [`${held.length} control points`, "them", "their"];
-    editor.showMessage(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part asks for another movement than the part's. ` +
+    editor.showMessage(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part requires another movement than ` +
+      "the part's. " +
       `Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`);
     this.offered = shape;
     for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`]]) {

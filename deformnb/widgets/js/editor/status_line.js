@@ -35,7 +35,7 @@ export class StatusLine {
       : "No points yet: three or more bend the picture, one moves it, two turn and scale it");
     const folds = this.editor.folds ?? { least: 1, share: 0 };
     this.#updateFolds(folds);
-    // The fit only suspects a fold; the page has looked.
+    // The fit only suspects a fold; the editor has measured it.
     const remarks = (layered?.notes ?? []).filter((note) => folds.least <= 0 || !layered?.doubts.includes(note));
     const notes = error || pointTools.stopNote || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
@@ -79,7 +79,7 @@ export class StatusLine {
     setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
   }
 
-  /** Advice on the next step, for want of remarks. */
+  /** Advice on the next step, where there are no remarks. */
   #advice() {
     const { points, selected, model, brush, pen, isSelecting, shapeTools, gridNodes } = this.editor;
     if (model.get("read_only")) return "These points are shown only";

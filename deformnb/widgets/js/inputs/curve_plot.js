@@ -139,7 +139,7 @@ export class CurvePlot extends InputView {
   }
 
   /**
-   * A place with as many digits as can be told apart, at one of the snapping heights if it is near.
+   * A place with as many digits as can be distinguished, at one of the snapping heights if it is near.
    * @param {number[]} place
    * @param {boolean} [isFree] whether nothing snaps
    * @returns {number[]}

@@ -665,15 +665,15 @@ class PointsTableView {
 
   /** @param {any} message */
   #answered({ type, view, seq, ok, text }) {
-    const asked = this.waiting.get(seq);
-    if (type !== "done" || view !== this.view || !asked) return;
+    const request = this.waiting.get(seq);
+    if (type !== "done" || view !== this.view || !request) return;
     this.waiting.delete(seq);
     if (text) this.showMessage(text);
-    if (ok && asked.key === "place") this.place.value = "";
-    if (ok && asked.key === "text") { this.text.value = ""; this.#openPasting(false); }
-    if (!ok && asked.ids.length) this.refuse(asked.ids[0], asked.key);
-    if (asked.key === "place") setAttributes(this.place, { "aria-invalid": !ok });
-    if (asked.key === "text") setAttributes(this.text, { "aria-invalid": !ok });
+    if (ok && request.key === "place") this.place.value = "";
+    if (ok && request.key === "text") { this.text.value = ""; this.#openPasting(false); }
+    if (!ok && request.ids.length) this.refuse(request.ids[0], request.key);
+    if (request.key === "place") setAttributes(this.place, { "aria-invalid": !ok });
+    if (request.key === "text") setAttributes(this.text, { "aria-invalid": !ok });
   }
 
   /** Copy by the browser's command: without https there is no other clipboard. */

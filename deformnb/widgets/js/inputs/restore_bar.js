@@ -1,6 +1,6 @@
 // An offer to restore what was lost when a kernel died; and a message when the front end's own kernel has gone.
 //
-// Python owns the offer. What a front end can know of its kernel: the notebook's widget manager notifies each model
+// Python owns the offer. Facts that a front end has of its kernel: the notebook's widget manager notifies each model
 // that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was
 // started again. Other hosts signal nothing.
 

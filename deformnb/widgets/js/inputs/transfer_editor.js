@@ -974,7 +974,7 @@ class TransferEditorView extends CurvePlot {
       "aria-label": `Remove the chosen ${what}` });
     const isOwn = !named, again = back ? `the preset ${back}` : "a preset";
     setAttributes(this.resetter, { "aria-disabled": isReadOnly || !isOwn || !back,
-      title: `Take ${again} again: undo knows nothing of colours and opacities` });
+      title: `Take ${again} again: undo does not apply to colours and opacities` });
     this.chooser.value = named;
     this.chooser.disabled = isReadOnly;
     setAttributes(this.farther, { "aria-disabled": !this.zoom });

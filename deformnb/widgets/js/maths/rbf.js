@@ -802,7 +802,7 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   const origin = n ? [0, 1].map((k) => merged.reduce((sum, q) => sum + q.x[k], 0) / n) : [0, 0];
   const basis = rbfSpan(merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]));
   const { ridge, where } = rbfThinness(merged, basis);
-  const [name, remark] = rbfBearable(trend, kernel, n, basis.length, where);
+  const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where);
   return { n, merged, origin, radius, basis, ridge, trend: name, notes: [...limited, ...notes, ...remark],
     ids: merged.map((q) => q.point.id) };
 }
@@ -901,7 +901,7 @@ function rbfShown(value) {
  * @param {string} where
  * @returns {[trend: string, remarks: string[]]}
  */
-function rbfBearable(trend, kernel, n, rank, where) {
+function rbfDeterminedTrend(trend, kernel, n, rank, where) {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
   if (rank === 0) return [order === 2 ? trend : "translation", ["one control point: the trend is a translation"]];

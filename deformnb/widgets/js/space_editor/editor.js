@@ -21,7 +21,7 @@ import { PaneGestures, spaceKey } from "./pointer.js";
 const LEAST_HEIGHT = 140; // CSS pixels of a picture
 const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
   "the volume folds over itself";
-const SLOW_PICTURES = 500; // milliseconds after which a message tells that pictures are being made
+const SLOW_PICTURES = 500; // milliseconds after which a message reports that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
 /** @type {Record<string, string>} */
@@ -61,7 +61,7 @@ const SPACE_MORE = [
 
 /**
  * A request for other pictures.
- * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} Look
+ * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} ViewRequest
  */
 
 export class SpaceEditorView extends EditorDrawing {
@@ -83,7 +83,7 @@ export class SpaceEditorView extends EditorDrawing {
   shownCount = 0; // of the messages with pictures
   /** @type {Set<string>} the places that were sent */
   looked = new Set();
-  /** @type {(Look & { moving: boolean }) | null} the request that waits */
+  /** @type {(ViewRequest & { moving: boolean }) | null} the request that waits */
   pendingLook = null;
   waitingSince = -Infinity; // milliseconds
   lookTimer = 0;
@@ -589,7 +589,7 @@ export class SpaceEditorView extends EditorDrawing {
 
   /**
    * Request pictures; places at the pace at which pictures come, and the newest only.
-   * @param {Look} what
+   * @param {ViewRequest} what
    * @param {boolean} isMoving
    */
   look(what, isMoving = false) {

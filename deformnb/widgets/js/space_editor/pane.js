@@ -3,7 +3,7 @@
 /** @import { FlatPoint, PaneInfo, Raster } from "../types.d.ts" */
 /** @import { SpaceEditorView } from "./editor.js" */
 
-import { Handles, HandMarks } from "../editor/handles.js";
+import { Handles, ToolMarks } from "../editor/handles.js";
 import { dot, scaled, sideOf } from "../maths/camera.js";
 import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
@@ -68,7 +68,7 @@ export class SpacePane {
     for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
     this.nodes = svgElement("path", { class: "dnb-sp-nodes", "aria-hidden": "true" }, this.svg);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
-    this.marks = new HandMarks(this.svg, this.handles.points);
+    this.marks = new ToolMarks(this.svg, this.handles.points);
     this.letters = ["left", "right", "top", "bottom"].map((side) => (
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" })));
     this.slider = pageElement("input", "dnb-sp-slider", this.root, { type: "range", ...OWN_KEYS });

@@ -290,7 +290,8 @@ export class SpacePointTools {
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
     this.change(turnedInSpace(editor.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
-    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`);
+    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees`
+      : `scaled by ${factor.toFixed(2)}`);
   }
 
   /** Begin a drag of the handle that turns. Returns the ids, or null. */

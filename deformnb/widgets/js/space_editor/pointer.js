@@ -6,7 +6,7 @@
 
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "../editor/handles.js";
 import { shownLength } from "../maths/numbers.js";
-import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfHand } from "../maths/points.js";
+import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.js";
 import { inPane, wayInPane } from "../maths/space.js";
 import { SLACK, targetOf, treeOf } from "../ui/dom.js";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.js";
@@ -166,7 +166,7 @@ export class PaneGestures {
     else if (g.kind === "mirror") tools.moveMirror(pane.under(at), false);
     else if (g.kind === "turn") {
       g.scales = event.altKey;
-      const [angle, factor] = turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
+      const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       tools.turnTo(pane, g.ids, angle, factor);
     } else if (g.kind === "cross") editor.moveCross(pane, at, g.line, true);
     else if (g.kind === "points") {

@@ -25,7 +25,7 @@ import { History } from "./history.js";
 
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
 const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
-const TRUSTED_FOR = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
+const PRECEDENCE_MS = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
 /** Characters of an edit at most; Python counts the bytes of its own JSON, which has blanks and escapes. */
 export const MOST_CHARACTERS = LONGEST_EDIT / 2;
 
@@ -122,7 +122,7 @@ export class Sender {
   receive(isNews = false, model = this.model) {
     if (!model) return;
     this.nextId = Math.max(this.nextId, model.get("next_id") ?? 0);
-    const isLate = isNews && this.clock.now() - this.lastAt > TRUSTED_FOR; // an answer that is lost blocks nothing
+    const isLate = isNews && this.clock.now() - this.lastAt > PRECEDENCE_MS; // an answer that is lost blocks nothing
     if (this.#isFilled && this.isBehind(model) && !isLate) return;
     const points = cleanPoints(model.get("points"));
     const shapes = { cuts: this.#shapesOf(model, "cuts"), parts: this.#shapesOf(model, "parts") };
@@ -478,7 +478,7 @@ export class EditLink {
    * Whether Python's value is older than ours. `seen`: the last end that it has received of each view.
    * @param {Record<string, number> | null | undefined} seen
    */
-  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < TRUSTED_FOR; }
+  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS; }
 
   /** @param {"move" | "end"} phase @param {any} value */
   #send(phase, value) {

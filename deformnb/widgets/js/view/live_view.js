@@ -100,8 +100,8 @@ class LiveVolumeView {
 
   /** @returns {string} */
   get background() {
-    const wanted = this.model.get("background");
-    return wanted === "auto" ? this.theme.name : wanted;
+    const background = this.model.get("background");
+    return background === "auto" ? this.theme.name : background;
   }
 
   setBackground() {
@@ -121,14 +121,14 @@ class LiveVolumeView {
     this.caption();
     if (this.loop) this.loop.flip(0);
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   setClip() {
     const clip = clipOf(this.model);
     if (this.caster) this.caster.clip = isClipped(clip) ? clip : null;
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   caption() {
@@ -175,7 +175,7 @@ class LiveVolumeView {
 
   writeCamera() {
     this.camera.write();
-    this.still?.ask();
+    this.still?.request();
   }
 
   /** @param {string} view */
@@ -220,7 +220,7 @@ class LiveVolumeView {
   }
 
   /**
-   * Asks Python for half of the voxels, since the GPU does not hold the volume, until they are too few to look at.
+   * Requests half of the voxels from Python, since the GPU does not hold the volume, until they are too few to look at.
    * @param {MemoryError} why
    * @param {Vector3} shape
    */
@@ -236,7 +236,8 @@ class LiveVolumeView {
   /** @param {RayCaster} caster */
   #prepare(caster) {
     this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), (loop) => this.tell(loop),
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
+      (loop) => this.sendStats(loop),
       () => this.link.catchUp());
     caster.projection = this.model.get("projection");
     caster.background = this.background;
@@ -255,7 +256,7 @@ class LiveVolumeView {
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
-    this.still.ask();
+    this.still.request();
   }
 
   /** @param {Event} event */
@@ -341,7 +342,7 @@ class LiveVolumeView {
     this.values = null;
     this.mark();
     this.readCamera(true);
-    if (!this.caster) { this.still?.ask(); return; }
+    if (!this.caster) { this.still?.request(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
       (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
@@ -450,10 +451,10 @@ class LiveVolumeView {
    */
   confirm(seq) {
     if (!seq) return;
-    const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) this.still.whenShown(tell);
-    else if (this.loop && this.caster?.isReady) this.loop.after.push(tell);
-    else tell();
+    const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
+    if (this.still) this.still.whenShown(confirm);
+    else if (this.loop && this.caster?.isReady) this.loop.after.push(confirm);
+    else confirm();
   }
 
   applyField() {
@@ -502,7 +503,7 @@ class LiveVolumeView {
   }
 
   /** @param {FrameLoop} loop */
-  tell(loop) {
+  sendStats(loop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
   }

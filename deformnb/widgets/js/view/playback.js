@@ -17,7 +17,7 @@ import { floatsOf } from "./volume_loader.js";
  * @typedef {object} PlayedView the live view whose field this changes
  * @property {Model} model
  * @property {Field | null} field
- * @property {{ask(): void} | null} still
+ * @property {{request(): void} | null} still
  * @property {() => void} applyField
  * @property {(held: boolean) => void} touch
  */
@@ -94,7 +94,7 @@ export class TimeLink {
     view.field = { ...view.field, planar: planarAt(frames, time) };
     view.applyField();
     view.touch(isPlaying); // while it plays only quick pictures are drawn
-    if (!isPlaying) view.still?.ask();
+    if (!isPlaying) view.still?.request();
   }
 
   close() {

@@ -69,7 +69,7 @@ export class ServerVolumeView {
     this.readInfo();
     this.size();
     this.setShows();
-    this.ask = setTimeout(() => {
+    this.greeting = setTimeout(() => {
       if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
     }, LONG);
   }
@@ -108,19 +108,20 @@ export class ServerVolumeView {
 
   size() {
     if (this.closed) return;
-    const wanted = this.model.get("background");
-    this.root.dataset.background = wanted === "auto" ? this.theme.name : wanted;
+    const background = this.model.get("background");
+    this.root.dataset.background = background === "auto" ? this.theme.name : background;
     const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.min(4096, Math.max(16, n)));
     const now = { width: w, height: h, background: this.theme.name,
       ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
-    const said = JSON.stringify(now);
-    if (said === this.sized) return;
+    const sent = JSON.stringify(now);
+    if (sent === this.sized) return;
     this.camera.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
     this.paint();
     this.touchParts();
     clearTimeout(this.resizing);
-    const tell = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = said; };
-    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger sends it once
+    const report = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = sent; };
+    // A window that is dragged larger sends it once.
+    if (this.sized) this.resizing = setTimeout(report, 120); else report();
   }
 
   /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
@@ -256,7 +257,7 @@ export class ServerVolumeView {
 
   close() {
     this.closed = true;
-    for (const timer of [this.ask, this.resizing, this.retry]) clearTimeout(timer);
+    for (const timer of [this.greeting, this.resizing, this.retry]) clearTimeout(timer);
     this.send({ type: "bye" });
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.pointer.close();
@@ -298,18 +299,18 @@ export class StillPicture {
   }
 
   /** Requests pictures; Python answers that it draws, and does so from then on. */
-  ask() {
+  request() {
     if (!this.pictures) this.view.send({ type: "still", background: this.view.theme.name });
   }
 
   /**
-   * Calls `tell` when there is a picture of what is shown now; with Python's own pictures at once.
-   * @param {() => void} tell
+   * Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once.
+   * @param {() => void} callback
    */
-  whenShown(tell) {
-    if (this.pictures) { tell(); return; }
-    this.after = tell;
-    this.ask();
+  whenShown(callback) {
+    if (this.pictures) { callback(); return; }
+    this.after = callback;
+    this.request();
   }
 
   /** @param {Bytes} png */

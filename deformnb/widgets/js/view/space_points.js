@@ -1,6 +1,6 @@
 // Control points in space over a view of the volume: shown, dragged, and put on what is seen. A view that has the
-// voxels as well (values, field, caster) knows which points lie behind the body and where a ray meets it. Points go to
-// Python by the sender of their own editor (sync/edits.js).
+// voxels as well (values, field, caster) determines which points lie behind the body and where a ray meets it. Points
+// go to Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.js";
 import { added, dot, scaled, unitVector } from "../maths/camera.js";

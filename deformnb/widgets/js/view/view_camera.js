@@ -3,7 +3,7 @@
 import { Camera } from "../maths/camera.js";
 import { boxCorners } from "../ui/view_parts.js";
 
-/** @import { CameraTrait, Look, VolumeViewLike } from "./types.d.ts" */
+/** @import { CameraTrait, ViewDirection, VolumeViewLike } from "./types.d.ts" */
 
 const PERSPECTIVE = 0.7; // bend of a camera with perspective
 
@@ -54,11 +54,11 @@ export class ViewCamera extends Camera {
     const { view } = this;
     if (!view.info || (!isForced && (this.isWriting || view.pointer.isBusy))) return false;
     /** @type {CameraTrait} */
-    const wanted = view.model.get("camera") || {};
-    this.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
-    this.pan = [...(wanted.pan || [0, 0])];
-    this.bend = wanted.perspective ? PERSPECTIVE : 0;
-    this.height = this.full / (wanted.zoom || 1);
+    const camera = view.model.get("camera") || {};
+    this.look(camera.direction || [0.4, 1, -0.3], camera.up);
+    this.pan = [...(camera.pan || [0, 0])];
+    this.bend = camera.perspective ? PERSPECTIVE : 0;
+    this.height = this.full / (camera.zoom || 1);
     return true;
   }
 
@@ -82,7 +82,7 @@ export class ViewCamera extends Camera {
 
   /**
    * Sees all of the box.
-   * @param {Look} look
+   * @param {ViewDirection} look
    */
   seeAll({ direction, up }) {
     this.look(direction, up);
