@@ -155,7 +155,7 @@ class Application:
         """Do one of the actions that give nothing back."""
         if name not in (*REQUESTS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
             raise DeformError("there is no such action.")
-        if name == "take_hold":  # no edit: what is said of the last one stays
+        if name == "take_hold":  # no edit: the message about the last one stays
             self.session.take_hold()
             return
         actions: dict[str, Callable[[], Any]] = {
@@ -262,7 +262,7 @@ class Application:
             self.error = str(error)
             self._show()
         except Exception as error:
-            _LOG.exception("an action of the page failed")
+            _LOG.exception("an action of the client failed")
             self.error = f"{type(error).__name__}: {error}"
         self.milliseconds = 1000 * (time.perf_counter() - started)
         self.changed()
@@ -346,7 +346,7 @@ class Application:
             self.parts.refresh()
             if session.plane != self._faced:
                 self._faced = session.plane
-                if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
+                if looks_alike(self._looks, self.volumes.camera):  # else a user has turned it
                     self._look(*facing(session.plane))
         finally:
             editor.waiting = ""
@@ -376,7 +376,7 @@ class Application:
         self.thread.call(tell)
 
     def _told(self, text: str) -> None:
-        """Show the report of another thread."""
+        """Show the message of another thread."""
         def tell() -> None:
             self.session.notice = text
             self.files.pass_on()

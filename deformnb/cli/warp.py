@@ -117,8 +117,8 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--resolution", type=float, nargs="+", metavar="S",
                    help="voxel size of the result, one length or three (x y z; default as the input)")
     p.add_argument("--margin", nargs="+", metavar="M",
-                   help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or a '
-                   "length to add on every side, one or three (x y z), negative crops (default the session's)")
+                   help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or '
+                   "a length to add on every side, one or three (x y z), negative crops (default the session's)")
     p.add_argument("--volume", metavar="FILE",
                    help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
@@ -284,7 +284,7 @@ def _box(document: Deformation, volume: Volume, given: Sequence[str] | None) -> 
     if list(given) == ["fit"]:
         found = field_of_view(volume, document.field(volume.grid))
         if found.is_limited:
-            note(f"the deformed foreground needs more than {MOST:g} times the voxels of the volume; the rest is cut off.")
+            note(f"deformed foreground needs more than {MOST:g} times the voxels of the volume; the rest is cut off.")
         return found.grid, 0.0
     try:
         margin = [float(length) for length in given]

@@ -646,7 +646,7 @@ class Session(traitlets.HasTraits):
 
     @traitlets.observe("output")
     def _output_taken_back(self, change: Any) -> None:
-        if change["new"] is None:  # traitlets has nobody validate None
+        if change["new"] is None:  # traitlets validates no None
             self._set_output(None)
 
     def _set_output(self, grid: Grid | None) -> None:
@@ -757,7 +757,7 @@ class Session(traitlets.HasTraits):
         Raises
         ------
         FileChangedError
-            If the file was there before, or somebody else has changed it; nothing is written.
+            If the file was there before, or another program has changed it; nothing is written.
         """
         document = document or self.document()
         write_deformation(document, path, known=self.files, overwrite=overwrite)

@@ -182,7 +182,7 @@ class StudioPicture:
     Attributes
     ----------
     milliseconds : how long the last one took; None until one was made.
-    ways_on : why the picture that is wanted cannot be made, and two buttons; unseen while it can.
+    ways_on : the reason why the requested picture cannot be made, and two buttons; unseen while it can.
     """
 
     def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, view: Any, worker: Worker,
@@ -203,7 +203,7 @@ class StudioPicture:
         return bool(self._shown == self._wanted())
 
     def renew(self) -> bool:
-        """Request the picture that the session wants, if it is not the one that is shown; returns whether."""
+        """Request the picture that the session requires, if it is not the one that is shown; returns whether."""
         if not self.is_shown:
             self.ask()
             return True
@@ -212,12 +212,12 @@ class StudioPicture:
         return False
 
     def ask(self) -> None:
-        """Make the picture that is wanted and show it; until then the editor takes no gesture."""
+        """Make the requested picture and show it; until then the editor takes no gesture."""
         self._editors.tell(waiting=_MAKING)
         self._worker.latest("picture", weakly(self, StudioPicture._show, StudioPicture._is_open))
 
     def turn(self) -> None:
-        """Look at the volume from the side of the picture, unless somebody has turned it to look from elsewhere."""
+        """Set the view to the side of the picture, unless the user has turned it elsewhere."""
         if self._turned_to is None or looks_alike(self._turned_to, self._view.camera):
             self._link.turn()
             self._turned_to = dict(self._view.camera)

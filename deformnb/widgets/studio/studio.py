@@ -359,7 +359,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _document_changed(self, _change: Any) -> None:
         now = (self.session.deformation, self.session.index, self.session.key)
-        if now == self._shown:  # the session tells of each of the three
+        if now == self._shown:  # the session notifies of each of the three
             return
         self._shown = now
         self._words.say(self.session.notice)
@@ -405,7 +405,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _show_status(self) -> None:
         self._tell_status()
-        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the front end has told its times
+        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the front end has sent its times
 
     def _tell_status(self) -> None:
         latency = latency_text(self._edits.milliseconds, self.view.stats())
@@ -469,7 +469,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         Parameters
         ----------
         title, about : of the page; a line under the title.
-        limit : voxels in the file at most; a larger volume is averaged and the page says so. Default is 128^3.
+        limit : voxels in the file at most; a larger volume is averaged, which the page reports. Default is 128^3.
         overwrite, progress : as of :meth:`export`.
         """
         from deformnb.widgets.standalone import LIMIT, write_standalone
@@ -486,8 +486,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def stats(self) -> dict[str, Any]:
         """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
-        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
-        picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
+        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` has the rate at
+        which the picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
@@ -495,7 +495,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                 "view": self.view.stats()}
 
     def wait(self, timeout: float = 60.0) -> None:
-        """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
+        """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
         done = threading.Event()
         self._worker.latest("wait", done.set)  # behind all that waits now
         if not done.wait(timeout):
@@ -539,8 +539,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _display_(self) -> Any:
-        """Display in marimo, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
-        marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
+        """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
+        marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 

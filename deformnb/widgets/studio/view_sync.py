@@ -1,7 +1,7 @@
 """Synchronisation of the studio's view with the displacement of the session and with a drag in progress.
 
 While a point of the last step on a picture is dragged, the view's front end follows the editor's by itself. Drags that
-it cannot know there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
+it cannot compute there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
 the newest movement, whenever the one before is done.
 """
 
@@ -119,7 +119,7 @@ class StudioLink:
     def _preview(self, make: Callable[[], AbstractField], serial: int) -> None:
         try:
             field = make()
-        except DeformError:  # two points met on their way; the edit will say it if it ends so
+        except DeformError:  # two points met on their way; the edit will report it if it ends so
             return
         with self._lock:
             if serial == self._serial:

@@ -31,7 +31,8 @@ _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
 _EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
 _STYLE = {"description_width": "initial"}
-# The front end tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
+# The front end reports the time at which it has stopped only after an edit has stopped it: that shall not hide the
+# edit again.
 _LATE = 1.0
 
 
@@ -265,7 +266,7 @@ class MovieControls:
         self.bar.value = done / max(total, 1)
 
     def wait(self, timeout: float = 120.0) -> None:
-        """Until nothing is being written. For scripts and tests."""
+        """Wait until nothing is being written. For scripts and tests."""
         self._thread.call(lambda: None).result(timeout)
 
     def close(self) -> None:

@@ -106,10 +106,10 @@ class DiagnosticsPanel(Panel):
         text, known = suspects_of(found, points)
         if editor.has_trait("marked"):
             editor.marked = known
-        told = [text, *(point_name(points, i) for i in known)]
-        if told == self._named:
+        shown = [text, *(point_name(points, i) for i in known)]
+        if shown == self._named:
             return
-        self._named, old = told, self.suspects.children
+        self._named, old = shown, self.suspects.children
         self.suspects.children = (ipw.Label(text), *(self._suspect(points, i) for i in known))
         for widget in old:
             close_all(widget)

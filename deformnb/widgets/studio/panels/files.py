@@ -49,7 +49,7 @@ class FilesPanel(Panel):
     Parameters
     ----------
     view : whose camera renderings and movies take.
-    folder : where files lie; the page names files in it and cannot leave it.
+    folder : where files lie; the front end names files in it and cannot leave it.
     write_page : writes the studio as one HTML file.
     """
 
@@ -97,7 +97,7 @@ class FilesPanel(Panel):
         path = self._folder / plain_name(self.name.value)
         if not path.name.lower().endswith(_PAGE):
             try:
-                export_for(path)  # refuses a suffix that says nothing, before anything begins
+                export_for(path)  # refuses an unknown suffix, before anything begins
             except DeformError as error:
                 self.said.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
@@ -201,7 +201,7 @@ class FilesPanel(Panel):
     def _copy(self) -> None:
         self.said.value = ""
         note = "" if self.session.source else (
-            f"This volume has no file: line {VOLUME_LINE} says where yours goes before the script is run.")
+            f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
         self.file_transfer.copy(self.session.code(), note)
 
     def close(self) -> None:
@@ -219,11 +219,11 @@ class Job:
     path : where it is written.
     frozen : what of.
     downloads : whether it is handed to the browser too.
-    overwrite : whether somebody has agreed that any file is replaced.
+    overwrite : whether the user has agreed that any file is replaced.
 
     Attributes
     ----------
-    is_cancelled : whether nobody wants it any more.
+    is_cancelled : whether it has been cancelled.
 
     Examples
     --------
@@ -246,7 +246,7 @@ class Job:
 
     @contextmanager
     def landing(self) -> Iterator[None]:
-        """The moment in which the file takes its place; Cancelled if nobody wants it."""
+        """The moment in which the file takes its place; Cancelled if it has been cancelled."""
         with self._lock:
             if self.is_cancelled:
                 raise Cancelled("stopped in the studio.")
@@ -320,7 +320,7 @@ def _size(path: Path) -> str:
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
 """Choices of the result's box, as labels and names."""
 
-_OWN = ("a box of its own", "own")  # that somebody gave by code
+_OWN = ("a box of its own", "own")  # that code has set
 
 LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
 """The way out that stands beside the warning: its name and what it does."""
@@ -440,7 +440,7 @@ class ResultBox(Panel):
         self.session.fit_output()
 
     def _look_again(self) -> None:
-        with contextlib.suppress(DeformError):  # of an edit that has already said it
+        with contextlib.suppress(DeformError):  # of an edit that has already reported it
             self.look()
 
     def look(self) -> None:

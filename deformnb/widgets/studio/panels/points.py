@@ -81,13 +81,13 @@ class PointsPanel(Panel):
                 self._send()
 
     def _send(self) -> None:
-        """The points with what is known of their errors: those of the edit before until they are computed again."""
+        """Send the points with their errors: those of the edit before until they are computed again."""
         points = self.session.points
         errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
         self.table.show(points, errors, self._suspects)
 
     def _compute(self) -> None:
-        """In the studio's thread, where whoever asks first waits and the others find it done."""
+        """Compute errors in the studio's thread, where the first request waits and later ones find them done."""
         if not self.table.is_seen:
             self._asked = None
             return

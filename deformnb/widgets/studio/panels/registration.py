@@ -1,4 +1,4 @@
-"""Registration panel: a target is chosen, and points move to where the two pictures look alike.
+"""Registration panel: the choice of a target, and the fit of points to the similarity of the two pictures.
 
 The fit runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
 something was edited meanwhile, that edit stays and the result is dropped.
@@ -66,7 +66,7 @@ class FitTarget:
 
     Attributes
     ----------
-    key : what is chosen; volume : the target, None for none; note : what is to be said of where it lies.
+    key : what is chosen; volume : the target, None for none; note : a remark on its place.
     """
 
     def __init__(self, session: Session, folder: str | PathLike[str], given: Volume | None = None) -> None:

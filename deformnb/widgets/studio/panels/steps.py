@@ -101,7 +101,7 @@ class HistoryPanel(Panel):
 
     Attributes
     ----------
-    recovery : what knows of earlier sessions; None for none.
+    recovery : the list of earlier sessions; None for none.
 
     Examples
     --------
@@ -122,7 +122,7 @@ class HistoryPanel(Panel):
         self.recovery: Recovery | None = None
         self._shown: tuple[tuple[HistoryNode, ...], tuple[SavedSession, ...]] = (), ()
         self._order: list[int] = []
-        self._is_seen = True  # until somebody says that another tab is
+        self._is_seen = True  # until another tab is chosen
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
         self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
