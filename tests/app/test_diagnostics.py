@@ -220,7 +220,7 @@ def test_what_fails_unexpectedly_is_said(app: Application, monkeypatch: pytest.M
     def fail(keep_free: bool) -> Any:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(app.diagnostics.fold_actions, "look", fail)
+    monkeypatch.setattr(app.diagnostics.fold_actions, "diagnose", fail)
     state = drag(app, 2.0)
     assert "could not be computed: ZeroDivisionError: by nothing" in state["notice"]
     assert (state["diagnostics"], state["verdict"]) == ("", "")

@@ -282,7 +282,7 @@ class MapPanel(Panel):
         fill(self._trend, [(label, name) for label, name in choices if TRENDS[name].order >= least])
 
 
-class LookPanel(Panel):
+class DisplayPanel(Panel):
     """Display panel of the volume: projection, colours and opacities."""
 
     title = "Volume"

@@ -284,7 +284,7 @@ class FoldActions:
     >>> from deformnb.datasets import PHANTOMS
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 16)), view="+y")
     >>> fold_actions = FoldActions(session)
-    >>> fold_actions.look().folds_text
+    >>> fold_actions.diagnose().folds_text
     'no folds'
     >>> fold_actions.unfold()
     >>> session.notice
@@ -295,7 +295,7 @@ class FoldActions:
         self._session = session
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
-    def look(self, keep_free: bool = False) -> Diagnostics | None:
+    def diagnose(self, keep_free: bool = False) -> Diagnostics | None:
         """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed again.
 
         Parameters
@@ -327,16 +327,16 @@ class FoldActions:
             made = safe_points(step, start, points, grid, session.key)
             if made is not points:
                 session.edit_points(made, "largest safe drag")
-                self._tell("The last drag goes as far as is safe now.")
+                self._report("The last drag goes as far as is safe now.")
                 return
         safe = safe_strength(step, grid)
         if safe == step.strength:
-            self._tell("Nothing folds here: the whole drag is safe.")
+            self._report("Nothing folds here: the whole drag is safe.")
         elif safe == 0:
             raise DeformError("the map folds however weak it is; the control points, or a shape, require too much.")
         else:
             session.change("largest safe strength", strength=safe)
-            self._tell(f"The strength is {safe:.2f} now, as much as is safe.")
+            self._report(f"The strength is {safe:.2f} now, as much as is safe.")
 
     def unfold(self) -> None:
         """As few stages as leave no fold.
@@ -349,12 +349,12 @@ class FoldActions:
         session, step = self._session, self._session.step
         count = stages_needed(step, session.volume.grid)
         if count == step.stages:
-            self._tell("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
+            self._report("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
             return
         session.change("unfold by stages" if count > 1 else "back to one stage", stages=count)
-        self._tell(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
+        self._report(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
 
-    def _tell(self, text: str) -> None:
+    def _report(self, text: str) -> None:
         self._session.notice = ""  # the same message again is shown again
         self._session.notice = text
 
@@ -372,7 +372,7 @@ class FoldActions:
         try:
             count = stages_needed(step, session.volume.grid)
         except DeformError as error:
-            self._tell(str(error))
+            self._report(str(error))
             return False
         if count == step.stages:
             return False

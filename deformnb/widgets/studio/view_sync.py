@@ -43,7 +43,7 @@ class StudioLink:
         self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
         self._editor: Any = None  # that was shown last
         self._has_previewed = False  # something that is no edit, since then
-        self._heard: Any = None  # the editor whose movements come to Python
+        self._observed: Any = None  # the editor whose movements come to Python
         self._in_space: Any = None  # the editor whose points are seen in the view as well
         self.previews = 0
 
@@ -63,7 +63,7 @@ class StudioLink:
         if in_space is not self._in_space:
             self._in_space = in_space
             self._view.edit_points(in_space, self._field_of)
-        self._hear(None if follows or in_space is not None else editor)
+        self._observe_editor(None if follows or in_space is not None else editor)
 
     def preview(self, step: Step | None) -> None:
         """Show what the document would do with this in place of the step that is edited; of several the newest only.
@@ -88,7 +88,7 @@ class StudioLink:
 
     def close(self) -> None:
         """Stop observing the editors."""
-        self._hear(None)
+        self._observe_editor(None)
         if self._in_space is not None:
             self._view.edit_points(None)
 
@@ -98,12 +98,12 @@ class StudioLink:
         maps = count_maps(field)
         return maps is not None and maps <= MOST_MAPS
 
-    def _hear(self, editor: Any) -> None:
-        if editor is self._heard:
+    def _observe_editor(self, editor: Any) -> None:
+        if editor is self._observed:
             return
-        if self._heard is not None:
-            self._heard.on_edit(self._moved, remove=True)
-        self._heard = editor
+        if self._observed is not None:
+            self._observed.on_edit(self._moved, remove=True)
+        self._observed = editor
         if editor is not None:
             editor.on_edit(self._moved)
 

@@ -127,8 +127,8 @@ class HistoryPanel(Panel):
         self.items.on_act(self._act)
         self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
         # Going between equal documents changes nothing else, and refreshes no panel.
-        self._heard = weakly(self, HistoryPanel._history_changed, lambda panel: True)
-        session.observe(self._heard, "history")
+        self._observer = weakly(self, HistoryPanel._history_changed, lambda panel: True)
+        session.observe(self._observer, "history")
         self.refresh()
 
     def _history_changed(self, _change: Any) -> None:
@@ -156,4 +156,4 @@ class HistoryPanel(Panel):
         self.items.show(rows, shown)
 
     def close(self) -> None:
-        self.session.unobserve(self._heard, "history")
+        self.session.unobserve(self._observer, "history")

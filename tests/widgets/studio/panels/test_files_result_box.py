@@ -37,7 +37,7 @@ def at_once(action: Callable[[], None]) -> bool:
 
 @pytest.fixture
 def box() -> Iterator[ResultBox]:
-    """A box whose thread is the test: what it asks for is done by "look"."""
+    """A box whose thread is the test: what it asks for is done by "check"."""
     made = ResultBox(Session(a_brick()), at_once, Worker())
     yield made
     made._worker.close()
@@ -46,7 +46,7 @@ def box() -> Iterator[ResultBox]:
 def looked(box: ResultBox) -> None:
     box.refresh()
     box._worker.call(lambda: None).result(30)
-    box.look()
+    box.check()
 
 
 def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:

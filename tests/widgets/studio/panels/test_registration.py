@@ -86,7 +86,7 @@ class Bench:
 
     @property
     def said(self) -> str:
-        return str(self.panel.said.value)
+        return str(self.panel.message.value)
 
 
 @pytest.fixture
