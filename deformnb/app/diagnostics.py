@@ -96,8 +96,8 @@ class ApplicationDiagnostics:
 
     def _compute(self) -> None:
         try:
-            found = self.fold_actions.look(self.keep_free)
-            overlay, left = (NO_UNCERTAINTY, ""), self._session.sides_left()
+            found = self.fold_actions.diagnose(self.keep_free)
+            overlay, left = (NO_UNCERTAINTY, ""), self._session.exceeded_sides()
             if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
                 overlay = self._uncertainty.make(self._session)
             after = self._show if found is None else partial(self._take, found, left, *overlay)

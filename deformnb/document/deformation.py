@@ -60,7 +60,7 @@ class Step:
     extrusion : a name of :data:`~deformnb.rbf.extrusion.EXTRUSIONS`.
     curve : f(z) of the rule "modulate": a formula, or values at equal steps.
     knots : depths in [0, 1] of the maps of the rule "interpolate".
-    strength : how far the points and the rigid parts are moved.
+    strength : factor of the displacement of the points and the rigid parts.
     enabled : a step that is switched off stays in the list.
     name : shown to people.
     extra : fields of a newer minor version, kept for saving.
@@ -109,9 +109,9 @@ class Step:
             raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
         settings = FitSettings.of(self)
         dim = 3 if self.plane is None else 2
-        wanted = len(self.knots) if self.extrusion == "interpolate" else 1
-        if len(self.maps) != wanted:
-            raise DeformError(f"the rule {self.extrusion!r} needs {wanted} set(s) of points, got {len(self.maps)}.")
+        needed = len(self.knots) if self.extrusion == "interpolate" else 1
+        if len(self.maps) != needed:
+            raise DeformError(f"the rule {self.extrusion!r} needs {needed} set(s) of points, got {len(self.maps)}.")
         if any(m.dim != dim for m in self.maps):
             raise DeformError(
                 "control points on a plane have two coordinates, control points in space have three and no plane; "
@@ -355,7 +355,7 @@ class Deformation:
     extra : fields of a newer minor version, kept for saving.
     mode : a name of :data:`MODES`.
     keyframes : of an animation, their times rising.
-    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`, how it is played.
+    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`.
     output : the grid of the result, its field of view and resolution, wherever it is applied; None is the volume's own.
 
     Examples
@@ -482,7 +482,7 @@ class Deformation:
         if not 0 <= index < len(self.steps):
             raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
 
-    def blended(self, strength: float) -> Deformation:
+    def scaled(self, strength: float) -> Deformation:
         """Every step ``strength`` times as strong."""
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
 

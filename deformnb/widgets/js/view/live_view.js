@@ -5,7 +5,7 @@ import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
 import {
-  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, PageTheme, picturesOf, remarksOn, sized,
+  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, Theme, picturesOf, remarksOn, sized,
 } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
@@ -25,7 +25,7 @@ import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
-class LiveViewPage {
+class LiveVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -69,7 +69,7 @@ class LiveViewPage {
     this.progress = pageElement("div", "dnb-progress", this.root,
       { role: "progressbar", "aria-label": "loading the volume" });
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.theme = new PageTheme(this.root, () => this.setBackground());
+    this.theme = new Theme(this.root, () => this.setBackground());
     this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
     this.setBackground();
     this.size();
@@ -100,8 +100,8 @@ class LiveViewPage {
 
   /** @returns {string} */
   get background() {
-    const wanted = this.model.get("background");
-    return wanted === "auto" ? this.theme.name : wanted;
+    const background = this.model.get("background");
+    return background === "auto" ? this.theme.name : background;
   }
 
   setBackground() {
@@ -121,14 +121,14 @@ class LiveViewPage {
     this.caption();
     if (this.loop) this.loop.flip(0);
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   setClip() {
     const clip = clipOf(this.model);
     if (this.caster) this.caster.clip = isClipped(clip) ? clip : null;
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   caption() {
@@ -153,7 +153,7 @@ class LiveViewPage {
   }
 
   /** @param {string} text */
-  say(text) {
+  showMessage(text) {
     this.notice.textContent = text || "";
     this.notice.hidden = !text;
   }
@@ -175,7 +175,7 @@ class LiveViewPage {
 
   writeCamera() {
     this.camera.write();
-    this.still?.ask();
+    this.still?.request();
   }
 
   /** @param {string} view */
@@ -220,11 +220,11 @@ class LiveViewPage {
   }
 
   /**
-   * Asks Python for half of the voxels, since the GPU does not hold the volume, until they are too few to look at.
+   * Requests half of the voxels from Python, since the GPU does not hold the volume, until they are too few to look at.
    * @param {MemoryError} why
    * @param {Vector3} shape
    */
-  #askForFewer(why, shape) {
+  #requestFewerVoxels(why, shape) {
     const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
     if (fewer < FEWEST) throw why;
     this.isScarce = true;
@@ -236,7 +236,8 @@ class LiveViewPage {
   /** @param {RayCaster} caster */
   #prepare(caster) {
     this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), (loop) => this.tell(loop),
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
+      (loop) => this.sendStats(loop),
       () => this.link.catchUp());
     caster.projection = this.model.get("projection");
     caster.background = this.background;
@@ -251,11 +252,11 @@ class LiveViewPage {
    * @param {string} text
    */
   fall(text) {
-    this.say(text);
+    this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
-    this.still.ask();
+    this.still.request();
   }
 
   /** @param {Event} event */
@@ -272,7 +273,7 @@ class LiveViewPage {
     if (this.closed) return;
     this.still?.close();
     this.still = null;
-    this.say("");
+    this.showMessage("");
     this.caster = null;
     this.caster = this.#newCaster();
     if (!this.caster) return;
@@ -280,7 +281,7 @@ class LiveViewPage {
     this.setShows();
     this.setTable();
     if (!this.values || !this.info) return;
-    if (this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD), this.info.shape);
+    if (this.wasTooMuch) this.#requestFewerVoxels(new MemoryError(NOT_HELD), this.info.shape);
     else this.upload(this.info, this.values).catch((error) => this.fail(error));
   }
 
@@ -298,7 +299,7 @@ class LiveViewPage {
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   #listen() {
@@ -341,7 +342,7 @@ class LiveViewPage {
     this.values = null;
     this.mark();
     this.readCamera(true);
-    if (!this.caster) { this.still?.ask(); return; }
+    if (!this.caster) { this.still?.request(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
       (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
@@ -349,7 +350,7 @@ class LiveViewPage {
 
   /** @param {boolean} isStuck */
   setStuck(isStuck) {
-    this.say(isStuck ? "The volume does not come. Is the kernel running?" : "");
+    this.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
     const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
     button.textContent = "Try again";
@@ -405,7 +406,7 @@ class LiveViewPage {
       done = await caster.setVolume(values, about, tick);
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
-      if (caster === this.caster && info === this.info) this.#askForFewer(error, shape);
+      if (caster === this.caster && info === this.info) this.#requestFewerVoxels(error, shape);
       return;
     }
     if (!done || caster !== this.caster) return;
@@ -450,10 +451,10 @@ class LiveViewPage {
    */
   confirm(seq) {
     if (!seq) return;
-    const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) this.still.whenShown(tell);
-    else if (this.loop && this.caster?.isReady) this.loop.after.push(tell);
-    else tell();
+    const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
+    if (this.still) this.still.whenShown(confirm);
+    else if (this.loop && this.caster?.isReady) this.loop.after.push(confirm);
+    else confirm();
   }
 
   applyField() {
@@ -502,7 +503,7 @@ class LiveViewPage {
   }
 
   /** @param {FrameLoop} loop */
-  tell(loop) {
+  sendStats(loop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
   }
@@ -532,6 +533,6 @@ class LiveViewPage {
 }
 
 /** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new LiveViewPage(model, el)); }
+function render({ model, el }) { return opened(new LiveVolumeView(model, el)); }
 
 export default { render };

@@ -14,18 +14,18 @@ import { floatsOf } from "./volume_loader.js";
 /** @typedef {{count: number, duration: number, maps: Float32Array, planar: PlanarField}} Moments maps of all moments */
 
 /**
- * @typedef {object} PlayedPage the live view whose field this changes
+ * @typedef {object} PlayedView the live view whose field this changes
  * @property {Model} model
  * @property {Field | null} field
- * @property {{ask(): void} | null} still
+ * @property {{request(): void} | null} still
  * @property {() => void} applyField
  * @property {(held: boolean) => void} touch
  */
 
 export class TimeLink {
-  /** @param {PlayedPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {PlayedView} view */
+  constructor(view) {
+    this.view = view;
     /** @type {Moments | null} */
     this.frames = null;
     /** @type {Bus | null} */
@@ -49,7 +49,7 @@ export class TimeLink {
     const ticket = {};
     this.ticket = ticket;
     const player = typeof reference === "string"
-      ? await this.page.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
+      ? await this.view.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
     if (this.ticket !== ticket) return; // another one was chosen meanwhile
     this.player = player;
     /** @type {Bus} */
@@ -89,12 +89,12 @@ export class TimeLink {
 
   /** @param {TimeDetail} moment */
   #show({ time, isPlaying }) {
-    const { page, frames } = this;
-    if (!frames || !page.field) return;
-    page.field = { ...page.field, planar: planarAt(frames, time) };
-    page.applyField();
-    page.touch(isPlaying); // while it plays only quick pictures are drawn
-    if (!isPlaying) page.still?.ask();
+    const { view, frames } = this;
+    if (!frames || !view.field) return;
+    view.field = { ...view.field, planar: planarAt(frames, time) };
+    view.applyField();
+    view.touch(isPlaying); // while it plays only quick pictures are drawn
+    if (!isPlaying) view.still?.request();
   }
 
   close() {

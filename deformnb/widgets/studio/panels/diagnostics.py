@@ -56,8 +56,8 @@ class DiagnosticsPanel(Panel):
         self._named: list[str] = []
         self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
-        self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.said],
+        self.message = ipw.HTML("", layout=ipw.Layout(min_width="0"))
+        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.message],
                          layout=ipw.Layout(flex="1 1 425px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
@@ -92,7 +92,7 @@ class DiagnosticsPanel(Panel):
             self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, _is_open))
 
     def _compute(self) -> None:
-        found = self._fold_actions.look(self.keep.value)
+        found = self._fold_actions.diagnose(self.keep.value)
         if found is None:
             return  # another one waits
         if self._shown is not found:
@@ -106,10 +106,10 @@ class DiagnosticsPanel(Panel):
         text, known = suspects_of(found, points)
         if editor.has_trait("marked"):
             editor.marked = known
-        told = [text, *(point_name(points, i) for i in known)]
-        if told == self._named:
+        shown = [text, *(point_name(points, i) for i in known)]
+        if shown == self._named:
             return
-        self._named, old = told, self.suspects.children
+        self._named, old = shown, self.suspects.children
         self.suspects.children = (ipw.Label(text), *(self._suspect(points, i) for i in known))
         for widget in old:
             close_all(widget)
@@ -132,10 +132,10 @@ class DiagnosticsPanel(Panel):
     def _show_uncertainty(self) -> None:
         editor = self._editors.plane
         if editor.overlay != "uncertainty" or self.session.step.plane is None:
-            self.said.value = ""
+            self.message.value = ""
             return
-        made, said = self._uncertainty.make(self.session)
-        self.said.value = said.replace("&", "&amp;").replace("<", "&lt;")
+        made, message = self._uncertainty.make(self.session)
+        self.message.value = message.replace("&", "&amp;").replace("<", "&lt;")
         with editor.hold_sync():
             editor.uncertainty, editor.uncertainty_facts = made.data, made.facts
 
