@@ -179,8 +179,8 @@ HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "U
 
 def request_of(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
     """The bytes of a request."""
-    said = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
-    return "\r\n".join([f"{method} {path} HTTP/1.1", *said, "", ""]).encode()
+    lines = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
+    return "\r\n".join([f"{method} {path} HTTP/1.1", *lines, "", ""]).encode()
 
 
 def connection_with(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:

@@ -85,19 +85,19 @@ class Application:
         self._pictured = picture_key(session)
         self._points_of: Any = (session.index, session.key, session.plane)
         self._faced = session.plane
-        self.volumes = Volumes(session, self._told, self.thread.call)
+        self.volumes = Volumes(session, self._show_message, self.thread.call)
         self.live = self.volumes.live
         self._previews = Worker("deformnb-preview")
         self.link = StudioLink(session, self.volumes, self._previews)
-        self._look(*nearly_facing(session.plane))
+        self._set_camera(*nearly_facing(session.plane))
         self.editor.observe(self._dragged, "points")
         self.editor.observe(self._drawn, ["cuts", "parts"])
         self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
         self.parts = PanelWidgets(session, self.editor, self.live, self.link.preview, self._edited, self._recolour)
         self.diagnostics = ApplicationDiagnostics(session, self.editor, self.thread.call, self._diagnostics_changed)
-        self.files = ApplicationFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
-        self.recovery = Recovery(session, self._told, self._tell)
+        self.files = ApplicationFiles(session, self.volumes.seen, self.editor, self.live, self._notify)
+        self.recovery = Recovery(session, self._show_message, self._notify)
         self.thread.latest("warm up", session.warm_up)
         self._show()
 
@@ -150,7 +150,7 @@ class Application:
         """Do one of the actions that give nothing back."""
         if name not in (*REQUESTS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
             raise DeformError("there is no such action.")
-        if name == "take_hold":  # no edit: what is said of the last one stays
+        if name == "take_hold":  # no edit: the message about the last one stays
             self.session.take_hold()
             return
         actions: dict[str, Callable[[], Any]] = {
@@ -160,8 +160,8 @@ class Application:
             "look_at": lambda: self.diagnostics.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "add_step": self.session.add_step,
-            "front": lambda: self._look(*facing(self.session.plane)),
-            "beside": lambda: self._look(*nearly_facing(self.session.plane)),
+            "front": lambda: self._set_camera(*facing(self.session.plane)),
+            "beside": lambda: self._set_camera(*nearly_facing(self.session.plane)),
             "stop_file": self.files.stop, "take_anyway": self.files.take_anyway, "forget_file": self.files.forget,
             "fit_box": self.session.fit_output, "own_box": partial(setattr, self.session, "output", None),
             **{name: partial(self.recovery.act, name) for name in COMMANDS},
@@ -258,7 +258,7 @@ class Application:
             self.error = str(error)
             self._show()
         except Exception as error:
-            _LOG.exception("an action of the page failed")
+            _LOG.exception("an action of the client failed")
             self.error = f"{type(error).__name__}: {error}"
         self.milliseconds = 1000 * (time.perf_counter() - started)
         self.changed()
@@ -342,15 +342,15 @@ class Application:
             self.parts.refresh()
             if session.plane != self._faced:
                 self._faced = session.plane
-                if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
-                    self._look(*facing(session.plane))
+                if looks_alike(self._own_camera, self.volumes.camera):  # else a user has turned it
+                    self._set_camera(*facing(session.plane))
         finally:
             editor.waiting = ""
             self._listening = True
 
-    def _look(self, direction: Any, up: Any) -> None:
+    def _set_camera(self, direction: Any, up: Any) -> None:
         self.volumes.set_camera(direction, up)
-        self._looks = self.volumes.camera
+        self._own_camera = self.volumes.camera
 
     def give_up(self) -> None:
         """A client has gone, and with it what its user was about to do: what the session holds is shown."""
@@ -359,26 +359,26 @@ class Application:
 
     def fail(self, message: str) -> None:
         """Report an error in the client; may be called from any thread."""
-        def tell() -> None:
+        def show() -> None:
             self.error = message
             self.changed()
 
-        self.thread.call(tell)
+        self.thread.call(show)
 
-    def _tell(self) -> None:
-        def tell() -> None:
+    def _notify(self) -> None:
+        def show() -> None:
             self.changed()  # looked up when it is called: the bridge may come later
 
-        self.thread.call(tell)
+        self.thread.call(show)
 
-    def _told(self, text: str) -> None:
-        """Show the report of another thread."""
-        def tell() -> None:
+    def _show_message(self, text: str) -> None:
+        """Show the message of another thread."""
+        def show() -> None:
             self.session.notice = text
             self.files.pass_on()
             self.changed()
 
-        self.thread.call(tell)
+        self.thread.call(show)
 
     def close(self) -> None:
         """End the threads; what was not saved stays in the history of who opens the volume again."""

@@ -88,7 +88,7 @@ class ApplicationDiagnostics:
 
     def _compute(self) -> None:
         try:
-            findings, left = self.model.compute(self._editor.overlay), self._session.sides_left()
+            findings, left = self.model.compute(self._editor.overlay), self._session.exceeded_sides()
             after = self._show if findings is None else partial(self._take, findings, left)
         except Exception as error:  # shown, or the client would wait for its figures for ever
             _LOG.exception("the diagnostics of a step could not be computed")

@@ -1,4 +1,4 @@
-"""Sections of the client's drawer: single controls, settings, looks, points, diagnostics, and the history."""
+"""Sections of the client's drawer: single controls, settings, display, points, diagnostics, and the history."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def settings_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) 
     html.Div(HINTS["interpolate"], v_if=("extrusion === 'interpolate'",), classes="dnb-app-words")
 
 
-def look_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def display_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Settings of the volume display, and its clipping."""
     for name in ("shows", "projection"):
         add_control(v, html, name, controls[name])

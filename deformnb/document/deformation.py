@@ -100,9 +100,9 @@ class Step(AbstractFitSettings):
             raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
         super().__post_init__()
         dim = 3 if self.plane is None else 2
-        wanted = len(self.knots) if self.extrusion == "interpolate" else 1
-        if len(self.maps) != wanted:
-            raise DeformError(f"the rule {self.extrusion!r} needs {wanted} set(s) of points, got {len(self.maps)}.")
+        needed = len(self.knots) if self.extrusion == "interpolate" else 1
+        if len(self.maps) != needed:
+            raise DeformError(f"the rule {self.extrusion!r} needs {needed} set(s) of points, got {len(self.maps)}.")
         if any(m.dim != dim for m in self.maps):
             raise DeformError(
                 "control points on a plane have two coordinates, control points in space have three and no plane; "
@@ -345,7 +345,7 @@ class Deformation:
     extra : fields of a newer minor version, kept for saving.
     mode : a name of :data:`MODES`.
     keyframes : of an animation, their times rising.
-    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`, how it is played.
+    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`.
     output : the grid of the result, its field of view and resolution, wherever it is applied; None is the volume's own.
 
     Examples
@@ -472,7 +472,7 @@ class Deformation:
         if not 0 <= index < len(self.steps):
             raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
 
-    def blended(self, strength: float) -> Deformation:
+    def scaled(self, strength: float) -> Deformation:
         """Every step ``strength`` times as strong."""
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
 

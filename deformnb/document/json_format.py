@@ -1,9 +1,9 @@
-"""JSON serialization of a deformation, with a reader that trusts nothing.
+"""JSON serialization of a deformation, with a reader that validates everything.
 
 The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added to the
 document or to a step are kept and written out again (so a minor version may add them there and nowhere else).
 
-The reader has typed access to the JSON and believes nothing: no NaN, no infinity, bounded size and nesting, and every
+The reader has typed access to the JSON and checks every value: no NaN, no infinity, bounded size and nesting, and every
 error names the place in the document. Nothing in a document is ever executed, unpickled, or used as a path.
 
 Regions, rigid parts and cuts have the same plain form in documents and in the messages that widgets send to their
@@ -37,7 +37,7 @@ from deformnb.volume.volume import Grid
 
 
 class Reader:
-    """Typed access to a JSON object; every complaint names the place."""
+    """Typed access to a JSON object; every error names the place."""
 
     def __init__(self, data: Any, where: str) -> None:
         if not isinstance(data, dict):
@@ -169,7 +169,7 @@ def _mask(r: Reader) -> Mask:
     except (binascii.Error, ValueError, zlib.error):
         raise DeformError(f"{r.where}.bits is damaged.") from None
     if len(packed) != -(-count // 8):
-        raise DeformError(f"{r.where}.bits holds {8 * len(packed)} pixels; its shape says {count}.")
+        raise DeformError(f"{r.where}.bits holds {8 * len(packed)} pixels; its shape needs {count}.")
     bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=count)
     return Mask(bits.astype(bool).reshape(shape), lattice)
 
@@ -454,7 +454,7 @@ def _volume(r: Reader) -> VolumeReference:
 def _output(r: Reader) -> Grid:
     shape, spacing = _size(r)
     if shape[0] * shape[1] * shape[2] > LARGEST_OUTPUT:
-        raise DeformError(f"{r.where} asks for {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
+        raise DeformError(f"{r.where} has {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
     return _placed(shape, spacing, r)
 
 

@@ -44,7 +44,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
 
     Parameters
     ----------
-    deformation : the document; what only a newer version knows (``extra``) and the volume's checksum are left out.
+    deformation : the document; fields of a newer version (``extra``) and the volume's checksum are left out.
     grid : of the volume it was made on; its own axes are written by name ("+y").
     volume : expression that gives the volume.
 

@@ -56,7 +56,7 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
     ----------
     direction : of the first frame.
     axis : to turn about; it should be what points up in the picture.
-    degrees : how far; the whole way is not reached, so that the movie goes on with its first frame.
+    degrees : the whole angle; it is not reached, so that the movie goes on with its first frame.
 
     Examples
     --------
@@ -73,7 +73,7 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
 
 
 class Frames(Iterator[Image]):
-    """Pictures made one by one, that know how many they are; see :func:`deformation_frames`."""
+    """Pictures made one by one, with their number; see :func:`deformation_frames`."""
 
     def __init__(self, images: Iterator[Image], count: int) -> None:
         self._images, self._left = images, count
@@ -104,7 +104,7 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
 
     Parameters
     ----------
-    strengths : a strength for each frame, as in :meth:`blended`; a number is that of
+    strengths : a strength for each frame, as in :meth:`scaled`; a number is that of
         the frames of a :func:`swing` from 0 to 1 and back.
     directions : where the viewer looks, one for all frames or one for each (see :func:`orbit`). The scale is the same
         in all frames.
@@ -137,7 +137,7 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
     """
     chosen = swing(int(strengths)) if isinstance(strengths, int | np.integer) else _numbers(strengths)
-    return _frames(volume, deformation.blended, 0.0, chosen, directions, up, size, transfer, shows, output, background,
+    return _frames(volume, deformation.scaled, 0.0, chosen, directions, up, size, transfer, shows, output, background,
                    backend)
 
 
@@ -208,12 +208,12 @@ def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int)
     return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
 
 
-def _images(volume: Volume, document: Callable[[float], Deformation], wanted: list[tuple[float, Plane]], grid: Grid,
+def _images(volume: Volume, document: Callable[[float], Deformation], views: list[tuple[float, Plane]], grid: Grid,
             scene: Scene, size: tuple[int, int], before: float, is_pair: bool) -> Iterator[Image]:
-    height = max(fitting_height(grid, plane, size) for _, plane in wanted)
+    height = max(fitting_height(grid, plane, size) for _, plane in views)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
     # On the way back the same pictures come again, as long as the camera stands still.
-    left, kept = Counter(wanted), dict[tuple[float, Plane], Image]()
+    left, kept = Counter(views), dict[tuple[float, Plane], Image]()
 
     def deformed(moment: float) -> Volume:
         if moment not in volumes:
@@ -233,9 +233,9 @@ def _images(volume: Volume, document: Callable[[float], Deformation], wanted: li
         return image
 
     if is_pair:
-        left.update((before, plane) for _, plane in wanted)
+        left.update((before, plane) for _, plane in views)
     try:
-        for moment, plane in wanted:
+        for moment, plane in views:
             if is_pair:
                 yield np.concatenate([drawn(before, plane), drawn(moment, plane)], axis=1)
             else:

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 # A warp holds its input and its output and some maps; a reader that took all of the free memory would leave no room.
 SHARE = 0.6
 
-# If the system does not tell: what a small laptop has free.
+# If the system does not report it: what a small laptop has free.
 _UNKNOWN = 4 * 2**30
 
 # By the type of file system of Linux control groups (version 2 and version 1): the files of a group that hold its limit
@@ -28,7 +28,7 @@ def available_memory() -> int:
 
 
 def default_limit() -> int:
-    """Bytes a volume may take unless the caller says otherwise: a share of :func:`available_memory`."""
+    """Bytes a volume may take by default: a share of :func:`available_memory`."""
     return int(SHARE * available_memory())
 
 
@@ -54,7 +54,7 @@ def _cgroups(root: Path) -> list[tuple[Path, str]]:
 
     Parameters
     ----------
-    root : of the file system that tells them.
+    root : of the file system that reports them.
     """
     try:
         groups = (root / "proc/self/cgroup").read_text().splitlines()

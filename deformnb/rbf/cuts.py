@@ -111,7 +111,7 @@ def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any
 
 
 def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
-    """Whatever has been brought here: the region of x first, else what covers most of the voxel."""
+    """The rule "source": the tissue brought here, of the region of x first, else of the region that covers most."""
     count = len(there)
     choice, best, total = xp.full(still.shape, count), still, still
     for k in range(count):
@@ -241,7 +241,7 @@ class Decoupled(AbstractField):
         return total, np.asarray(opacity)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
-        """That of the field which is seen at each point; it says nothing of the jump across a cut."""
+        """The Jacobian of the field seen at each point; it does not contain the jump across a cut."""
         x = np.asarray(points, dtype=np.float64)
         choice, _ = self._decided(x, [f.displacement(x) for f in self.fields], np)
         out = np.zeros((*x.shape, self.dim))

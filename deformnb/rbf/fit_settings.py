@@ -1,8 +1,8 @@
 """Settings of a fit of control points, and the fit that they make.
 
-One value holds all that a step of a document, an editor and a view that follows it say of a fit besides points, rigid
-parts and cuts. To copy, store, send or show settings go through :data:`SETTINGS`: a new one is then one field of
-:class:`AbstractFitSettings`, which a step has too.
+One value holds all that a step of a document, an editor and a view that follows it have of a fit besides points,
+rigid parts and cuts. To copy, store, send or show settings go through :data:`SETTINGS`: a new one is then one field
+of :class:`AbstractFitSettings`, which a step has too.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class AbstractFitSettings:
         takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
         before 2.0 do.
     smoothing : lambda of the fit, 0 interpolates.
-    strength : how far the points and the rigid parts are moved: 1 as they are, 0 not at all, 2 twice, -1 the opposite
-        way.
-    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
+    strength : factor of the displacement of the points and the rigid parts: 0 not at all, 1 as they are, -1 the
+        opposite way.
+    stages : number of equal parts of the points' way, one map after the other; see :mod:`deformnb.rbf.stages`.
     chosen_support : what :func:`~deformnb.rbf.interpolant.choose_support` found while ``support`` is None, and for
         which kernel; that of another kernel is dropped.
 
@@ -78,7 +78,7 @@ class AbstractFitSettings:
 
     def support_for(self, points: ControlPoints) -> float | None:
         """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
-        chosen, or the usual one. None for points at one place that say nothing of it.
+        chosen, or the usual one. None for points at one place, which do not determine it.
         """
         if isinstance(self.support, str):
             return SUPPORT_RULES[self.support](points)
@@ -138,7 +138,7 @@ class FitSettings(AbstractFitSettings):
 
         Parameters
         ----------
-        lone : support radius where the points say nothing of it, such as :func:`lone_support`.
+        lone : support radius where the points do not determine it, such as :func:`lone_support`.
         """
         return {"kernel": self.kernel, "support": self.support_for(points) or lone, "trend": self.trend,
                 "smoothing": self.smoothing}
@@ -152,7 +152,7 @@ class FitSettings(AbstractFitSettings):
         points : as they were dragged; ``strength`` is applied here, to the parts too.
         parts : of which those that are switched on count.
         cuts : regions of the cuts that are switched on.
-        lone : support radius where the points say nothing of it.
+        lone : support radius where the points do not determine it.
         previous : the fits before these, by the same regions, while points are dragged.
 
         Raises
@@ -164,7 +164,7 @@ class FitSettings(AbstractFitSettings):
         before = dict(previous or {})
 
         def fit(sides: Sides, own: ControlPoints) -> Fit:
-            dragged = own if self.strength == 1 else own.blended(self.strength)
+            dragged = own if self.strength == 1 else own.scaled(self.strength)
             return fit_points(dragged, moved, stages=self.stages, previous=before.get(sides),
                               **self.arguments(own, lone))
 

@@ -34,7 +34,7 @@ class AbstractParameter(ABC):
     Parameters
     ----------
     label : shown beside it.
-    tooltip : one sentence for who does not know it.
+    tooltip : one sentence that explains it.
     """
 
     label: str
@@ -42,7 +42,7 @@ class AbstractParameter(ABC):
 
     @abstractmethod
     def checked(self, value: Any) -> Any:
-        """The value as Python wants it.
+        """The value as Python requires it.
 
         Raises
         ------

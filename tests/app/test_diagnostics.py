@@ -147,7 +147,7 @@ def test_what_leaves_the_box_is_warned_of_and_the_button_makes_it_larger(app: Ap
     state = drag(app, 40.0)
     assert state["cut_off"].startswith("Tissue leaves the box at the ")
     state = act(app, "fit_box")
-    assert (state["cut_off"], app.session.sides_left()) == ("", ())
+    assert (state["cut_off"], app.session.exceeded_sides()) == ("", ())
     assert "Tissue leaves" in act(app, "own_box")["cut_off"]
     assert act(app, "reset")["cut_off"] == ""
 
@@ -187,7 +187,7 @@ def test_what_fails_unexpectedly_is_said(app: Application, monkeypatch: pytest.M
     def fail(keep_free: bool) -> Any:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(app.diagnostics.model.fold_actions, "look", fail)
+    monkeypatch.setattr(app.diagnostics.model.fold_actions, "diagnose", fail)
     state = drag(app, 2.0)
     assert "could not be computed: ZeroDivisionError: by nothing" in state["notice"]
     assert (state["diagnostics"], state["verdict"]) == ("", "")

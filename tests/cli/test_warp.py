@@ -49,7 +49,7 @@ def test_strength_0_returns_the_input(small: Path, monkeypatch: pytest.MonkeyPat
 def test_strength_blends_the_points(strength: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(small, f"warp pull.json tiny.nrrd out.nrrd --strength {strength}", monkeypatch) == 0
     volume = read_volume(small / "tiny.nrrd")
-    wanted = read_deformation(small / "pull.json").blended(float(strength)).apply(volume)
+    wanted = read_deformation(small / "pull.json").scaled(float(strength)).apply(volume)
     np.testing.assert_array_equal(read_volume(small / "out.nrrd").values, wanted.values)
 
 
@@ -233,7 +233,7 @@ def test_notes_of_the_fit_are_told(small: Path, capsys: pytest.CaptureFixture[st
 def test_a_mesh_follows(kind: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_mesh(FACE, small / "face.ply")
     assert run(small, f"warp pull.json face.ply out.{kind} --volume tiny.nrrd --strength 0.5", monkeypatch) == 0
-    field = read_deformation(small / "pull.json").blended(0.5).field(read_volume(small / "tiny.nrrd").grid)
+    field = read_deformation(small / "pull.json").scaled(0.5).field(read_volume(small / "tiny.nrrd").grid)
     found = read_mesh(small / f"out.{kind}")
     moved = found.points[found.faces[0]]
     oracle.assert_close(moved + field.displacement(moved), FACE.points, atol=1e-4)

@@ -326,7 +326,7 @@ def test_broken_locks_radii_and_stages_are_refused_at_their_place(key: str, valu
     (("parts", 1, "region", "bits"), "AAAA", r"parts\[1\]\.region\.bits"),
     (("parts", 1, "region", "bits"), "%", r"bits is damaged"),
     (("parts", 1, "region", "shape"), [2**20, 2**20], r"at most 2147483648 pixels"),
-    (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape says 18"),
+    (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape needs 18"),
     (("parts", 1, "motion", "matrix"), [[1, 0], [0, 2]], r"must turn only"),
     (("parts", 0, "weight"), "heavy", r"unknown weight 'heavy'"),
     (("cut_rule",), "scissors", r"unknown rule 'scissors'"),

@@ -192,7 +192,7 @@ test("a busy kernel gets the newest and knows which edits were joined", () => {
   // Joining goes by the wall clock, as the user's hand does: eight edits at once are well within 0.8 seconds.
   assert.deepEqual(w.taken.map((m) => [m.kind, m.joins, m.points[0].target[0]]),
     [["nudge", false, 0], ["nudge", true, 1], ["several", false, 7]]);
-  assert.deepEqual(status, ["silent", ""]);
+  assert.deepEqual(status, ["unanswered", ""]);
   assert.equal(sender.isBehind(), false);
 });
 
@@ -223,7 +223,7 @@ test("a lost connection is reported and blocks nothing", (t) => {
   assert.deepEqual(firsts(w.kernel.points), [2, 2]);
 });
 
-for (const [kernel, wanted] of [["idle", ["silent", "deaf", ""]], ["busy", ["silent", ""]]]) {
+for (const [kernel, wanted] of [["idle", ["unanswered", "detached", ""]], ["busy", ["unanswered", ""]]]) {
   test(`a model that receives nothing of a kernel that is ${kernel}`, () => {
     const w = worldOf(1), { sender, model, status } = w.open();
     model.widget_manager = { kernel: { status: kernel } };
@@ -235,7 +235,7 @@ for (const [kernel, wanted] of [["idle", ["silent", "deaf", ""]], ["busy", ["sil
   });
 }
 
-const GREETED = { idle: ["deaf"], "busy then idle": ["deaf"], "busy then answered": [], none: ["lost"], unknown: [] };
+const GREETED = { idle: ["detached"], "busy then idle": ["detached"], "busy then answered": [], none: ["lost"], unknown: [] };
 for (const [name, wanted] of Object.entries(GREETED)) {
   test(`a view that opens says when it receives no answer (kernel: ${name})`, () => {
     const w = worldOf(1), { sender, model, status } = w.open(), sent = [], [first, then] = name.split(" then ");

@@ -78,7 +78,7 @@ CASES: dict[str, tuple[ControlPoints, dict[str, Any], list[RigidPart]]] = {
 def oracle(points: ControlPoints, settings: dict[str, Any], parts: list[RigidPart]) -> Any:
     given = {"support": box_diagonal(points), **settings}
     strength = given.pop("strength", 1.0)
-    return fit_points(points if strength == 1 else points.blended(strength), parts, **given)
+    return fit_points(points if strength == 1 else points.scaled(strength), parts, **given)
 
 
 @pytest.mark.sampled(4)

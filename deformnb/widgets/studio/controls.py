@@ -178,7 +178,7 @@ class Panel:
         self.session = session
         self.guard = guard
         self.controls: list[Control] = []
-        self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is nobody's edit
+        self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is no edit of the user
 
     def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
         """Bind one more widget; returns it."""
@@ -283,7 +283,7 @@ class MapPanel(Panel):
         fill(self._trend, [(label, name) for label, name in choices if TRENDS[name].order >= least])
 
 
-class LookPanel(Panel):
+class DisplayPanel(Panel):
     """Display panel of the volume: projection, colours and opacities."""
 
     title = "Volume"

@@ -133,7 +133,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
 
     files.name.value = "mine.json"
     files.write.click()
-    wait_for(lambda: files.said.value.startswith("Wrote mine.json"))
+    wait_for(lambda: files.message.value.startswith("Wrote mine.json"))
     assert studio.session.saved is not None
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)

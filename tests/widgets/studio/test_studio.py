@@ -326,7 +326,7 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
 
 def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
     assert "corners" in studio._words.notice.value
-    studio._words.say("<img src=x onerror=alert(1)>", is_error=True)
+    studio._words.show("<img src=x onerror=alert(1)>", is_error=True)
     assert "<img" not in studio._words.notice.value
     drag(studio, a_drag(studio))
     assert "img" not in studio._words.notice.value
@@ -343,7 +343,7 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
         files.write.click()
         wait_for(lambda: not files.write.disabled)
         assert (tmp_path / name).stat().st_size > 0, studio._words.notice.value
-        assert name in files.said.value
+        assert name in files.message.value
     for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
         files.name.value = wrong
         files.write.click()
@@ -362,9 +362,9 @@ def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> N
     assert not files.write.disabled
     assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
     files.question.agree.click()
-    wait_for(lambda: files.said.value.startswith("Wrote"))
+    wait_for(lambda: files.message.value.startswith("Wrote"))
     files.write.click()  # its own file
-    wait_for(lambda: not files.write.disabled and files.said.value.startswith("Wrote"))
+    wait_for(lambda: not files.write.disabled and files.message.value.startswith("Wrote"))
 
 
 def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
@@ -373,7 +373,7 @@ def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
     files.write.click()
     files.cancel.click()
     wait_for(lambda: not files.write.disabled)
-    assert "Stopped" in files.said.value
+    assert "Stopped" in files.message.value
     wait_for(lambda: not list(tmp_path.iterdir()))  # the panel is free before the writer has ended
 
 

@@ -272,11 +272,11 @@ def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None
     files.name.value = "ball.py"
     files.write.click()
     files.question.agree.click()
-    wait_for(lambda: files.said.value.startswith("Wrote"))
+    wait_for(lambda: files.message.value.startswith("Wrote"))
     assert b"import deformnb" in (tmp_path / "ball.py").read_bytes()
-    files.said.value = ""
+    files.message.value = ""
     files.write.click()  # its own by now
-    wait_for(lambda: files.said.value.startswith("Wrote"))
+    wait_for(lambda: files.message.value.startswith("Wrote"))
 
 
 def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -233,7 +233,7 @@ def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPat
     assert check.unauthenticated(set()) == ["late"]
 
 
-# -- what a page may say -----------------------------------------------------------------------------------------------
+# -- what a page may send ----------------------------------------------------------------------------------------------
 
 _FORBIDDEN = (
     ("application.exit",), ("application.exit.later", 0), ("trame.force.push", "kernel"),

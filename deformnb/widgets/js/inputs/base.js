@@ -40,7 +40,7 @@ export function numberUnder(event, within, name) {
   return found === null ? null : Number(found);
 }
 
-export class EditedPage {
+export class InputView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -57,7 +57,7 @@ export class EditedPage {
     this.root = pageElement("div", `dnb-curves ${name}`, el, { role: "group" });
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.alert = pageElement("div", "dnb-cv-alert", null, { role: "alert", hidden: "" }); // placed by each widget
-    this.spoken = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
+    this.liveRegion = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
     const repaint = () => this.guard(() => this.applyTheme());
     this.theme = new ThemeObserver(this.root, repaint);
     this.observer = new ResizeObserver(repaint); // a style sheet may come late
@@ -65,7 +65,7 @@ export class EditedPage {
 
   /** Called by a widget once its elements exist. */
   start() {
-    this.root.append(this.spoken);
+    this.root.append(this.liveRegion);
     this.on("change:shown", () => this.receive());
     this.on("change:theme", () => this.applyTheme());
     this.on("change:label", () => this.invalidate());
@@ -115,7 +115,7 @@ export class EditedPage {
   guard(action) {
     try { return action(); } catch (error) {
       console.error(error);
-      this.say(`The page met an error: ${error instanceof Error ? error.message : error}`);
+      this.showMessage(`The widget met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
     }
   }
@@ -137,7 +137,7 @@ export class EditedPage {
   /** @param {any} message */
   message(message) {
     if (message?.view && message.view !== this.link.id) return; // another view of the same model
-    if (message?.type === "error") this.say(String(message.message));
+    if (message?.type === "error") this.showMessage(String(message.message));
     if (message?.type === "done") this.link.done(message.seq);
   }
 
@@ -146,20 +146,20 @@ export class EditedPage {
 
   /** @param {object} value */
   end(value) {
-    this.say("");
+    this.showMessage("");
     this.link.end(value);
   }
 
   // ---- the widget ---------------------------------------------------------------------------------------------------
 
   /** @param {string} text */
-  say(text) {
+  showMessage(text) {
     setText(this.alert, text);
     this.alert.hidden = text === "";
   }
 
   /** @param {string} text */
-  speak(text) { setText(this.spoken, text); }
+  announce(text) { setText(this.liveRegion, text); }
 
   invalidate() {
     if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
@@ -187,11 +187,11 @@ export class EditedPage {
  * Listen to presses that become drags, with the mouse, a pen or a finger. Returns a function that cancels the drag and
  * returns whether there was one.
  * @template T
- * @param {EditedPage} page
+ * @param {InputView} view
  * @param {Element} target
  * @param {DragHandler<T>} handler
  */
-export function listenToDrags(page, target, handler) {
+export function listenToDrags(view, target, handler) {
   /** @type {{ grabbed: T, pointer: number, from: Vector2, isPress: boolean } | null} */
   let held = null;
   /** @param {boolean} isCancelled */
@@ -202,10 +202,10 @@ export function listenToDrags(page, target, handler) {
     handler.drop(grabbed, isCancelled, isPress);
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
-  page.listen(target, "touchstart", (event) => {
-    if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !page.isReadOnly) event.preventDefault();
+  view.listen(target, "touchstart", (event) => {
+    if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !view.isReadOnly) event.preventDefault();
   }, { passive: false });
-  page.listen(target, "pointerdown", (event) => {
+  view.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
     const grabbed = handler.press(event);
     if (grabbed === null) return;
@@ -213,7 +213,7 @@ export function listenToDrags(page, target, handler) {
     target.setPointerCapture(event.pointerId);
     held = { grabbed, pointer: event.pointerId, from: [event.clientX, event.clientY], isPress: true };
   });
-  page.listen(target, "pointermove", (event) => {
+  view.listen(target, "pointermove", (event) => {
     if (held?.pointer !== event.pointerId) return;
     /** @type {Vector2} */
     const by = [event.clientX - held.from[0], event.clientY - held.from[1]];
@@ -225,9 +225,9 @@ export function listenToDrags(page, target, handler) {
   const over = (isCancelled) => (/** @type {PointerEvent} */ event) => {
     if (held?.pointer === event.pointerId) drop(isCancelled);
   };
-  page.listen(target, "pointerup", over(false));
-  page.listen(target, "pointercancel", over(true));
-  page.listen(target, "lostpointercapture", over(true));
+  view.listen(target, "pointerup", over(false));
+  view.listen(target, "pointercancel", over(true));
+  view.listen(target, "lostpointercapture", over(true));
   return () => {
     if (held === null) return false;
     drop(true);

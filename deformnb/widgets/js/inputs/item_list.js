@@ -37,7 +37,7 @@ function timeOfDay(seconds) {
   return new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
-class ItemListPage {
+class ItemListView {
   chosen = -1; // the row that was in sight last
   current = 0; // the row that Tab reaches
   isWaiting = false;
@@ -292,8 +292,8 @@ class ItemListPage {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new ItemListPage(model, el);
-  return () => page.close();
+  const view = new ItemListView(model, el);
+  return () => view.close();
 }
 
 export default { render };

@@ -21,7 +21,7 @@ import { PaneGestures, spaceKey } from "./pointer.js";
 const LEAST_HEIGHT = 140; // CSS pixels of a picture
 const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
   "the volume folds over itself";
-const SLOW_PICTURES = 500; // milliseconds after which a message tells that pictures are being made
+const SLOW_PICTURES = 500; // milliseconds after which a message reports that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
 /** @type {Record<string, string>} */
@@ -61,10 +61,10 @@ const SPACE_MORE = [
 
 /**
  * A request for other pictures.
- * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} Look
+ * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} ViewRequest
  */
 
-export class SpaceEditorPage extends EditorDrawing {
+export class SpaceEditorView extends EditorDrawing {
   id = Math.random().toString(36).slice(2, 12);
   closed = new AbortController();
   /** @type {(() => void)[]} */
@@ -81,7 +81,7 @@ export class SpaceEditorPage extends EditorDrawing {
   shownCount = 0; // of the messages with pictures
   /** @type {Set<string>} the places that were sent */
   looked = new Set();
-  /** @type {(Look & { moving: boolean }) | null} the request that waits */
+  /** @type {(ViewRequest & { moving: boolean }) | null} the request that waits */
   pendingLook = null;
   waitingSince = -Infinity; // milliseconds
   lookTimer = 0;
@@ -131,7 +131,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.factsLine = pageElement("span", "dnb-ed-facts", status);
     this.foldFact = pageElement("span", "dnb-ed-folds", status);
     this.notes = pageElement("div", "dnb-ed-notes", status);
-    this.root.append(this.spoken);
+    this.root.append(this.liveRegion);
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.#followModel();
@@ -292,7 +292,7 @@ export class SpaceEditorPage extends EditorDrawing {
   edit(points, kind = "move", join = null) {
     if (this.isLocked || samePoints(points, this.points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
-      this.say("These are too many points to send at once. Remove some, or edit in Python.");
+      this.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }
     this.sender.edit(points, kind, join); // which notifies all views, this one too
@@ -302,7 +302,7 @@ export class SpaceEditorPage extends EditorDrawing {
   /** @param {"undo" | "redo"} way */
   stepHistory(way) {
     if (this.drag0 || this.isLocked || !this.sender.step(way)) return;
-    this.speak(way === "undo" ? "undone" : "redone");
+    this.announce(way === "undo" ? "undone" : "redone");
   }
 
   beginDrag() { if (!this.isLocked) this.drag0 = this.points; }
@@ -378,7 +378,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.selected = next;
     this.invalidate();
     if (isSame || !isShared) return;
-    this.selection.tellSoon([...this.selected]);
+    this.selection.sendSoon([...this.selected]);
   }
 
   /** @param {number} id */
@@ -463,7 +463,7 @@ export class SpaceEditorPage extends EditorDrawing {
    * @param {(DataView | ArrayBuffer)[]} buffers
    */
   message(message, buffers) {
-    if (message?.type === "error") this.say(String(message.message), true);
+    if (message?.type === "error") this.showMessage(String(message.message), true);
     if (message?.type === "look") this.lookAt(message.id);
     const isOurs = !message?.view || message.view === this.id;
     if (message?.type === "pictures" && isOurs) this.receivePictures(message, buffers);
@@ -578,7 +578,7 @@ export class SpaceEditorPage extends EditorDrawing {
 
   /**
    * Request pictures; places at the pace at which pictures come, and the newest only.
-   * @param {Look} what
+   * @param {ViewRequest} what
    * @param {boolean} isMoving
    */
   look(what, isMoving = false) {
@@ -658,7 +658,7 @@ export class SpaceEditorPage extends EditorDrawing {
     if (!p) return;
     this.select([id]);
     this.setCursor([...p.target], false);
-    this.speak(`slices at ${p.name || `point ${id}`}`);
+    this.announce(`slices at ${p.name || `point ${id}`}`);
   }
 
   /** Bring a point into sight. @param {number} id */
@@ -673,8 +673,8 @@ export class SpaceEditorPage extends EditorDrawing {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new SpaceEditorPage(model, el);
-  return () => page.close();
+  const editor = new SpaceEditorView(model, el);
+  return () => editor.close();
 }
 
 export default { initialize, render };

@@ -1,4 +1,4 @@
-// What the widgets in a window share without the kernel: the live points of an editor, by the editor's uid.
+// State that the widgets in a window share without the kernel: the live points of an editor, by the editor's uid.
 //
 // A front end hands each widget a proxy of its model, never the same object twice, so nothing can be stored on the
 // model itself. An editor therefore has a trait `uid`, and its bus is found by that name in the window:

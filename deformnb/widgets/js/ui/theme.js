@@ -4,7 +4,7 @@ import { pageElement } from "./dom.js";
 
 const DARK_BELOW = 110; // luminance of the background, of 255
 
-/** Tells whether an element has a dark background, and calls `changed` when the page around it changes its theme. */
+/** Finds whether an element has a dark background, and calls `changed` when the page around it changes its theme. */
 export class ThemeObserver {
   /** @param {Element} element @param {() => void} changed */
   constructor(element, changed) {
@@ -30,15 +30,15 @@ export class ThemeObserver {
 }
 
 /** The theme of the page by name, for a view, whose own background is that of its volume. */
-export class PageTheme {
+export class Theme {
   /** @param {Element} root @param {() => void} changed */
   constructor(root, changed) {
     this.observer = new ThemeObserver(pageElement("span", "dnb-paper", root, { hidden: "" }), changed);
   }
 
   get name() {
-    const told = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
-    return (told === undefined ? this.observer.isDark : told === "false") ? "dark" : "light";
+    const attribute = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
+    return (attribute === undefined ? this.observer.isDark : attribute === "false") ? "dark" : "light";
   }
 
   close() { this.observer.close(); }

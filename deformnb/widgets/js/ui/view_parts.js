@@ -162,11 +162,11 @@ export function listen(model, name, handler, handlers, fail) {
 
 /**
  * The function that closes a view that has just been drawn.
- * @param {{ root: HTMLElement, close: () => void }} page
+ * @param {{ root: HTMLElement, close: () => void }} view
  */
-export function opened(page) {
-  Object.assign(page.root, { deformnb: page }); // for tests and for debugging
-  return () => page.close();
+export function opened(view) {
+  Object.assign(view.root, { deformnb: view }); // for tests and for debugging
+  return () => view.close();
 }
 
 /**

@@ -23,7 +23,7 @@ import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
-class LiveViewPage {
+class LiveVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -103,14 +103,14 @@ class LiveViewPage {
     this.caption();
     if (this.loop) this.loop.flip(0);
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   setClip() {
     const clip = clipOf(this.model);
     if (this.caster) this.caster.clip = isClipped(clip) ? clip : null;
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   caption() { this.elements.caption(this.still ? 0 : this.flicker.layer); }
@@ -133,7 +133,7 @@ class LiveViewPage {
   }
 
   /** @param {string} text */
-  say(text) { this.elements.say(text); }
+  showMessage(text) { this.elements.showMessage(text); }
 
   mark() { this.elements.badge.textContent = remarksOn(this); }
 
@@ -152,7 +152,7 @@ class LiveViewPage {
 
   writeCamera() {
     this.camera.write();
-    this.still?.ask();
+    this.still?.request();
   }
 
   /** @param {string} view */
@@ -195,11 +195,11 @@ class LiveViewPage {
   }
 
   /**
-   * Asks Python for half of the voxels, since the GPU does not hold the volume, until they are too few to look at.
+   * Requests half of the voxels from Python, since the GPU does not hold the volume, until they are too few to look at.
    * @param {MemoryError} why
    * @param {Vector3} shape
    */
-  #askForFewer(why, shape) {
+  #requestFewerVoxels(why, shape) {
     const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
     if (fewer < FEWEST) throw why;
     this.isScarce = true;
@@ -211,7 +211,8 @@ class LiveViewPage {
   /** @param {RayCaster} caster */
   #prepare(caster) {
     this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), (loop) => this.tell(loop),
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
+      (loop) => this.sendStats(loop),
       () => this.link.catchUp());
     caster.projection = this.model.get("projection");
     caster.background = this.elements.background;
@@ -226,11 +227,11 @@ class LiveViewPage {
    * @param {string} text
    */
   fall(text) {
-    this.say(text);
+    this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
-    this.still.ask();
+    this.still.request();
   }
 
   /** @param {Event} event */
@@ -247,7 +248,7 @@ class LiveViewPage {
     if (this.closed) return;
     this.still?.close();
     this.still = null;
-    this.say("");
+    this.showMessage("");
     this.caster = null;
     this.caster = this.#newCaster();
     if (!this.caster) return;
@@ -255,7 +256,7 @@ class LiveViewPage {
     this.setShows();
     this.setTable();
     if (!this.values || !this.info) return;
-    if (this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD), this.info.shape);
+    if (this.wasTooMuch) this.#requestFewerVoxels(new MemoryError(NOT_HELD), this.info.shape);
     else this.upload(this.info, this.values).catch((error) => this.fail(error));
   }
 
@@ -273,7 +274,7 @@ class LiveViewPage {
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   #listen() {
@@ -316,7 +317,7 @@ class LiveViewPage {
     this.values = null;
     this.mark();
     this.readCamera(true);
-    if (!this.caster) { this.still?.ask(); return; }
+    if (!this.caster) { this.still?.request(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
       (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
@@ -324,7 +325,7 @@ class LiveViewPage {
 
   /** @param {boolean} isStuck */
   setStuck(isStuck) {
-    this.say(isStuck ? "The volume does not come. Is the kernel running?" : "");
+    this.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
     const button = pageElement("button", "dnb-again", this.elements.notice, { type: "button", ...OWN_KEYS });
     button.textContent = "Try again";
@@ -380,7 +381,7 @@ class LiveViewPage {
       done = await caster.setVolume(values, about, tick);
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
-      if (caster === this.caster && info === this.info) this.#askForFewer(error, shape);
+      if (caster === this.caster && info === this.info) this.#requestFewerVoxels(error, shape);
       return;
     }
     if (!done || caster !== this.caster) return;
@@ -425,10 +426,10 @@ class LiveViewPage {
    */
   confirm(seq) {
     if (!seq) return;
-    const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) this.still.whenShown(tell);
-    else if (this.loop && this.caster?.isReady) this.loop.after.push(tell);
-    else tell();
+    const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
+    if (this.still) this.still.whenShown(confirm);
+    else if (this.loop && this.caster?.isReady) this.loop.after.push(confirm);
+    else confirm();
   }
 
   applyField() {
@@ -477,7 +478,7 @@ class LiveViewPage {
   }
 
   /** @param {FrameLoop} loop */
-  tell(loop) {
+  sendStats(loop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
   }
@@ -504,6 +505,6 @@ class LiveViewPage {
 }
 
 /** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new LiveViewPage(model, el)); }
+function render({ model, el }) { return opened(new LiveVolumeView(model, el)); }
 
 export default { render };

@@ -14,25 +14,25 @@ import { floatsOf } from "./volume_loader.js";
 /** @typedef {{count: number, duration: number, maps: Float32Array, planar: PlanarField}} Moments maps of all moments */
 
 /**
- * @typedef {object} PlayedPage the live view whose field this changes
+ * @typedef {object} PlayedView the live view whose field this changes
  * @property {Model} model
  * @property {Field | null} field
- * @property {{ask(): void} | null} still
+ * @property {{request(): void} | null} still
  * @property {() => void} applyField
  * @property {(held: boolean) => void} touch
  */
 
 export class TimeLink {
-  /** @param {PlayedPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {PlayedView} view */
+  constructor(view) {
+    this.view = view;
     /** @type {Moments | null} */
     this.frames = null;
     /** @type {Bus | null} */
     this.bus = null;
     /** @type {Model | null} */
     this.player = null;
-    this.followed = new FollowedModel(page.model);
+    this.followed = new FollowedModel(view.model);
   }
 
   /** @param {string | Model | null} reference */
@@ -76,12 +76,12 @@ export class TimeLink {
 
   /** @param {TimeDetail} moment */
   #show({ time, isPlaying }) {
-    const { page, frames } = this;
-    if (!frames || !page.field) return;
-    page.field = { ...page.field, planar: planarAt(frames, time) };
-    page.applyField();
-    page.touch(isPlaying); // while it plays only quick pictures are drawn
-    if (!isPlaying) page.still?.ask();
+    const { view, frames } = this;
+    if (!frames || !view.field) return;
+    view.field = { ...view.field, planar: planarAt(frames, time) };
+    view.applyField();
+    view.touch(isPlaying); // while it plays only quick pictures are drawn
+    if (!isPlaying) view.still?.request();
   }
 
   close() {

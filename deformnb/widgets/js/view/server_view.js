@@ -18,7 +18,7 @@ const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of th
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
-export class ServerViewPage {
+export class ServerVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -60,7 +60,7 @@ export class ServerViewPage {
     this.readInfo();
     this.size();
     this.setShows();
-    this.ask = setTimeout(() => {
+    this.greeting = setTimeout(() => {
       if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
     }, LONG);
   }
@@ -84,7 +84,7 @@ export class ServerViewPage {
   send(content) { this.messages.send(content); }
 
   /** @param {string} text */
-  say(text) { this.elements.say(text); }
+  showMessage(text) { this.elements.showMessage(text); }
 
   /** @param {string} text */
   wait(text) { this.waiting.textContent = text; this.waiting.hidden = !text; }
@@ -92,7 +92,7 @@ export class ServerViewPage {
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   // -- size, theme, captions -----------------------------------------------------------------------------------------
@@ -104,14 +104,15 @@ export class ServerViewPage {
     const [w, h] = this.elements.size.map((n) => Math.min(4096, Math.max(16, n)));
     const now = { width: w, height: h, background: theme.name,
       ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
-    const said = JSON.stringify(now);
-    if (said === this.sized) return;
+    const sent = JSON.stringify(now);
+    if (sent === this.sized) return;
     this.camera.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
     this.paint();
     this.touchParts();
     clearTimeout(this.resizing);
-    const tell = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = said; };
-    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger sends it once
+    const report = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = sent; };
+    // A window that is dragged larger sends it once.
+    if (this.sized) this.resizing = setTimeout(report, 120); else report();
   }
 
   /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
@@ -144,7 +145,7 @@ export class ServerViewPage {
    * @param {Bytes[]} buffers
    */
   receive(content, buffers) {
-    if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
+    if (content.type === "notice") { this.showMessage(String(content.text)); if (!this.drawn) this.wait(""); }
     if (content.type === "trame") this.frame(content);
     if (content.type === "badge") this.elements.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
@@ -239,7 +240,7 @@ export class ServerViewPage {
 
   close() {
     this.closed = true;
-    for (const timer of [this.ask, this.resizing, this.retry]) clearTimeout(timer);
+    for (const timer of [this.greeting, this.resizing, this.retry]) clearTimeout(timer);
     this.send({ type: "bye" });
     this.messages.close();
     this.pointer.close();
@@ -250,7 +251,7 @@ export class ServerViewPage {
 }
 
 /**
- * @typedef {object} UndrawnPage a front end that cannot draw
+ * @typedef {object} UndrawnView a front end that cannot draw
  * @property {Model} model
  * @property {ViewMessages} messages
  * @property {ViewElements} elements
@@ -261,34 +262,34 @@ export class ServerViewPage {
 /** A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there. */
 export class StillPicture {
   /**
-   * @param {UndrawnPage} page
+   * @param {UndrawnView} view
    * @param {string} why
    */
-  constructor(page, why) {
-    this.page = page;
+  constructor(view, why) {
+    this.view = view;
     this.why = why;
-    /** @type {ServerViewPage | null} */
+    /** @type {ServerVolumeView | null} */
     this.pictures = null; // as soon as Python draws
     /** @type {(() => void) | null} */
     this.after = null; // called when a picture is shown
     /** @type {VolumeInfo | null} */
     this.info = null;
-    this.image = pageElement("img", "dnb-still", page.root, { alt: page.model.get("label") || "Volume" });
+    this.image = pageElement("img", "dnb-still", view.root, { alt: view.model.get("label") || "Volume" });
   }
 
   /** Requests pictures; Python answers that it draws, and does so from then on. */
-  ask() {
-    if (!this.pictures) this.page.send({ type: "still", background: this.page.elements.theme.name });
+  request() {
+    if (!this.pictures) this.view.send({ type: "still", background: this.view.elements.theme.name });
   }
 
   /**
-   * Calls `tell` when there is a picture of what is shown now; with Python's own pictures at once.
-   * @param {() => void} tell
+   * Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once.
+   * @param {() => void} callback
    */
-  whenShown(tell) {
-    if (this.pictures) { tell(); return; }
-    this.after = tell;
-    this.ask();
+  whenShown(callback) {
+    if (this.pictures) { callback(); return; }
+    this.after = callback;
+    this.request();
   }
 
   /** @param {Bytes} png */
@@ -305,16 +306,16 @@ export class StillPicture {
   drawn(info) {
     if (info) this.inform(info);
     if (this.pictures) return;
-    const { page } = this, { model } = page;
+    const { view } = this, { model } = view;
     /** @type {Model} */
     const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
       set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
       on: (/** @type {string} */ name, /** @type {(...given: any[]) => void} */ call) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
-      send: (content) => model.send({ type: "drawn", view: page.messages.id, say: content }) };
-    page.root.hidden = true;
-    this.pictures = new ServerViewPage(part, page.elements.host);
-    this.pictures.say(this.why);
+      send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }) };
+    view.root.hidden = true;
+    this.pictures = new ServerVolumeView(part, view.elements.host);
+    this.pictures.showMessage(this.why);
     opened(this.pictures);
     this.#shown();
   }
@@ -336,7 +337,7 @@ export class StillPicture {
 
   close() {
     this.pictures?.close();
-    this.page.root.hidden = false;
+    this.view.root.hidden = false;
     URL.revokeObjectURL(this.image.src);
     this.image.remove();
   }

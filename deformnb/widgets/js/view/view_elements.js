@@ -2,7 +2,7 @@
 
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
-import { PageTheme } from "../ui/theme.js";
+import { Theme } from "../ui/theme.js";
 import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
 
 /** @import { Model } from "../types.d.ts" */
@@ -35,7 +35,7 @@ export class ViewElements {
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
     this.badge = pageElement("div", "dnb-badge", this.root);
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.theme = new PageTheme(this.root, actions.rethemed);
+    this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
     this.observer = new ResizeObserver(actions.resized);
     this.observer.observe(this.root);
@@ -46,15 +46,15 @@ export class ViewElements {
 
   /** @returns {string} */
   get background() {
-    const wanted = this.model.get("background");
-    return wanted === "auto" ? this.theme.name : wanted;
+    const background = this.model.get("background");
+    return background === "auto" ? this.theme.name : background;
   }
 
   /** The size of the picture in pixels, after taking that of the traits. */
   get size() { return sized(this.root, this.host, this.model); }
 
   /** @param {string} text */
-  say(text) {
+  showMessage(text) {
     this.notice.textContent = text || "";
     this.notice.hidden = !text;
   }

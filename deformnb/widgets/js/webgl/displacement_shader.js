@@ -77,7 +77,7 @@ Choice begun(int own, float depth, float edge) {
   return choice;
 }
 
-// The rule "paper" knows no other region; what of the place belongs to its own one is all that can be covered.
+// The rule "paper" has no other region; what of the place belongs to its own one is all that can be covered.
 void closeByPlace(inout Choice choice, float edge) {
   choice.cover /= covered(max(edge, 0.), softness);
   choice.wide /= covered(max(edge, 0.), faceWidth);

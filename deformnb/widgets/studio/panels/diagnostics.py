@@ -56,8 +56,8 @@ class DiagnosticsPanel(Panel):
         self._named: list[str] = []
         self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
-        self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.said],
+        self.message = ipw.HTML("", layout=ipw.Layout(min_width="0"))
+        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.message],
                          layout=ipw.Layout(flex="1 1 425px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
@@ -100,16 +100,16 @@ class DiagnosticsPanel(Panel):
             self._shown = found
             self.facts.value = facts_html(found)
             self._show_suspects(found)
-        self.said.value = html.escape(findings.reason)
+        self.message.value = html.escape(findings.reason)
         self._model.show(findings, self._editors.current, self._editors.plane)
 
     def _show_suspects(self, found: Diagnostics) -> None:
         points = self.session.points
         text, known = suspects_of(found, points)
-        told = [text, *(point_name(points, i) for i in known)]
-        if told == self._named:
+        shown = [text, *(point_name(points, i) for i in known)]
+        if shown == self._named:
             return
-        self._named, old = told, self.suspects.children
+        self._named, old = shown, self.suspects.children
         self.suspects.children = (ipw.Label(text), *(self._suspect(points, i) for i in known))
         for widget in old:
             close_all(widget)

@@ -235,7 +235,7 @@ def test_a_movie_is_written(bench: Bench, tmp_path: Path, monkeypatch: pytest.Mo
     bench.press("Write movie")
     movie.wait()
     assert bench.said == []
-    assert movie.said.value == f"Wrote {name}."
+    assert movie.message.value == f"Wrote {name}."
     if kind:
         from PIL import Image
 
@@ -263,7 +263,7 @@ def test_a_movie_is_stopped_and_nothing_is_left(bench: Bench, tmp_path: Path, mo
     assert begun.wait(30)
     bench.press("Cancel")
     bench.panel.movie.wait()
-    assert bench.panel.movie.said.value == "Stopped; animation.gif was not written."
+    assert bench.panel.movie.message.value == "Stopped; animation.gif was not written."
     assert list(tmp_path.iterdir()) == []
     bench.panel.movie.name.value = "../out.gif"
     bench.press("Write movie")

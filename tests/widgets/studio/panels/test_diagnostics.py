@@ -207,7 +207,7 @@ def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) ->
     studio.session.edit_points(studio.editor.points.reset())
     settle(studio)
     assert studio.editor.uncertainty == b""
-    assert "nothing bends" in diagnostics.said.value
+    assert "nothing bends" in diagnostics.message.value
 
 
 def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
