@@ -209,21 +209,23 @@ def files_for(mutant: Mutant, root: Path = ROOT, most: int = 12) -> tuple[str, .
 
 
 def _tests_of(file: str, symbol: str, files: dict[Path, str]) -> list[Path]:
-    """The best first: of the module's name, of its package's, those that import it, those that say the symbol's."""
+    """The best first: of the module's name, those that import it, of its package, those that say the symbol's name."""
     parts = Path(file).with_suffix("").parts[1:]
     names = ["_".join(parts[k:]) for k in range(len(parts))]
     own = {f"test_{name}.py" for name in names} | {f"{name}.test.js" for name in names}
     is_script = file.endswith(".js")  # its folder, such as "editor", names its tests in a browser
-    package = f"test_{parts[-2] if is_script else parts[0]}_" if len(parts) > 1 else "/"
+    beginning = f"test_{parts[-2]}_" if is_script else "/"
+    folder = parts[:-1]  # the mirrored one, where files for a whole package lie too
     *scope, name = symbol.split(".")
     says = None if name.startswith("_") or is_script else re.compile(rf"\.{name}\b" if scope else rf"\b{name}\b")
 
     def order(path: Path) -> tuple[bool, ...]:
         text = files[path]
-        return (path.name not in own, not path.name.startswith(package), not _imports(text, file),
+        in_folder = folder and path.parts[-len(parts):-1] == folder
+        return (path.name not in own, not path.name.startswith(beginning), not _imports(text, file), not in_folder,
                 not any(re.search(rf"\b{word}\b", text) for word in (*scope, name)), "browser" in path.parts)
 
-    found = [path for path in files if not all(order(path)[:3]) or (says and says.search(files[path]))]
+    found = [path for path in files if not all(order(path)[:4]) or (says and says.search(files[path]))]
     return sorted(found, key=lambda path: (order(path), len(files[path])))
 
 

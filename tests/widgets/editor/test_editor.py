@@ -143,6 +143,17 @@ def test_settings_that_make_no_sense_are_refused(picture: Picture, name: str, va
     assert (getattr(editor, name), editor.settings) == (before, settings)
 
 
+def test_the_view_goes_to_a_point_that_is_there(picture: Picture, points: ControlPoints,
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    editor = Editor(picture, points)
+    sent: list[Any] = []
+    monkeypatch.setattr(editor, "send", sent.append)
+    with pytest.raises(DeformError, match="99"):
+        editor.look_at(99)
+    editor.look_at(points.ids[1])
+    assert sent == [{"type": "look", "id": points.ids[1]}]
+
+
 def test_settings_are_changed_together_and_told_once(picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points, kernel="gaussian")
     seen: list[Any] = []
