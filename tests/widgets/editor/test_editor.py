@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from PIL import Image
 
 from deformnb.datasets.phantoms import PHANTOMS
@@ -53,7 +54,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def receive(editor: Editor, content: Any) -> None:
     """A custom message by the page."""
-    editor._handle_custom_msg(content, [])
+    deliver(editor, content)
 
 
 def test_a_page_that_opens_is_answered_and_changes_nothing(sent: list[Any]) -> None:
