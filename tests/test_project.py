@@ -193,8 +193,8 @@ def test_the_tests_mirror_the_package() -> None:
     assert all((ROOT / "tests" / name).is_file() for name in OF_A_WHOLE_PACKAGE)
 
 
-# Uses of private names left in tests: the number only falls. A test that needs one asks for a small public way, or for a
-# helper in one place, such as tests/front_end.py.
+# Uses of private names left in tests: the number only falls. A test that needs one asks for a small public way, or
+# for a helper in one place, such as tests/front_end.py.
 PRIVATE_USES = 283
 
 

@@ -83,7 +83,7 @@ def test_a_wrong_solve_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
             return np.array([-0.5, 1e-6])
 
-    monkeypatch.setattr(importlib.import_module("deformnb.rbf.interpolant"), "fit_rbf", lambda *_, **__: Wrong())
+    monkeypatch.setattr(importlib.import_module("deformnb.rbf.fitting"), "fit_rbf", lambda *_, **__: Wrong())
     check = module._jax()
     assert not check.works
     assert "WRONG" in check.found
