@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 import victims
-from driven_studio import a_drag, a_volume, crash, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, crash, drag, notice_of, panel, wait_for
 
 from deformnb.errors import DeformError
 from deformnb.rbf.fitting import fit_rbf
@@ -322,7 +322,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
         studio.save(tmp_path / "work" / "a.json")
     files.name.value = "ball.nrrd"
     files.write.click()
-    wait_for(lambda: "there is no folder" in studio._words.notice.value)
+    wait_for(lambda: "there is no folder" in notice_of(studio))
     wait_for(lambda: not files.write.disabled)
     drag(studio, a_drag(studio, 3.0))
     assert len(studio.editor.points) == 5

@@ -8,6 +8,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
+from front_end import deliver
 from scripts import run_script
 
 from deformnb.datasets import PHANTOMS
@@ -34,7 +35,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def receive(editor: TransferEditor, value: Any, phase: str = "end") -> None:
     content = {"type": "edit", "seq": 1, "view": "v", "phase": phase, "value": value}
-    editor._handle_custom_msg(json.loads(json.dumps(content)), [])
+    deliver(editor, json.loads(json.dumps(content)))
 
 
 # ---- histogram -------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
@@ -56,7 +57,7 @@ class Bench:
 
     def act(self, what: str, index: int) -> None:
         items = self.panel.items
-        items._handle_custom_msg({"type": "act", "what": what, "index": index, "version": items.version}, [])
+        deliver(items, {"type": "act", "what": what, "index": index, "version": items.version})
 
     def drag(self, target: tuple[float, float]) -> None:
         self.session.edit_points(self.session.points.move(3, target))

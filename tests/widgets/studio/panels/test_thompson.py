@@ -9,6 +9,7 @@ import numpy as np
 import oracle
 import pytest
 from driven_studio import a_volume, wait_for
+from front_end import deliver
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
@@ -31,8 +32,8 @@ def panel(tmp_path: Path) -> Any:
 
 def page_edits(panel: ThompsonPanel, points: ControlPoints) -> None:
     """As the end of a drag in the page."""
-    panel.editor._handle_custom_msg({"type": "edit", "sender": "test", "seq": next(SEQ), "phase": "end", "kind": "move",
-                                     "joins": False, "next_id": points.next_id, "points": points_to_json(points)}, [])
+    deliver(panel.editor, {"type": "edit", "sender": "test", "seq": next(SEQ), "phase": "end", "kind": "move",
+                           "joins": False, "next_id": points.next_id, "points": points_to_json(points)})
 
 
 SEQ = iter(range(1, 10**6))
