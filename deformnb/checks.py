@@ -52,14 +52,14 @@ def is_finite(value: object) -> bool:
     return array is not None and array.ndim == 0 and bool(np.isfinite(array))
 
 
-def finite_array(value: object, shape: tuple[int, ...], wanted: str) -> NDArray[np.float64]:
+def finite_array(value: object, shape: tuple[int, ...], requirement: str) -> NDArray[np.float64]:
     """The value as finite float64 of a shape.
 
     Parameters
     ----------
     value : what somebody passed.
     shape : of the array.
-    wanted : begins the message: "spacing must be three finite numbers (x, y, z)".
+    requirement : begins the message: "spacing must be three finite numbers (x, y, z)".
 
     Raises
     ------
@@ -68,7 +68,7 @@ def finite_array(value: object, shape: tuple[int, ...], wanted: str) -> NDArray[
     """
     array = real_array(value)
     if array is None or array.shape != shape or not np.isfinite(array).all():
-        raise DeformError(f"{wanted}, got {shown_value(value)}.")
+        raise DeformError(f"{requirement}, got {shown_value(value)}.")
     return array
 
 

@@ -92,7 +92,7 @@ class _Line:
             print(f"{self._name:28} {elapsed:4.0f} s", file=sys.stderr)
 
     def abandon(self) -> None:
-        """It was not finished."""
+        """End the line of work that was not finished."""
 
 
 # What only voxels have: (option, its value where it is not given).
@@ -117,8 +117,8 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--resolution", type=float, nargs="+", metavar="S",
                    help="voxel size of the result, one length or three (x y z; default as the input)")
     p.add_argument("--margin", nargs="+", metavar="M",
-                   help='field of view: "fit" is as large as the deformed matter needs, 0 the box of the input; or a '
-                   "length to add on every side, one or three (x y z), negative crops (default the session's)")
+                   help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or '
+                   "a length to add on every side, one or three (x y z), negative crops (default the session's)")
     p.add_argument("--volume", metavar="FILE",
                    help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
@@ -151,7 +151,7 @@ def _warp(options: argparse.Namespace) -> None:
     document = read_deformation(options.session)
     with stages() as stage:
         if options.strength != 1:
-            document = document.blended(options.strength)
+            document = document.scaled(options.strength)
         (follows or _warp_volume)(document, options, stage)
     print(target)
 
@@ -205,7 +205,7 @@ def _check_follower(options: argparse.Namespace, target: Path) -> None:
         if getattr(options, option) != absent:
             raise DeformError(f"--{option} is for volumes, and {name} is none.")
     if options.volume is None:
-        raise DeformError(f"name the volume of the session with --volume FILE: {name} does not say where that lies.")
+        raise DeformError(f"name the volume of the session with --volume FILE: {name} does not have its place.")
     check: Callable[[Path], object] = check_mesh_target if is_mesh(name) else check_landmark_target
     check(target)
     check_target(target)
@@ -290,8 +290,8 @@ def add_replay(commands: Any) -> None:
     p.add_argument("session", help="a document written by deformnb (.json)")
     p.add_argument("inputs", nargs="+", metavar="INPUT", help="files, or folders whose files are meant")
     p.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results; made if it is not there")
-    p.add_argument("--place", default="as it is", help='"as it is" keeps all coordinates (default); "by the box" lays '
-                   "the box of the session's volume on that of each input")
+    p.add_argument("--align", default="none", help='"none" keeps all coordinates (default); "box" maps the box of '
+                   "the session's volume to that of each input")
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside a volume (default its smallest)")
@@ -312,7 +312,7 @@ def _replay(options: argparse.Namespace) -> None:
     _check(options)
     document = read_deformation(options.session)
     if options.strength != 1:
-        document = document.blended(options.strength)
+        document = document.scaled(options.strength)
     if options.summary:
         check_json_target(options.summary, "a summary")
         check_target(options.summary, overwrite=options.force or _is_summary(Path(options.summary)))
@@ -344,22 +344,22 @@ def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, 
     """All that results depend on besides the document's steps and their inputs."""
     from deformnb.session.batch import stamp
 
-    made = {name: getattr(options, name) for name in ("place", "method", "fill", "labels", "volume", "spacing")}
-    if options.volume and Path(options.volume).exists():  # where it is missing and wanted, every file says so
+    made = {name: getattr(options, name) for name in ("align", "method", "fill", "labels", "volume", "spacing")}
+    if options.volume and Path(options.volume).exists():  # where it is missing and needed, every file reports it
         made["volume_stamp"] = stamp(Path(options.volume))
-    if options.place != "as it is" and document.volume is not None:
+    if options.align != "none" and document.volume is not None:
         made["box"] = repr(document.volume.grid)
     return made
 
 
 def _check(options: argparse.Namespace) -> None:
     """Check for faults that would be the same for every file."""
-    from deformnb.document.transplant import PLACES
+    from deformnb.document.transplant import ALIGNMENTS
     from deformnb.io.formats import format_of
     from deformnb.io.meshes import is_mesh
 
-    if options.place not in PLACES:
-        raise DeformError(f"unknown place {options.place!r}; choose one of {', '.join(PLACES)}.")
+    if options.align not in ALIGNMENTS:
+        raise DeformError(f"unknown alignment {options.align!r}; choose one of {', '.join(ALIGNMENTS)}.")
     if options.suffix:
         format_of(Path(f"x{options.suffix}"), writing=True)
     if options.volume and is_mesh(options.volume):
@@ -375,19 +375,19 @@ class _Work:
 
     def __call__(self, document: Deformation, path: Path, target: Path,
                  progress: Callable[[float], None]) -> Mapping[str, Any]:
-        from deformnb.document.transplant import placed
+        from deformnb.document.transplant import transplanted
         from deformnb.io.landmarks import is_landmarks
         from deformnb.io.meshes import is_mesh
 
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
-            document = placed(document, grid, self._options.place)
+            document = transplanted(document, grid, self._options.align)
             grid = document.own_grid(grid)
             facts = _facts(document, grid)
             (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
             return facts
         volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
-        document = placed(document, volume.grid, self._options.place)
+        document = transplanted(document, volume.grid, self._options.align)
         # First: what is written must be remembered at once, or counts as foreign.
         facts = _facts(document, document.own_grid(volume.grid))
         self._write(document, volume, target)
@@ -405,7 +405,7 @@ class _Work:
 
     def _space(self, path: Path) -> Grid:
         if self._options.volume is None:
-            raise DeformError(f"{path.name} does not say where its volume lies; name that with --volume FILE.")
+            raise DeformError(f"{path.name} does not have the place of its volume; name that with --volume FILE.")
         if self._grid is None:
             from deformnb.session.inputs import grid_of_file
 

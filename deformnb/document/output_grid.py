@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from deformnb.analysis.extent import FieldOfView, field_of_view, grown
+from deformnb.analysis.extent import FieldOfView, field_of_view, padded
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume
@@ -41,4 +41,4 @@ def output_grid(document: Deformation, volume: Volume, *, spacing: ArrayLike | N
     box = (document.output or volume.grid) if margin is None else volume.grid
     if spacing is not None:
         return FieldOfView(box.resampled(spacing=spacing, margin=0.0 if margin is None else margin))
-    return FieldOfView(box if margin is None else grown(box, margin))
+    return FieldOfView(box if margin is None else padded(box, margin))

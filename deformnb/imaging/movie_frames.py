@@ -58,7 +58,7 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
     ----------
     direction : of the first frame.
     axis : to turn about; it should be what points up in the picture.
-    degrees : how far; the whole way is not reached, so that the movie goes on with its first frame.
+    degrees : the whole angle; it is not reached, so that the movie goes on with its first frame.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
 
 
 class Frames(Iterator[Image]):
-    """Pictures made one by one, that know how many they are; see :func:`deformation_frames`."""
+    """Pictures made one by one, with their number; see :func:`deformation_frames`."""
 
     def __init__(self, images: Iterator[Image], count: int) -> None:
         self._images, self._left = images, count
@@ -107,7 +107,7 @@ def deformation_frames(volume: Volume, deformation: Deformation | Step, *, stren
     Parameters
     ----------
     deformation : or a single step.
-    strengths : a strength for each frame, as in :meth:`blended`; a number is that of
+    strengths : a strength for each frame, as in :meth:`scaled`; a number is that of
         the frames of a :func:`swing` from 0 to 1 and back.
     directions : where the viewer looks, one for all frames or one for each (see :func:`orbit`). The scale is the same
         in all frames.
@@ -134,7 +134,7 @@ def deformation_frames(volume: Volume, deformation: Deformation | Step, *, stren
     >>> from deformnb.rbf.points import ControlPoints
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 4]])
-    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation = Deformation.on_picture(volume, "+z", points)
     >>> frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="core")
     >>> [frame.shape for frame in frames]
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
@@ -144,7 +144,7 @@ def deformation_frames(volume: Volume, deformation: Deformation | Step, *, stren
         deformation = Deformation((deformation,))
     if not isinstance(deformation, Deformation):
         raise DeformError(f"a Deformation is needed, got {shown_value(deformation)}.")
-    return _frames(volume, deformation.blended, 0.0, chosen, directions, up, size, transfer, shows, output, background,
+    return _frames(volume, deformation.scaled, 0.0, chosen, directions, up, size, transfer, shows, output, background,
                    backend)
 
 
@@ -169,7 +169,7 @@ def animation_frames(volume: Volume, animation: Animation | Deformation, *, fps:
     >>> from deformnb.document.deformation import Keyframe
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> sets = [ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, b]]) for b in (6, 4)]
-    >>> keys = [Keyframe(t, Deformation.on_picture(volume.grid, "+z", p).steps) for t, p in enumerate(sets)]
+    >>> keys = [Keyframe(t, Deformation.on_picture(volume, "+z", p).steps) for t, p in enumerate(sets)]
     >>> animation = Animation(Deformation(keyframes=keys))
     >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
     3
@@ -223,13 +223,13 @@ def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int)
     return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
 
 
-def _images(volume: Volume, document: Callable[[float], Deformation], wanted: list[tuple[float, Plane]], grid: Grid,
+def _images(volume: Volume, document: Callable[[float], Deformation], views: list[tuple[float, Plane]], grid: Grid,
             renderer: CoreRenderer | VtkRenderer, size: tuple[int, int], before: float,
             is_pair: bool) -> Iterator[Image]:
-    height = max(fitting_height(grid, plane, size) for _, plane in wanted)
+    height = max(fitting_height(grid, plane, size) for _, plane in views)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
     # On the way back the same pictures come again, as long as the camera stands still.
-    left, kept = Counter(wanted), dict[tuple[float, Plane], Image]()
+    left, kept = Counter(views), dict[tuple[float, Plane], Image]()
 
     def deformed(moment: float) -> Volume:
         if moment not in volumes:
@@ -249,9 +249,9 @@ def _images(volume: Volume, document: Callable[[float], Deformation], wanted: li
         return image
 
     if is_pair:
-        left.update((before, plane) for _, plane in wanted)
+        left.update((before, plane) for _, plane in views)
     try:
-        for moment, plane in wanted:
+        for moment, plane in views:
             if is_pair:
                 yield np.concatenate([drawn(before, plane), drawn(moment, plane)], axis=1)
             else:

@@ -111,7 +111,7 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
 
     Parameters
     ----------
-    volume : what to look at; voxels that are not finite count as background.
+    volume : the volume to project; voxels that are not finite count as background.
     view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane: its u points right, its v down, its normal away.
     method : a name of :data:`PROJECTIONS`.
     transfer : colours and opacities of "composite" and "shaded", or the name of a preset; default is "specimen".
@@ -119,7 +119,7 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
         for a view by name).
     spacing : pixel size of an oblique view; default is the smallest voxel size.
     part : outside of it is background, and where it cuts through a body its face is lit.
-    eye : who sees the plane in perspective; no slice is.
+    eye : the camera of a perspective; a slice has none.
     progress : called with the finished share from 0 to 1.
 
     Raises
@@ -187,7 +187,7 @@ def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
     """Array axis and sign of depth, v and u if the plane lies along the voxel axes, else None."""
     cosines = plane.frame[[2, 1, 0]] @ np.asarray(grid.direction)
     best = np.abs(cosines).argmax(axis=1)
-    # Cosines near 1 say nothing about small turns (0.2 degrees: 1 - 6e-6, yet 2 voxels at the edge of 512), those near
+    # Cosines near 1 do not resolve small turns (0.2 degrees: 1 - 6e-6, yet 2 voxels at the edge of 512), those near
     # 0 do. A plane along the axes of a grid that is square only within its tolerance may be twice that off them.
     aside = cosines.copy()
     aside[[0, 1, 2], best] = 0

@@ -34,7 +34,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 
 _RENDERING = (1600, 1200)
-_BAND = 64  # rows of a picture between two looks at whether it is still wanted
+_BAND = 64  # rows of a picture between two checks for cancellation
 _FRAME = (640, 480)
 _FRAMES = 48
 _FPS = 24.0
@@ -219,7 +219,7 @@ def _as_seen(it: Frozen, progress: Progress) -> Image:
         scene.set_field(it.field, it.output)
         progress(0.1)
         image = scene.render(bands=max(1, size[1] // _BAND), progress=lambda share: progress(0.1 + 0.75 * share))
-        assert image is not None  # only what is asked to stop stops
+        assert image is not None  # only a picture that is cancelled is None
         return image
     finally:
         scene.close()
@@ -266,7 +266,7 @@ def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
             return animation_frames(it.volume, animation, fps=rate, **looks)
         return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
     moments = swing(_FRAMES) if animation is None else animation.times(rate)
-    make = it.deformation.blended if animation is None else animation.at
+    make = it.deformation.scaled if animation is None else animation.at
     return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume.grid), size), len(moments))
 
 
@@ -325,7 +325,7 @@ def export_for(path: str | PathLike[str]) -> Export:
         if name.endswith(export.suffixes):
             return export
     known = "; ".join(f"{e.title.lower()} {', '.join(e.suffixes[:3])}" for e in EXPORTS.values())
-    raise DeformError(f"the end of {Path(path).name!r} says no kind of file; write one of: {known}.")
+    raise DeformError(f"the suffix of {Path(path).name!r} belongs to no kind of file; write one of: {known}.")
 
 
 def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapping[str, Any] | None = None,
@@ -336,7 +336,7 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     Parameters
     ----------
     camera : direction and up of renderings and movies, as a view's ``camera``.
-    seen : all that a view shows instead, as its method ``seen`` says it.
+    seen : all that a view shows instead, as its method ``seen`` returns it.
     size : (width, height) of renderings and movies in pixels; default is 1600 x 1200, and 640 x 480 for movies.
     fps : pictures a second of movies.
     overwrite : replace any file; else only one that holds what the session has opened or written.
@@ -344,7 +344,7 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     Raises
     ------
     DeformError
-        If the suffix says nothing, or the file cannot be written or must not be replaced; it is untouched then.
+        If the suffix is unknown, or the file cannot be written or must not be replaced; it is untouched then.
     Cancelled
         If ``progress`` raises it.
     """
@@ -360,4 +360,4 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
 
 
 def _silent(_share: float) -> None:
-    """Nobody watches."""
+    """Progress that is not shown."""

@@ -45,7 +45,7 @@ def _text(name: str) -> str:
 
 @cache
 def _check_fresh() -> None:
-    """At the import of the first widget, so that no widget runs what its sources no longer say."""
+    """Check the bundles at the import of the first widget, so that no widget runs one of older sources."""
     if not STAMP.exists():
         raise RuntimeError(f"the JavaScript of the widgets has not been bundled: {_CURE}.")
     if SOURCES.is_dir() and is_stale():
@@ -53,7 +53,7 @@ def _check_fresh() -> None:
 
 
 def is_stale() -> bool:
-    """Whether the bundles are missing or were made of other sources than those of this checkout."""
+    """Check whether the bundles are missing or were made of other sources than those of this checkout."""
     return not STAMP.exists() or STAMP.read_text(encoding="utf-8") != digest()
 
 

@@ -236,7 +236,7 @@ def _check_trait(name: Any, value: Any, own: Mapping[str, Callable[[Any], None]]
             raise DeformError(f"there is no such overlay; choose one of {', '.join(OVERLAYS)}.")
     elif name in own:
         own[name](value)
-    elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, if asked to
+    elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, on request
         raise DeformError("the page does not own it.")
 
 
@@ -420,7 +420,7 @@ def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage
 
 _LOG = logging.getLogger(__name__)
 
-# A message of the front end says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
+# A message of the front end is small; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
 LONGEST_TEXT = 200
 _LARGEST_PICTURE = 2**26
 
@@ -458,7 +458,7 @@ def measured(content: dict[str, Any]) -> dict[str, float]:
 
 @contextmanager
 def dropping(what: str) -> Iterator[None]:
-    """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
+    """Take a message of a front end: a mistake is logged and dropped, never raised into the front end's channel."""
     try:
         yield
     except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:

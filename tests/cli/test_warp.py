@@ -13,7 +13,7 @@ import oracle
 import pytest
 from command_line import refused, remarks, run, small_folder
 
-from deformnb.datasets import knee_labels
+from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
@@ -51,7 +51,7 @@ def test_strength_0_returns_the_input(small: Path, monkeypatch: pytest.MonkeyPat
 def test_strength_blends_the_points(strength: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(small, f"warp pull.json tiny.nrrd out.nrrd --strength {strength}", monkeypatch) == 0
     volume = read_volume(small / "tiny.nrrd")
-    wanted = read_deformation(small / "pull.json").blended(float(strength)).apply(volume)
+    wanted = read_deformation(small / "pull.json").scaled(float(strength)).apply(volume)
     np.testing.assert_array_equal(read_volume(small / "out.nrrd").values, wanted.values)
 
 
@@ -264,7 +264,7 @@ def test_a_result_that_no_memory_holds_is_refused_before_the_work(small: Path, c
 def test_a_mesh_follows(kind: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_mesh(FACE, small / "face.ply")
     assert run(small, f"warp pull.json face.ply out.{kind} --volume tiny.nrrd --strength 0.5", monkeypatch) == 0
-    field = read_deformation(small / "pull.json").blended(0.5).field(read_volume(small / "tiny.nrrd").grid)
+    field = read_deformation(small / "pull.json").scaled(0.5).field(read_volume(small / "tiny.nrrd").grid)
     found = read_mesh(small / f"out.{kind}")
     moved = found.points[found.faces[0]]
     oracle.assert_close(moved + field.displacement(moved), FACE.points, atol=1e-4)
@@ -323,7 +323,8 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_labels_that_are_not_declared_are_asked_about(small: Path, capsys: pytest.CaptureFixture[str],
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    write_volume(Volume.from_array(knee_labels((24, 24, 24)).values, is_labels=False), small / "labels.nrrd")
+    labels = PHANTOMS["knee"].labels((24, 24, 24))
+    write_volume(Volume.from_array(labels.values, is_labels=False), small / "labels.nrrd")
     assert run(small, "warp pull.json labels.nrrd out.nrrd", monkeypatch) == 0
     assert remarks(capsys.readouterr().err).count("--labels in a command") == 1, "the result has it too, said once"
     assert run(small, "warp pull.json labels.nrrd out.nrrd --labels --force", monkeypatch) == 0

@@ -133,8 +133,8 @@ def test_steps_are_done_first_to_last() -> None:
 @pytest.mark.parametrize("strength", [2.0, 0.5, -1.0])
 def test_strength_drags_the_points_so_much_further(strength: float) -> None:
     document = Deformation.on_picture(GRID, PLANE, POINTS, support=15.0)
-    further = Deformation.on_picture(GRID, PLANE, POINTS.blended(strength), support=15.0)
-    for other in (document.blended(strength), document.blended(2 * strength).blended(0.5)):
+    further = Deformation.on_picture(GRID, PLANE, POINTS.scaled(strength), support=15.0)
+    for other in (document.scaled(strength), document.scaled(2 * strength).scaled(0.5)):
         oracle.assert_close(other.field(GRID).displacement(places()), further.field(GRID).displacement(places()),
                             atol=1e-12)
 
@@ -160,7 +160,7 @@ def test_interpolation_keeps_the_drag_of_each_depth() -> None:
 
 def test_notes_name_each_thing_once() -> None:
     row = ControlPoints.from_arrays([[0, 0], [5, 0], [9, 0]], [[0, 0], [5, 1], [9, 0]])
-    step = Step((row.blended(0.0).move(1, [5.5, 0]),), PLANE)
+    step = Step((row.scaled(0.0).move(1, [5.5, 0]),), PLANE)
     document = Deformation((step, step, replace(step, enabled=False)))
     assert len(document.notes(GRID)) == 1
     assert "on one line" in document.notes(GRID)[0]

@@ -1,4 +1,4 @@
-"""Measures of likeness against literal oracles and NumPy, and the slope of the loss against central differences."""
+"""Measures of similarity against literal oracles and NumPy, and the slope of the loss against central differences."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
-from deformnb.registration import similarity as likeness
-from deformnb.registration.optimise import GreyImage, MultiscaleFit, first_objective
+from deformnb.registration import similarity
+from deformnb.registration.optimise import GreyImage, MultiscaleFit, initial_objective
 from deformnb.registration.similarity import MEASURES, Objective, least_det, measure_named, read_linear, valued
 from deformnb.volume.volume import Grid, Volume
 
@@ -99,7 +99,7 @@ def _scene(points: ControlPoints, measure: str = "ncc", stages: int = 1, smoothi
     moving = picture(texture((96, 96)))
     fixed = deformed(moving, fit_rbf(lattice_points(96, 3, 4.0, seed=8)))
     start = fit_rbf(points, smoothing=smoothing, **fit)
-    objective = first_objective(points, start, smoothing, energy, measure_named(measure), stages)
+    objective = initial_objective(points, start, smoothing, energy, measure_named(measure), stages)
     images = GreyImage.of(moving), GreyImage.of(fixed)
     search = MultiscaleFit(objective, start.origin, start.support, *images, 1, 0.05, float)
     return search.level(2)
@@ -112,8 +112,8 @@ def test_the_slope_is_that_of_central_differences(case: str) -> None:
     objective = _scene(points.edit(0, locked=True), **CASES[case])
     h, value = 1e-6, valued(np.zeros(objective.x.shape), objective)
     direction = value.slope / np.abs(value.slope).max()
-    is_first = np.arange(len(objective.x)) < 9
-    direction += np.random.default_rng(2).uniform(-0.5, 0.5, objective.x.shape) * is_first[:, None]
+    noise = np.random.default_rng(2).uniform(-0.5, 0.5, objective.x.shape)
+    direction += noise * (np.arange(len(objective.x)) < 9)[:, None]
     ahead, behind = (valued(sign * h * direction, objective).loss for sign in (1, -1))
     slope = float((value.slope * direction).sum())
     assert (ahead - behind) / (2 * h) == pytest.approx(slope, rel=1e-5)
@@ -140,7 +140,7 @@ def _nothing(a: Any, b: Any, weights: Any) -> Any:
 
 def test_a_barrier_rises_towards_a_fold_and_stays_finite_behind_it() -> None:
     det = np.array([1.0, 0.15, 0.1, 0.02, 0.0, -5.0])
-    heights = [likeness._barrier(np.array([d]))[0] for d in det]
+    heights = [similarity._barrier(np.array([d]))[0] for d in det]
     assert heights[:2] == [0, 0]
     assert np.all(np.diff(heights[1:]) > 0)
     assert np.isfinite(heights).all()

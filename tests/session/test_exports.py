@@ -35,7 +35,7 @@ def test_a_document_with_key_frames_is_exported_as_its_animation(session: Sessio
     from PIL import Image
 
     monkeypatch.setattr("deformnb.session.exports._FRAME", (64, 48))
-    moved, rest = session.deformation, session.deformation.blended(0)
+    moved, rest = session.deformation, session.deformation.scaled(0)
     session.deformation = replace(moved, keyframes=(Keyframe(0.0, rest.steps), Keyframe(0.25, moved.steps)))
     shares: list[float] = []
     path = export(session, tmp_path / "swim.gif", camera={"direction": (0, 1, 0)}, progress=shares.append)
@@ -146,7 +146,7 @@ def cut_off(session: Session) -> Session:
     """The egg dragged out of its box to the left, and a box that is large enough."""
     middle = session.points.source.mean(axis=0)
     session.edit_points(session.points.add(middle, middle + np.array([26.0, 0.0])))
-    assert session.sides_left() == ("left side (L)",)
+    assert session.exceeded_sides() == ("left side (L)",)
     assert session.fit_output()
     return session
 

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, PhantomScene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Triple, Tube
-from deformnb.volume.volume import Volume
 
 MIDDLE, GROUND = 40.0, 6.0
 
@@ -40,26 +38,12 @@ MANE = ((0, 138, 126, 3), (0, 152, 140, 4), (0, 168, 155, 4), (0, 184, 166, 4), 
 TAIL = ((0, 40, 122, 4), (0, 31, 118, 5), (0, 24, 104, 6), (0, 20, 82, 6.5), (0, 17, 60, 5), (0, 15, 44, 2))
 
 
-def horse(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-          progress: Progress | None = None) -> Volume:
-    """A horse in a box of 80 x 245 x 185 mm.
-
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (124, 164, 54), voxels of 1.5 mm.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> horse((20, 24, 8)).name
-    'horse (phantom)'
-    """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
 @cache
 def scene() -> PhantomScene:
-    """One blended body, then mane, tail, hooves and eyes."""
+    """A horse in a box of 80 x 245 x 185 mm.
+
+    Voxels of 1.5 mm. One blended body, then mane, tail, hooves and eyes.
+    """
     flesh: list[Solid] = [Ellipsoid(_at(c), r) for c, r in BODY]
     flesh += [_tube(line) for line in (*NECK, HEAD, *LEGS)]
     flesh += [Ellipsoid(_at((s * 4.5, 203, 146)), (5, 9, 10)) for s in (-1, 1)]

@@ -44,7 +44,8 @@ class Part:
 class PhantomScene:
     """Everything a phantom is: a box of ``lengths`` (x, y, z) mm and parts painted one over the other.
 
-    ``texture`` is the relative strength of a slow, fixed ripple (muscle is not one grey), ``seed`` that of the noise.
+    ``texture`` is the relative strength of a slow, fixed ripple (muscle is not one grey), ``noise`` the standard
+    deviation of the noise, and ``seed`` its seed.
     ``axes`` is where the voxel axes point: "LPS", or "RAS" as in most NIfTI files (the direction then turns x and y).
     """
 
@@ -54,6 +55,7 @@ class PhantomScene:
     parts: tuple[Part, ...]
     texture: float = 0.04
     seed: int = 1917
+    noise: float = 3.0
     axes: str = "LPS"
     label_names: dict[int, str] = field(default_factory=dict)
 
@@ -70,8 +72,8 @@ def scene_grid(scene: PhantomScene, shape: tuple[int, int, int] | None) -> Grid:
     return Grid((size[0], size[1], size[2]), (x, y, z), origin, ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
-def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-           progress: Progress | None = None) -> Volume:
+def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8",
+           noise: float | None = None, progress: Progress | None = None) -> Volume:
     """Voxels of a scene.
 
     Parameters
@@ -79,11 +81,12 @@ def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dt
     scene : what to draw.
     shape : (nz, ny, nx), default the scene's own; the box in space is the same for every shape.
     dtype : voxel type; integers are rounded, floats keep the fraction. Values run from 0 (air) to 255.
-    noise : standard deviation of the noise inside tissue, in grey values.
+    noise : standard deviation of the noise inside tissue, in grey values; default the scene's own.
     progress : called with 0..1 after each slab.
     """
     if dtype not in DTYPES or dtype in ("bool", "int8"):
         raise DeformError(f"a phantom has grey values 0 to 255, which {dtype!r} cannot hold; use 'uint8' or 'float32'.")
+    noise = scene.noise if noise is None else noise
     if not (np.isfinite(noise) and noise >= 0):
         raise DeformError(f"noise is a standard deviation in grey values, 0 or more, got {noise!r}.")
     grid = scene_grid(scene, shape)

@@ -69,7 +69,7 @@ def _is_length(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e15
 
 
-PAGE_TRAITS: dict[str, Callable[[Any], None]] = {
+FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
     "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
 """Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
@@ -135,11 +135,11 @@ class EditedPoints(SyncedWidget):
         ``editor.strength``, and :meth:`change` changes several at once.
     mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
     snap : step of the lattice to which targets keep, 0 for none.
-    page_traits : checks of the traits that the front end may change, by name.
+    front_end_traits : checks of the traits that the front end may change, by name.
     """
 
     points: Any
-    page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
+    front_end_traits: Mapping[str, Callable[[Any], None]] = FRONT_END_TRAITS
     chooses_support = True
     """True if the chosen support follows the points; False where a session sets it."""
 
@@ -147,16 +147,16 @@ class EditedPoints(SyncedWidget):
     mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
     snap = traitlets.Float(0.0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
-    history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
+    history = traitlets.Dict(help="what Python would undo and redo; empty if the front end does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
     settings = SettingsTrait()
-    lone_support = traitlets.Float(1.0, help="support radius where the points say nothing of it").tag(sync=True)
+    lone_support = traitlets.Float(1.0, help="support radius where the points do not determine it").tag(sync=True)
     height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     label = traitlets.Unicode("Picture").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)
-    waiting = traitlets.Unicode("", help="what the page waits for; nothing is edited meanwhile").tag(sync=True)
-    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+    waiting = traitlets.Unicode("", help="what the front end waits for; nothing is edited meanwhile").tag(sync=True)
+    live = traitlets.Bool(False, help="whether the front end reports every movement").tag(sync=True)
     uid = traitlets.Unicode().tag(sync=True)
 
     def __init__(self, **given: Any) -> None:
@@ -248,7 +248,7 @@ class EditedPoints(SyncedWidget):
 
     def set_state(self, sync_data: Any) -> None:
         """Take the trait values that the front end sends, as far as they are right."""
-        state = checked_state(sync_data, self.page_traits)
+        state = checked_state(sync_data, self.front_end_traits)
         if state:
             super().set_state(state)
 
@@ -306,8 +306,8 @@ class EditedPoints(SyncedWidget):
         return value
 
     @traitlets.validate("mirror", "snap")
-    def _of_the_hand(self, proposal: Any) -> Any:
-        self.page_traits[proposal["trait"].name](proposal["value"])
+    def _check_front_end_trait(self, proposal: Any) -> Any:
+        self.front_end_traits[proposal["trait"].name](proposal["value"])
         return proposal["value"]
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import traitlets
-
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.messages import CopyText, Download
@@ -22,13 +20,11 @@ class FileTransfer(SyncedWidget):
     --------
     >>> FileTransfer().download("big.bin", bytes(LARGEST_DOWNLOAD + 1))
     Traceback (most recent call last):
-    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a page takes at once; it is in the folder.
+    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a browser takes at once; it is in the folder.
     """
 
     _esm = bundle("file_transfer.js")
     _css = bundle("file_transfer.css")
-
-    said = traitlets.Unicode("").tag(sync=True)
 
     def copy(self, text: str, note: str = "") -> None:
         """Put a text on the clipboard; where the browser refuses, it is shown and selected.
@@ -43,7 +39,7 @@ class FileTransfer(SyncedWidget):
         """Let the browser save a file under this name."""
         if len(content) > LARGEST_DOWNLOAD:
             raise DeformError(f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
-                              "a page takes at once; it is in the folder.")
+                              "a browser takes at once; it is in the folder.")
         self.send(Download(type="download", name=name), [content])
 
     def set_state(self, sync_data: Any) -> None:

@@ -41,7 +41,7 @@ class RestoreBar(SyncedWidget):
     ----------
     session : what is edited.
     guard : runs an edit and shows what went wrong with it.
-    say : shows a text.
+    show : shows a text.
     options : of :class:`~deformnb.session.autosave.Autosave`.
 
     Attributes
@@ -64,13 +64,13 @@ class RestoreBar(SyncedWidget):
     written = traitlets.Unicode("").tag(sync=True)
     version = traitlets.Int(0).tag(sync=True)
 
-    def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], say: Callable[[str], None],
+    def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], show: Callable[[str], None],
                  **options: Any) -> None:
         self._recovery: Recovery | None = None
         super().__init__()
         self._guard = guard
         self.on_msg(self._received)
-        self._recovery = Recovery(session, say, _weakly_shown(self), **options)
+        self._recovery = Recovery(session, show, _weakly_shown(self), **options)
         self.show()  # what was found before this line
 
     @property
@@ -132,7 +132,7 @@ class SaveButton(SyncedWidget):
     ----------
     session : what is saved.
     guard : does it and shows what went wrong.
-    say : shows a text.
+    show : shows a text.
     folder : of a new file; one that is there is never written over.
     run : does it in a thread, for the checksum of a large volume takes a moment; default is here.
 
@@ -163,16 +163,16 @@ class SaveButton(SyncedWidget):
     unsaved = traitlets.Bool(False).tag(sync=True)
     tip = traitlets.Unicode("").tag(sync=True)
 
-    def __init__(self, session: Session, guard: Guard, say: Callable[[str], None], folder: str | PathLike[str] = ".",
+    def __init__(self, session: Session, guard: Guard, show: Callable[[str], None], folder: str | PathLike[str] = ".",
                  run: Callable[[Callable[[], None]], Any] | None = None) -> None:
         super().__init__()
-        self._session, self._guard, self._say, self._folder = session, guard, say, Path(folder)
+        self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)
         self._run = run or (lambda work: work())
         self._first = _bare(session.deformation)
-        self._heard = weakly(self, SaveButton._look, lambda button: button.comm is not None)
-        session.observe(self._heard, ["deformation", "saved", "file"])
+        self._observer = weakly(self, SaveButton._update, lambda button: button.comm is not None)
+        session.observe(self._observer, ["deformation", "saved", "file"])
         self.on_msg(self._received)
-        self._look()
+        self._update()
 
     def press(self) -> None:
         """Save now."""
@@ -184,15 +184,15 @@ class SaveButton(SyncedWidget):
     def _save(self) -> None:
         path = self._session.file or self._new_file()
         self._session.save(path)
-        self._look()
-        self._say(f"Saved {path.name}.")
+        self._update()
+        self._show_text(f"Saved {path.name}.")
 
     def _new_file(self) -> Path:
         stem = re.sub(r"[^\w-]+", "_", self._session.volume.name).strip("_")[:40] or "deformed"
         names = (f"{stem}{f'-{k}' if k > 1 else ''}.json" for k in range(1, 10**6))
         return next(path for path in (self._folder / name for name in names) if not path.exists())
 
-    def _look(self, _change: Any = None) -> None:
+    def _update(self, _change: Any = None) -> None:
         saved = self._session.saved
         self.unsaved = _bare(self._session.deformation) != (self._first if saved is None else _bare(saved))
         file = self._session.file
@@ -212,9 +212,9 @@ class SaveButton(SyncedWidget):
 
     def close(self) -> None:
         """End, and stop observing the session."""
-        if hasattr(self, "_heard"):
-            self._session.unobserve(self._heard, ["deformation", "saved", "file"])
-            del self._heard
+        if hasattr(self, "_observer"):
+            self._session.unobserve(self._observer, ["deformation", "saved", "file"])
+            del self._observer
         super().close()
 
 

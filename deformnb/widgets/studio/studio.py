@@ -41,11 +41,11 @@ from deformnb.widgets.cell_widgets import (
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
-from deformnb.widgets.studio.diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.panels.steps import HistoryPanel
 from deformnb.widgets.studio.save_restore import RestoreBar, SaveButton
-from deformnb.widgets.studio.status import StudioWords
+from deformnb.widgets.studio.status import StudioStatus
+from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.tabs import PanelParts, make_panels
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.view.base import AbstractView
@@ -135,14 +135,14 @@ def arranged(editors: StudioEditors, view: Any, panels: Sequence[Panel], words: 
     others = [panel for panel in others if panel.title]
     tabs = ipw.Tab([panel.box for panel in others], titles=[panel.title for panel in others],
                    layout=ipw.Layout(width="100%", margin="2px 0"))  # its own margin would make the studio scroll
-    tell = _tell_opened(others)
-    tell({"new": tabs.selected_index})
-    tabs.observe(tell, "selected_index")
+    notify = _notify_opened(others)
+    notify({"new": tabs.selected_index})
+    tabs.observe(notify, "selected_index")
     warnings = [panel.warning for panel in panels if panel.warning is not None]
     return [pictures, *warnings, head.box, tabs, words]
 
 
-def _tell_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
+def _notify_opened(panels: Sequence[Panel]) -> Callable[[Any], None]:
     """Notifies panels which of them is seen; keeps none of them alive."""
     known = [weakref.ref(panel) for panel in panels]
 
@@ -274,7 +274,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.deformation = self.session.deformation
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
-        self._words = StudioWords()
+        self._words = StudioStatus()
         self._worker = Worker("deformnb-studio", failed=self._words.failed)
         is_whole = threading.Event()
         self._worker.call(is_whole.wait)  # nothing is done for half a studio
@@ -287,23 +287,23 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         finally:
             is_whole.set()
         self._worker.latest("warm up", self.session.warm_up)
-        self._ask_for_status()
+        self._request_status()
 
     def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
               label_names: Mapping[int, str] | None, target: Volume | None) -> None:
         """Make the parts; once all are there, take the place of what the cell has shown before."""
-        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
+        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._request_status))
         self.view = make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
         self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
                                       self._weakly(Studio.undo))
-        self._edits.stand_on(self._editors, self._picture)
+        self._edits.take_edits_from(self._editors, self._picture)
         self._panels = self._make_panels(folder, labels, label_names, target)
-        save = SaveButton(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
+        save = SaveButton(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
         self._panels[0].box.children += (save,)
         close_earlier_of_this_cell(self)
-        self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
+        self._bar = RestoreBar(self.session, self._edits.edited, self._words.show)  # finds what that one has left
         next(panel for panel in self._panels if isinstance(panel, HistoryPanel)).recovery = self._bar.recovery
         rows = arranged(self._editors, self.view, self._panels, self._words.box)
         self._words.box.children = (self._words.status, self._picture.ways_on, self._words.notice)
@@ -314,7 +314,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._link.show(self._editors.current)
         self._words.status.value = status_text(self.session)
         is_new = not any(m.displacement.any() for step in self.deformation.steps for m in step.maps)
-        self._words.say(" ".join(filter(None, (self.session.notice, WELCOME if is_new else ""))))
+        self._words.show(" ".join(filter(None, (self.session.notice, WELCOME if is_new else ""))))
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
@@ -332,8 +332,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
-        session.observe(self._weakly(Studio._tell_history), "history")
-        session.observe(self._weakly(Studio._tell_notice), "notice")
+        session.observe(self._weakly(Studio._send_history), "history")
+        session.observe(self._weakly(Studio._show_notice), "notice")
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
         for name in ("shows", "projection"):
             if self.view.has_trait(name):
@@ -359,15 +359,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _document_changed(self, _change: Any) -> None:
         now = (self.session.deformation, self.session.index, self.session.key)
-        if now == self._shown:  # the session tells of each of the three
+        if now == self._shown:  # the session notifies of each of the three
             return
         self._shown = now
-        self._words.say(self.session.notice)
+        self._words.show(self.session.notice)
         if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
         self._refresh_panels()
-        self._ask_for_status()
+        self._request_status()
         self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
 
     @traitlets.validate("deformation")
@@ -380,12 +380,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._refresh_panels()
         self._picture.renew()
 
-    def _tell_history(self, _change: Any) -> None:
-        self._editors.tell(history=dict(self.session.history))
+    def _send_history(self, _change: Any) -> None:
+        self._editors.set_traits(history=dict(self.session.history))
 
-    def _tell_notice(self, _change: Any) -> None:
+    def _show_notice(self, _change: Any) -> None:
         if self.session.notice:
-            self._words.say(self.session.notice)
+            self._words.show(self.session.notice)
 
     def _transfer_changed(self, _change: Any) -> None:
         function = self.session.transfer_function
@@ -400,14 +400,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         for panel in self._panels:
             panel.refresh()
 
-    def _ask_for_status(self) -> None:
+    def _request_status(self) -> None:
         self._worker.latest("status", self._weakly(Studio._show_status))
 
     def _show_status(self) -> None:
-        self._tell_status()
-        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the front end has told its times
+        self._update_status_line()
+        # By then the front end has sent its times.
+        self._worker.at_rest(_LATER, self._weakly(Studio._update_status_line))
 
-    def _tell_status(self) -> None:
+    def _update_status_line(self) -> None:
         latency = latency_text(self._edits.milliseconds, self.view.stats())
         self._words.status.value = status_text(self.session, latency, diagnostics_of(self.session))
 
@@ -469,7 +470,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         Parameters
         ----------
         title, about : of the page; a line under the title.
-        limit : voxels in the file at most; a larger volume is averaged and the page says so. Default is 128^3.
+        limit : voxels in the file at most; a larger volume is averaged, which the page reports. Default is 128^3.
         overwrite, progress : as of :meth:`export`.
         """
         from deformnb.widgets.standalone import LIMIT, write_standalone
@@ -486,8 +487,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def stats(self) -> dict[str, Any]:
         """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
-        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
-        picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
+        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` has the rate at
+        which the picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
@@ -495,7 +496,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                 "view": self.view.stats()}
 
     def wait(self, timeout: float = 60.0) -> None:
-        """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
+        """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
         done = threading.Event()
         self._worker.latest("wait", done.set)  # behind all that waits now
         if not done.wait(timeout):
@@ -539,8 +540,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _display_(self) -> Any:
-        """Display in marimo, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
-        marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
+        """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
+        marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 

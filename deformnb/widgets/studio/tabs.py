@@ -10,7 +10,7 @@ from typing import Any
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
-from deformnb.widgets.studio.controls import Guard, LookPanel, MapPanel, Panel, PicturePanel, strip
+from deformnb.widgets.studio.controls import DisplayPanel, Guard, MapPanel, Panel, PicturePanel, strip
 from deformnb.widgets.studio.editors import StudioEditors
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
@@ -73,7 +73,7 @@ def make_panels(s: PanelParts) -> list[Panel]:
         FitPanel(s.session, s.guard, s.editors, s.folder, s.target),
         ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder),
         AnimationPanel(s.session, s.guard, s.view, s.folder),
-        LookPanel(s.session, s.guard, s.view, s.opacity),
+        DisplayPanel(s.session, s.guard, s.view, s.opacity),
         HistoryPanel(s.session, s.guard),
         result_box,
         files,

@@ -5,12 +5,12 @@ sample of a ray, as the paper does on its GPU. A live view can also play the mom
 itself.
 
 Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
-has been found to hold no more, renderer, background: the page's), ``chunk`` (id, index: requests a piece), ``seen``
-(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
-:mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip), ``field``
-(see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor
-moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and ``drawn``.
-Messages of the front end are checked and dropped if they are wrong.
+has been found to hold no more, renderer, background: that of the page around), ``chunk`` (id, index: requests a piece),
+``seen`` (seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn``
+(see :mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
+``field`` (see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an
+editor moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and
+``drawn``. Messages of the front end are checked and dropped if they are wrong.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _ANY = 2**53  # a number of voxels that no GPU limits
 
 OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
                      "settle_ms"})
-"""Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
+"""Traits that a front end may change: the camera by the pointer, the others by links of widgets in the front end."""
 
 
 _REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
@@ -86,7 +86,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
         together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
-    limit : voxels sent to the front end at most; a larger volume is averaged and the view says so.
+    limit : voxels sent to the front end at most; a larger volume is averaged, which the view reports.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
     map_size : samples of a displacement map along its longer side.
@@ -146,16 +146,16 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._output: Grid | None = None
         self._followed: dict[str, Any] | None = None
         self._moments: TimeMaps | None = None
-        self._maps: FieldTextures | None = None  # of the field, made when a front end wants them
+        self._maps: FieldTextures | None = None  # of the field, made when a front end requests them
         self._server_renderer: ServerRenderer | None = None  # draws for the front ends that cannot
-        self._largest = 2048  # along an axis of a texture, until a front end says less
+        self._largest = 2048  # along an axis of a texture, until a front end reports less
         self._sent_cut: str | None = None  # whose distances all front ends have
         self._pacer = Pacer(self._send_field)
-        self._has_page = False
-        self._page_theme = "dark"
+        self._has_front_end = False
+        self._front_end_theme = "dark"
         self._waiting: dict[int, Callable[[bytes], None]] = {}
         self._numbers = itertools.count(1)
-        self._page_stats: dict[str, float] = {}
+        self._front_end_stats: dict[str, float] = {}
         self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
         self._preview: tuple[SceneDescription, bytes] | None = None
@@ -175,9 +175,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         Parameters
         ----------
-        window : values that are told apart; default is the whole range for bytes, and up to the densest tissue (all
+        window : values that are resolved; default is the whole range for bytes, and up to the densest tissue (all
             but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
-            that, only this part is told apart, more finely: the voxels are then sent again, and the view says so.
+            that, only this part is resolved, more finely: the voxels are then sent again, which the view reports.
         """
         self._put(volume, window, None, None, None)
         self._offer()
@@ -199,7 +199,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self.set_transfer(self._wanted_transfer)
 
     def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
-        """The part of the values that bytes shall tell apart, if not all; a maximum projection shows all."""
+        """The window of values that bytes shall resolve, if not all; a maximum projection shows all."""
         return None if self.projection == "mip" else fine_window(function, volume, whole_window(volume))
 
     @traitlets.observe("projection")
@@ -264,19 +264,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
-        """Let an editor in the same page move the picture's displacement, without a byte to Python.
+        """As :meth:`AbstractView.follow`, in the same page: without a message to Python.
 
-        Parameters
-        ----------
-        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
-            one. Its plane, depths and weights stay, also while points move.
-        index : which of its maps the editor's points make.
-
-        Notes
-        -----
-        May be called after every edit: the front end keeps its connection, and what the editor has gone on to show
-        stays. To let the editor move another map, follow with the other index first and then give it that map's points.
+        To let the editor move another map, follow with the other index first and then give it that map's points.
         """
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
@@ -353,7 +343,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self.send(content, buffers)
 
     def _offer(self) -> None:
-        if self._has_page:  # a front end that comes later asks
+        if self._has_front_end:  # a front end that comes later requests it
             self._pacer.offer()
 
     def _send_field(self, number: int, view: str | None = None) -> None:
@@ -378,7 +368,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return field_textures(self._field, shown, self._output, self._map_size, nodes)
 
     def _update_server_renderer(self) -> None:
-        """Let whoever draws for front ends that cannot draw what is shown now."""
+        """Let the server renderer, if there is one, draw what is shown now."""
         with self._lock:
             if self._server_renderer is None or self._volume is None:
                 return
@@ -387,10 +377,10 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
             self._server_renderer.show(self._volume, moment, self._output, followed)
             if self._moments is not None:
-                self._server_renderer.hear(self.player, self._update_server_renderer)
+                self._server_renderer.observe_player(self.player, self._update_server_renderer)
 
     def _draw_here(self) -> ServerRenderer:
-        """Whoever draws for front ends that cannot."""
+        """The server renderer for front ends that cannot draw; started if there is none."""
         from deformnb.widgets.view.fallback import ServerRenderer
 
         with self._lock:
@@ -413,7 +403,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         take_traits(sync_data, OF_PAGE, super().set_state)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
+        """Take a message of a front end: a wrong one is logged and dropped, never raised into the channel."""
         try:
             kind = content.get("type") if isinstance(content, dict) else None
             answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
@@ -421,14 +411,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 raise ValueError("unknown kind")
             answer(self, text(content.get("view")), content, buffers or [])
         except (ValueError, TypeError, KeyError, DeformError) as error:
-            _LOG.warning("a message of the page was dropped: %s", error)
+            _LOG.warning("a message of the front end was dropped: %s", error)
 
     def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
         largest = whole(content.get("largest"), 0, 2**16)
         self._take_theme(content)
         if largest == 0:
-            return  # it cannot draw, and will ask to be drawn for
-        self._has_page = True
+            return  # it cannot draw, and will request a server renderer
+        self._has_front_end = True
         voxels = whole(content.get("voxels", _ANY), 1, _ANY)
         if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
             view = None  # for all front ends: what they have is of a finer volume
@@ -453,7 +443,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _take_theme(self, content: dict[str, Any]) -> None:
         if content.get("background") in ("dark", "light"):
-            self._page_theme = content["background"]
+            self._front_end_theme = content["background"]
 
     def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._pacer.seen(whole(content.get("seq"), 1, 2**53))
@@ -483,12 +473,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         deliver(picture(buffers))
 
     def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._page_stats = measured(content)
+        self._front_end_stats = measured(content)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def _shade(self) -> str:
-        return self._page_theme if self.background == "auto" else self.background
+        return self._front_end_theme if self.background == "auto" else self.background
 
     def _scene(self) -> SceneDescription:
         shown = self._ready()
@@ -548,7 +538,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         renderer = self._server_renderer
         drawn = {} if renderer is None else {"server_renderer": renderer.stats()}
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
-        return {**self._page_stats, **self._sent, **own, **drawn}
+        return {**self._front_end_stats, **self._sent, **own, **drawn}
 
 
 _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {

@@ -66,7 +66,7 @@ class SceneDescription:
         if not isinstance(other, SceneDescription):
             return NotImplemented
         mine, others = vars(self), vars(other)
-        # Fields are compared by identity: they never change, and comparing what they say costs as much as a picture.
+        # Fields are compared by identity: they never change, and comparing their values costs as much as a picture.
         return all(mine[name] is others[name] or (name in _PLAIN and mine[name] == others[name]) for name in mine)
 
     __hash__ = None  # type: ignore[assignment]
@@ -277,7 +277,7 @@ METHODS = ("auto", "texture", "array", "core")
 
 def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, map_size: int = 192,
                space_size: int = 64, **looks: Any) -> tuple[VtkScene | CoreScene, str]:
-    """The best scene that works here, and what people must know about it, or an empty text.
+    """The best scene that works here, and a notice for users, or an empty text.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ _PREVIEW_SHARE = 0.6  # of a preview's pixels
 
 
 class FrameSender:
-    """Makes messages of frames and knows which of them have been seen; may be used by several threads.
+    """Makes messages of frames and records which of them have been seen; may be used by several threads.
 
     All front ends get all frames, so the slowest of those that answer sets the pace: what is sent faster than a front
     end shows it would wait there, and the front end would lag behind more and more.
@@ -50,9 +50,9 @@ class FrameSender:
     def _on_the_way(self) -> int:
         """Count the frames that the slowest front end has yet to show, without those that are silent for too long."""
         late = time.monotonic() - _LOST_AFTER
-        for page, newest in list(self._seen.items()):
+        for view, newest in list(self._seen.items()):
             if any(at < late for number, at in self._sent.items() if number > newest):
-                del self._seen[page]
+                del self._seen[view]
         slowest = min(self._seen.values(), default=0)
         self._sent = {n: at for n, at in self._sent.items() if n > slowest and at >= late}
         return len(self._sent)
@@ -75,16 +75,16 @@ class FrameSender:
             self._bytes += self._last_bytes
         return FrameSent(type="frame", seq=number, full=frame.is_full, camera=camera, by=by), buffers
 
-    def seen(self, number: int, page: str = "") -> bool:
-        """A front end shows this frame. Returns whether someone was refused meanwhile and may send now."""
+    def seen(self, number: int, view: str = "") -> bool:
+        """Record that a front end shows this frame. Returns whether a refused send may be made now."""
         with self._lock:
-            self._seen[page] = max(min(number, self._number), self._seen.get(page, 0))
+            self._seen[view] = max(min(number, self._number), self._seen.get(view, 0))
             return self._is_free_again()
 
-    def left(self, page: str) -> bool:
+    def left(self, view: str) -> bool:
         """A front end is closed. Returns what :meth:`seen` does."""
         with self._lock:
-            self._seen.pop(page, None)
+            self._seen.pop(view, None)
             return self._is_free_again()
 
     def lost(self) -> None:
@@ -147,8 +147,8 @@ class Pacer:
     Parameters
     ----------
     send : called with a number that the front end confirms. It looks up what is newest itself. Calls never overlap.
-    patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell hears no
-        page, and a hidden page draws nothing.
+    patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell receives
+        nothing from a view, and a hidden view draws nothing.
     """
 
     def __init__(self, send: Callable[[int], None], patience: float = 0.25) -> None:
@@ -164,7 +164,7 @@ class Pacer:
         return self._timer is not None
 
     def offer(self) -> None:
-        """There is a newer state: send it now, or as soon as the front end is ready."""
+        """Offer a newer state: it is sent now, or as soon as the front end is ready."""
         with self._lock:
             wait = self._sent + self._patience - time.monotonic() if self._number > self._seen else 0.0
             if wait <= 0:
@@ -187,8 +187,8 @@ class Pacer:
                 return  # it was sent meanwhile
             try:
                 self._go()
-            except Exception:  # in a thread of its own nobody else would hear of it
-                _LOG.exception("a deformation could not be sent to its pages")
+            except Exception:  # in a thread of its own nothing else would report it
+                _LOG.exception("a deformation could not be sent to its front ends")
 
     def _go(self) -> None:
         if self._timer is not None:

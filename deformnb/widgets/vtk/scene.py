@@ -256,7 +256,7 @@ PROJECTIONS = ("shaded", "composite", "mip")
 
 
 class VtkScene:
-    """One volume in a window of VTK that nobody sees.
+    """One volume in an off-screen window of VTK.
 
     Parameters
     ----------
@@ -383,7 +383,7 @@ class VtkScene:
         self._apply_looks()
 
     def set_camera(self, camera: dict[str, Any]) -> None:
-        """Look from another side: direction, up, zoom, pan and perspective as in a view's ``camera``."""
+        """Set the camera: direction, up, zoom, pan and perspective as in a view's ``camera``."""
         self._camera = checked_camera(camera)
 
     def set_clip(self, clip: Clip) -> None:
@@ -548,14 +548,14 @@ def folds_work() -> bool:
 def _is_right(volume: Volume, field: AbstractField) -> bool:
     from vtkmodules.vtkCommonCore import vtkObject
 
-    says = vtkObject.GetGlobalWarningDisplay()
+    shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.GlobalWarningDisplayOff()
     try:
         got, wanted = _still_of(volume, field, "texture"), _still_of(warped(volume, field), None, "array")
     except DeformError:
         return False
     finally:
-        vtkObject.SetGlobalWarningDisplay(says)
+        vtkObject.SetGlobalWarningDisplay(shown)
     return is_like(got, wanted, has_cuts=field.has_cuts)
 
 

@@ -231,7 +231,7 @@ _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "
 
 # Coordinates of textures throughout. Row k of the weights belongs to map k; the maps lie one below the other. A place
 # outside the box of what is seen is looked up in the corner 0, where the scene keeps background. The slope needs six
-# look-ups around a sample: three displacements beside its own tell where those are, since a displacement is smooth.
+# look-ups around a sample: three displacements beside its own give their places, since a displacement is smooth.
 #
 # Only what a deformation needs is in the shader, and no branches: Mesa's software renderer executes both sides of each,
 # which made a volume without any deformation 2.7 times as slow as with VTK's own shader.
@@ -338,7 +338,7 @@ class VolumeWarp:
             add(RAY_HOOK, True, f"{SKIP_EMPTY}{RAY_HOOK}", False)
             for theirs, replacement in REPLACED_FOR_EMPTY.items():  # VTK takes the words in the order of the alphabet
                 add(theirs, False, replacement, True)
-        for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
+        for name, kind in _SAMPLERS.items():  # vtkUniforms has numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
         replaced = _REPLACED if cut is None else REPLACED_FOR_CUTS
         for theirs, replacement in (replaced | REPLACED_FOR_FOLDS if is_red else replaced).items():

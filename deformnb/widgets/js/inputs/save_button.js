@@ -4,7 +4,7 @@
 
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 
-class SaveButtonPage {
+class SaveButtonView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -53,7 +53,7 @@ class SaveButtonPage {
 export default {
   /** @param {{ model: Model, el: HTMLElement }} widget */
   render({ model, el }) {
-    const page = new SaveButtonPage(model, el);
-    return () => page.close();
+    const view = new SaveButtonView(model, el);
+    return () => view.close();
   },
 };
