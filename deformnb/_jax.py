@@ -1,4 +1,4 @@
-"""JAX compilation: float64 only where asked for, a compilation cache on disk; closed-form algebra of small matrices.
+"""JAX compilation: float64 only where requested, a compilation cache on disk; closed-form algebra of small matrices.
 
 The global ``jax_enable_x64`` flag is never touched. The cache folder is set once, at the first compiled call, and
 only where the user has not set one; ``DEFORMNB_COMPILATION_CACHE=off`` leaves JAX alone altogether.
@@ -78,7 +78,7 @@ def refuse_forked() -> None:
     Raises
     ------
     DeformError
-        That says what to do instead.
+        With the remedy.
     """
     _watch_forks()
     if _is_forked:

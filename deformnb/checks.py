@@ -1,6 +1,8 @@
-"""Checks of numeric arguments: any type, any size and any text becomes an array, a number or one sentence."""
+"""Checks of arguments: any type, any size and any text becomes an array, a number, a name or one sentence."""
 
 from __future__ import annotations
+
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +52,14 @@ def is_finite(value: object) -> bool:
     return array is not None and array.ndim == 0 and bool(np.isfinite(array))
 
 
-def finite_array(value: object, shape: tuple[int, ...], wanted: str) -> NDArray[np.float64]:
+def finite_array(value: object, shape: tuple[int, ...], requirement: str) -> NDArray[np.float64]:
     """The value as finite float64 of a shape.
 
     Parameters
     ----------
     value : what somebody passed.
     shape : of the array.
-    wanted : begins the message: "spacing must be three finite numbers (x, y, z)".
+    requirement : begins the message: "spacing must be three finite numbers (x, y, z)".
 
     Raises
     ------
@@ -66,5 +68,40 @@ def finite_array(value: object, shape: tuple[int, ...], wanted: str) -> NDArray[
     """
     array = real_array(value)
     if array is None or array.shape != shape or not np.isfinite(array).all():
-        raise DeformError(f"{wanted}, got {shown_value(value)}.")
+        raise DeformError(f"{requirement}, got {shown_value(value)}.")
     return array
+
+
+def finite_number(value: object, wanted: str) -> float:
+    """The value as one finite number.
+
+    Parameters
+    ----------
+    wanted : begins the message: "height must be a positive length".
+
+    Raises
+    ------
+    DeformError
+        If it is anything else.
+    """
+    if not is_finite(value):
+        raise DeformError(f"{wanted}, got {shown_value(value)}.")
+    return float(np.asarray(value))
+
+
+def one_of(name: object, names: Collection[str], what: str) -> str:
+    """A name that must be one of ``names``.
+
+    Raises
+    ------
+    DeformError
+        If it is none of them, which are named then.
+
+    Examples
+    --------
+    >>> one_of("mip", ("slice", "mip"), "projection")
+    'mip'
+    """
+    if not isinstance(name, str) or name not in names:
+        raise DeformError(f"unknown {what} {shown_value(name)}; choose one of {', '.join(names)}.")
+    return name

@@ -86,7 +86,7 @@ class VolumeFileError(DeformError):
 
 
 class UnknownKindError(VolumeFileError):
-    """Neither the name of a file nor its content says that it is a volume."""
+    """Neither the name of a file nor its content is that of a volume."""
 
 
 class FileChangedError(VolumeFileError):

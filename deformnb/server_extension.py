@@ -28,7 +28,7 @@ def _load_jupyter_server_extension(app: Any) -> None:
     try:
         from jupyter_server.services.kernels.connection.channels import ZMQChannelsWebsocketConnection as Usual
     except ImportError:  # a server before 2.0 has no such setting
-        app.log.info("deformnb: this Jupyter Server cannot be told to send small messages at once; all else works.")
+        app.log.info("deformnb: this Jupyter Server cannot send small messages at once; all else works.")
         return
     settings = app.web_app.settings
     if settings.get(_SETTING) is Usual:  # a gateway's class, or another extension's, knows better

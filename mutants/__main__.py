@@ -110,6 +110,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", default=[], metavar="PART",
                         help='parts of paths for --random, such as "io/"')
     parser.add_argument("--tests", nargs="+", metavar="FILE", help="test files or node ids to run for each mutant")
+    parser.add_argument("--files", type=int, default=12, metavar="N",
+                        help="test files to run for each mutant of --random, its own first (default: %(default)s)")
     parser.add_argument("--minutes", type=float, default=10, help="that a mutant may take (default: %(default)s)")
     parser.add_argument("--no-baseline", action="store_true", help="do not run the tests without a mutant first")
     chosen = parser.parse_args(arguments)
@@ -126,7 +128,7 @@ def main(arguments: list[str] | None = None) -> int:
     if chosen.check:
         return _check(mutants)
     tests = {mutant.name: ["tests", "deformnb"] if chosen.all_tests else chosen.tests or
-             [found_test(test) for test in mutant.tests or files_for(mutant)] for mutant in mutants}
+             [found_test(test) for test in mutant.tests or files_for(mutant, most=chosen.files)] for mutant in mutants}
     return run(mutants, tests, chosen.minutes, baseline=not chosen.no_baseline)
 
 

@@ -1,4 +1,8 @@
-"""Mutants at random: simple operators at random functions of Python, the same for a seed while the functions live."""
+"""Mutants at random: simple operators at random functions, the same for a seed while the functions live.
+
+Python is parsed. In JavaScript, which has one space around each operator between two values, comments, texts (shaders
+too) and regular expressions are blanked out, and the operators are looked for in what is left.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from mutants.places import ROOT, Function, Mutant, positions, sources, start_of, symbols
+from mutants.places import ROOT, Function, Mutant, positions, script_spans, sources, start_of, symbols
 
 _SWAPS: dict[type, tuple[str, str, str]] = {
     ast.Add: ("+", "-", "sign"),
@@ -27,6 +31,15 @@ _SWAPS: dict[type, tuple[str, str, str]] = {
     ast.And: ("and", "or", "logic"),
     ast.Or: ("or", "and", "logic"),
 }
+
+_SCRIPT_SWAPS = {swap[0]: swap for swap in _SWAPS.values() if not swap[0].isalpha() and "is" not in swap[0]} | {
+    "===": ("===", "!==", "comparison"), "!==": ("!==", "===", "comparison"),
+    "&&": ("&&", "||", "logic"), "||": ("||", "&&", "logic")}
+_NO_CODE = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|`(?:\\.|[^`\\])*`"""
+                      r"""|(?<=[=(,:!&|?] |.[(!])/(?![*/ ])(?:\\.|\[(?:\\.|[^]\\\n])*]|[^/\\\n[])+/""", re.DOTALL)
+_SCRIPT_NAMES = re.compile(r"^(?:export )?(?:(?:async )?function\*? |class |const (?=\w+ = (?:async )?\(.*=>))(\w+)",
+                           re.MULTILINE)
+_METHODS = re.compile(r"^  (?:static |async |get |set |\*)*(#?\w+)\(.*\{", re.MULTILINE)
 
 
 class Edit(NamedTuple):
@@ -53,17 +66,17 @@ def drawn(count: int, seed: int, only: tuple[str, ...] = (), root: Path = ROOT) 
     ranked = []
     for path in sources(root):
         name = path.relative_to(root).as_posix()
-        if path.suffix == ".py" and name.startswith("deformnb/") and (not only or any(part in name for part in only)):
+        if name.startswith("deformnb/") and (not only or any(part in name for part in only)):
             text = path.read_text(encoding="utf-8")
-            ranked += [(_rank(seed, symbol, ast.unparse(node.args)), name, symbol, node, text)
-                       for symbol, node in symbols(ast.parse(text)) if isinstance(node, Function)]
+            functions = python_functions(text) if path.suffix == ".py" else script_functions(text)
+            ranked += [(_rank(seed, symbol, arguments), name, symbol, first, text, found)
+                       for symbol, arguments, first, found in functions]
     mutants: dict[str, Mutant] = {}  # functions of one name and the same arguments would all be drawn at once
-    for rank, name, symbol, node, text in sorted(ranked, key=lambda row: row[:3]):
+    for rank, name, symbol, first, text, lazily in sorted(ranked, key=lambda row: row[:3]):
         if len(mutants) == count:
             break
-        found = list(edits(node, text))
+        found = list(lazily)
         if found and rank not in mutants:
-            first = start_of(node, text)
             keys = {edit: _rank(seed, symbol, text.count(edit.old, first, edit.start), *edit[1:]) for edit in found}
             chosen = min(found, key=keys.__getitem__)
             mutants[rank] = Mutant(f"{name}:{symbol}", name, symbol, chosen.old, chosen.new, chosen.kind,
@@ -73,6 +86,54 @@ def drawn(count: int, seed: int, only: tuple[str, ...] = (), root: Path = ROOT) 
 
 def _rank(*key: object) -> str:
     return hashlib.sha256(repr(key).encode()).hexdigest()
+
+
+def python_functions(text: str) -> Iterator[tuple[str, str, int, Iterator[Edit]]]:
+    """Of each function and method: its symbol, its arguments, where it begins, and its edits."""
+    for symbol, node in symbols(ast.parse(text)):
+        if isinstance(node, Function):
+            yield symbol, ast.unparse(node.args), start_of(node, text), edits(node, text)
+
+
+def script_functions(text: str) -> Iterator[tuple[str, str, int, Iterator[Edit]]]:
+    """As :func:`python_functions`, of a module of JavaScript; functions inside others belong to these."""
+    code = _NO_CODE.sub(lambda match: re.sub(r"[^\n]", '"', match[0]), text)
+    for match in _SCRIPT_NAMES.finditer(code):
+        spans = script_spans(text, match[1])
+        is_class = match[0].removeprefix("export ").startswith("class ")
+        names = [f"{match[1]}.{inner}" for start, end in spans for inner in _METHODS.findall(code, start, end)
+                 ] if is_class else [match[1]]
+        for symbol in dict.fromkeys(names):
+            places = script_spans(text, symbol)  # several for a getter and a setter, or a method and a function
+            for start, end in places:
+                if is_class or start == match.start():
+                    found = (edit for edit in script_edits(code, start, end, text)
+                             if sum(text.startswith(edit.old, place + edit.start - start) for place, _ in places) == 1)
+                    yield symbol, code[start:code.find("\n", start)].strip(), start, found
+
+
+def script_edits(code: str, start: int, end: int, text: str) -> Iterator[Edit]:
+    """All edits in a part of a module; in ``code``, as long as the text, all that is no code is blanked out."""
+    first = code.find("\n", start) if code[:end].find("{\n", start) >= 0 else start  # defaults of arguments stay
+
+    def found(pattern: str) -> Iterator[re.Match[str]]:
+        return re.compile(pattern, re.MULTILINE).finditer(code, first, end)
+
+    for match in found(r"(?<=[\w)\]}\"] )(?:[-+*/]|[<>]=?|[!=]==|&&|\|\|)(?= )"):
+        _, new, kind = _SCRIPT_SWAPS[match[0]]
+        yield Edit(match.start(), match[0], new, kind)
+    for match in found(r"(?<![\w.$#\"])\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.:\"])"):
+        yield Edit(match.start(), match[0], f"({match[0]} + 1)", "constant")
+    for match in found(r"(?<=[( ])!(?=[\w(])"):
+        yield Edit(match.start(), "!", "", "dropped not")
+    for match in found(r"^ +(?!return\b|super\b)[\w.#?]+\(.*\);$"):
+        call = match[0].lstrip()
+        if call.count("(") == call.count(")"):
+            place = match.end() - len(call)
+            yield Edit(place, text[place:match.end()], ";", "dropped call")
+    for match in found(r"(?<=\w\()([\w.]+), ([\w.]+)(?=[,)])(?!\) (?:=>|\{))"):
+        if match[1] != match[2]:
+            yield Edit(match.start(), match[0], f"{match[2]}, {match[1]}", "argument order")
 
 
 def edits(function: ast.stmt, text: str) -> Iterator[Edit]:
@@ -133,35 +194,46 @@ def files_for(mutant: Mutant, root: Path = ROOT, most: int = 12) -> tuple[str, .
 
     Where these are few, those of the modules that import it come after them.
     """
-    files = {path: path.read_text(encoding="utf-8") for path in sorted((root / "tests").rglob("test_*.py"))}
+    paths = sorted([*(root / "tests").rglob("test_*.py"), *(root / "tests").rglob("*.test.js")])
+    files = {path: path.read_text(encoding="utf-8") for path in paths}
     chosen = _tests_of(mutant.file, mutant.symbol, files)
     if len(chosen) < most // 2:
-        package = {path: path.read_text(encoding="utf-8") for path in sources(root) if path.suffix == ".py"}
+        kind = Path(mutant.file).suffix
+        package = {path: path.read_text(encoding="utf-8") for path in sources(root) if path.suffix == kind}
         users = [path.relative_to(root).as_posix() for path, text in package.items() if _imports(text, mutant.file)]
         chosen += sorted((test for user in users for test in _tests_of(user, mutant.symbol, files)[:most // 2]),
                          key=lambda path: ("browser" in path.parts, len(files[path])))
-    names = dict.fromkeys([mutant.file, *(path.relative_to(root).as_posix() for path in chosen)])
+    examples = [mutant.file] if mutant.file.endswith(".py") else []
+    names = dict.fromkeys([*examples, *(path.relative_to(root).as_posix() for path in chosen)])
     return tuple(names)[:most]
 
 
 def _tests_of(file: str, symbol: str, files: dict[Path, str]) -> list[Path]:
-    """The best first: of the module's name, of its package's, those that import it, those that say the symbol's."""
+    """The best first: of the module's name, those that import it, of its package, those that say the symbol's name."""
     parts = Path(file).with_suffix("").parts[1:]
-    own = {f"test_{'_'.join(parts[k:])}.py" for k in range(len(parts))}
-    package = f"test_{parts[0]}_" if len(parts) > 1 else "/"
+    names = ["_".join(parts[k:]) for k in range(len(parts))]
+    own = {f"test_{name}.py" for name in names} | {f"{name}.test.js" for name in names}
+    is_script = file.endswith(".js")  # its folder, such as "editor", names its tests in a browser
+    beginning = f"test_{parts[-2]}_" if is_script else "/"
+    folder = parts[:-1]  # the mirrored one, where files for a whole package lie too
     *scope, name = symbol.split(".")
-    says = None if name.startswith("_") else re.compile(rf"\.{name}\b" if scope else rf"\b{name}\b")
+    says = None if name.startswith("_") or is_script else re.compile(rf"\.{name}\b" if scope else rf"\b{name}\b")
 
     def order(path: Path) -> tuple[bool, ...]:
         text = files[path]
-        return (path.name not in own, not path.name.startswith(package), not _imports(text, file),
+        in_folder = folder and path.parts[-len(parts):-1] == folder
+        return (path.name not in own, not path.name.startswith(beginning), not _imports(text, file), not in_folder,
                 not any(re.search(rf"\b{word}\b", text) for word in (*scope, name)), "browser" in path.parts)
 
-    found = [path for path in files if not all(order(path)[:3]) or (says and says.search(files[path]))]
+    found = [path for path in files if not all(order(path)[:4]) or (says and says.search(files[path]))]
     return sorted(found, key=lambda path: (order(path), len(files[path])))
 
 
 def _imports(text: str, file: str) -> bool:
+    if file.endswith(".js"):  # by its path, by its name in another module, or the widget's module in Python
+        path, name = (re.escape(part) for part in (file.partition("/js/")[2], Path(file).name))
+        return bool(re.search(rf"""["/]{path}["]|^import .*/{name}";""", text, re.MULTILINE)
+                    or _imports(text, file.replace("/js/", "/").removesuffix(".js") + ".py"))
     module = ".".join(Path(file).with_suffix("").parts).removesuffix(".__init__")
     parent, _, last = module.rpartition(".")
     return bool(re.search(rf"^\s*(?:from|import) {re.escape(module)}\b(?!\.)", text, re.MULTILINE)

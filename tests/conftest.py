@@ -28,6 +28,23 @@ os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must 
 for _own in ("DEFORMNB_DATA", "DEFORMNB_COMPILATION_CACHE"):
     os.environ.pop(_own, None)  # a developer's own settings change no result
 
+# XLA took more than half of a run without kept programs, and takes a quarter of that where it optimises nothing. The
+# nightly run compiles as users' processes do, and so do at any time the notebooks, JupyterLab and its like.
+_QUICK_COMPILATION = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
+
+
+def _compile_quickly() -> None:
+    """Set the flags for this process and its children, if XLA knows them: it ends a process with one it does not."""
+    known = subprocess.run([sys.executable, "-c", "import jax; jax.devices()"], capture_output=True, check=False,
+                           env={**os.environ, "XLA_FLAGS": _QUICK_COMPILATION})
+    if known.returncode == 0:
+        os.environ["XLA_FLAGS"] = _QUICK_COMPILATION
+
+
+# The processes of pytest-xdist have it from the first one.
+if os.environ.get("HYPOTHESIS_PROFILE") != "nightly" and not {"XLA_FLAGS", "PYTEST_XDIST_WORKER"} & os.environ.keys():
+    _compile_quickly()
+
 hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)
 # The same examples at each run, so that a change is not blamed for what chance has found; the nightly run searches.
 hypothesis.settings.register_profile("ci", deadline=None, max_examples=10, derandomize=True)
@@ -69,7 +86,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> NodeFile |
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("needs_gl") is None:
         return
-    from deformnb.imaging.render import gl_status
+    from deformnb.imaging.vtk_volume import gl_status
 
     works, found, remedy = gl_status()
     if not works:

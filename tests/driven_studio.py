@@ -7,6 +7,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from front_end import deliver
 
 from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
@@ -25,7 +26,17 @@ SEQ = iter(range(1, 10**6))
 
 def page_says(studio: Studio, content: dict[str, Any], editor: Any = None) -> None:
     """As a message of the page of an editor, by default the one that is shown."""
-    (editor or studio.editor)._handle_custom_msg({"sender": "test", "seq": next(SEQ), **content}, [])
+    deliver(editor or studio.editor, {"sender": "test", "seq": next(SEQ), **content})
+
+
+def notice_of(studio: Studio) -> str:
+    """The line of what has just happened."""
+    return str(studio._words.notice.value)
+
+
+def status_of(studio: Studio) -> str:
+    """The line of what is so: points, folds, speed."""
+    return str(studio._words.status.value)
 
 
 def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
@@ -64,7 +75,7 @@ def box_of(studio: Studio, name: str) -> Any:
 def act(items: Any, what: str, index: int, value: Any = None) -> None:
     """As a click in the page of a list."""
     message = {"type": "act", "what": what, "index": index, "value": value, "version": items.version}
-    items._handle_custom_msg(message, [])
+    deliver(items, message)
 
 
 def wait_for(condition: Any, seconds: float = 20.0) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import socket
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
@@ -170,3 +171,25 @@ def status_of(running: RunningApp, path: str, **headers: str) -> Iterator[tuple[
             return response.status, dict(response.headers), await response.text()
 
     yield asyncio.run(get())
+
+
+HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "Upgrade",
+              "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+
+
+def request_of(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
+    """The bytes of a request."""
+    lines = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
+    return "\r\n".join([f"{method} {path} HTTP/1.1", *lines, "", ""]).encode()
+
+
+def connection_with(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:
+    """A connection on which these bytes were sent."""
+    made = socket.socket()
+    if receive_buffer is not None:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+    made.settimeout(PATIENCE)
+    host, port = name.split(":")
+    made.connect((host, int(port)))
+    made.sendall(request)
+    return made

@@ -72,7 +72,7 @@ CALLS: dict[str, Callable[[Any, Path], Any]] = {
     **{f"ControlPoints.edit {key}": lambda value, _, key=key: POINTS.edit(0, **{key: value})
        for key in ("source", "target", "active", "weight", "locked", "radius")},
     **{f"ControlPoints.{name}": lambda value, _, name=name: getattr(POINTS, name)(value)
-       for name in ("index", "blended", "take", "remove", "empty")},
+       for name in ("index", "scaled", "take", "remove", "empty")},
     **{f"Step {key}": lambda value, _, key=key: Step(**{"maps": (POINTS,), key: value})
        for key in ("maps", "kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength",
                    "parts", "cuts", "cut_rule", "stages")},

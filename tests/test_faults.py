@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 import victims
-from driven_studio import a_drag, a_volume, crash, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, crash, drag, notice_of, panel, wait_for
 
 from deformnb.errors import DeformError
 from deformnb.rbf.fitting import fit_rbf
@@ -47,7 +47,7 @@ HELD_BY: dict[int, str] = {
         "nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept, no_text_ever_raises_anything_else",
     48: "widgets/studio/test_studio: the_files_panel_writes_into_its_folder_only; "
         "io/test_atomic: what_stands_in_the_way_is_said; "
-        "session/test_store: a_name_from_a_file_is_kept_short_and_no_path",
+        "session/test_autosave_store: a_name_from_a_file_is_kept_short_and_no_path",
     49: "document/test_json_format: a_pickle_is_never_opened; io/test_faults: a_pickle_in_disguise_is_never_opened",
     50: "session/test_session: a_saved_document_comes_back_and_another_volume_is_noticed, "
         "labels_of_the_same_scan_are_no_other_volume; "
@@ -57,7 +57,7 @@ HELD_BY: dict[int, str] = {
         "test_faults: of_two_that_write_at_once_one_is_told; "
         "widgets/studio/test_save_restore: the_files_panel_asks_before_it_opens_or_writes_over",
     52: "test_faults: a_full_disk_keeps_the_old_file_and_stops_no_edit, no_more_room_for_a_file_is_said; "
-        "io/test_atomic: a_disk_that_fills_up_leaves_the_old_file; imaging/test_movie: a_full_disk_is_said",
+        "io/test_atomic: a_disk_that_fills_up_leaves_the_old_file; imaging/test_movie_frames: a_full_disk_is_said",
     53: "test_faults: a_process_killed_while_it_saves_leaves_a_whole_document, "
         "processes_killed_while_they_save_themselves_leave_what_they_had_told, "
         "a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together; "
@@ -68,7 +68,7 @@ HELD_BY: dict[int, str] = {
     55: "session/test_exports: a_cancelled_export_leaves_nothing; "
         "widgets/studio/test_studio: writing_can_be_cancelled; "
         "io/test_round_trip: progress_ends_at_one_and_cancelling_leaves_nothing; "
-        "imaging/test_movie: what_is_cancelled_leaves_nothing",
+        "imaging/test_movie_frames: what_is_cancelled_leaves_nothing",
     56: "session/test_exports: a_result_beyond_the_memory_is_refused_with_numbers; "
         "io/test_faults: a_volume_beyond_the_limit_is_refused_with_numbers_and_a_stride",
     57: "io/test_round_trip: simpleitk_reads_the_same_places; "
@@ -322,7 +322,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
         studio.save(tmp_path / "work" / "a.json")
     files.name.value = "ball.nrrd"
     files.write.click()
-    wait_for(lambda: "there is no folder" in studio._words.notice.value)
+    wait_for(lambda: "there is no folder" in notice_of(studio))
     wait_for(lambda: not files.write.disabled)
     drag(studio, a_drag(studio, 3.0))
     assert len(studio.editor.points) == 5

@@ -108,7 +108,7 @@ def test_a_mutant_and_its_tests_go_with_files_that_move(tree: Path) -> None:
 
 def test_a_seed_draws_the_same_whatever_else_there_is(tree: Path) -> None:
     def places() -> set[tuple[str, str, str]]:
-        return {(one.symbol, one.old, one.new) for one in drawn(2, 5, root=tree)}
+        return {(one.symbol, one.old, one.new) for one in drawn(2, 5, (".py",), tree)}
 
     before = places()
     assert {symbol for symbol, _, _ in before} == {"Square.area", "Square.edge"}
@@ -116,10 +116,39 @@ def test_a_seed_draws_the_same_whatever_else_there_is(tree: Path) -> None:
     (tree / "deformnb" / "shapes.py").rename(tree / "deformnb" / "squares.py")
     (tree / "deformnb" / "squares.py").write_text(text)
     assert places() == before
-    assert {(one.symbol, one.old, one.new) for seed in range(20) for one in drawn(2, seed, root=tree)} == {
+    assert {(one.symbol, one.old, one.new) for seed in range(20) for one in drawn(2, seed, (".py",), tree)} == {
         ("Square.area", "*", "/"), ("Square.area", ">", ">="), ("Square.area", "0.0", "(0.0 + 1)"),
         ("Square.area", "2", "(2 + 1)"), ("Square.edge", "*", "/"), ("Square.edge", "4", "(4 + 1)")}
-    assert all(placed(one, tree).text != text for seed in range(20) for one in drawn(2, seed, root=tree))
+    assert all(placed(one, tree).text != text for seed in range(20) for one in drawn(2, seed, (".py",), tree))
+
+
+def test_in_scripts_operators_are_drawn_and_no_text_comment_or_shader(tree: Path) -> None:
+    (tree / "deformnb" / "pen.js").write_text(SCRIPT + """
+export async function draw(path, { at = 5, name = "a - 3" } = {}) {
+  // not 7 * 8
+  if (!path.isOpen && at <= 2) return `${at} * 9`.replace(/x - 4/, "");
+  path.moveTo(at, name);
+}
+""")
+    ones = [one for seed in range(60) for one in drawn(9, seed, (".js",), tree)]
+    assert {(one.symbol, one.old, one.new) for one in ones} == {
+        ("Pen.width", "*", "/"), ("Pen.width", "2", "(2 + 1)"), ("Pen.move", "+", "-"), ("move", "+", "-"),
+        ("move", "1", "(1 + 1)"), ("halved", "/", "*"), ("halved", "2", "(2 + 1)"), ("draw", "&&", "||"),
+        ("draw", "<=", "<"), ("draw", "!", ""), ("draw", "2", "(2 + 1)"), ("draw", "at, name", "name, at"),
+        ("draw", "path.moveTo(at, name);", ";")}
+    for one in ones:
+        placed(one, tree)
+
+
+def test_a_drawn_mutant_of_a_script_is_tested_by_what_knows_its_module(tree: Path) -> None:
+    (tree / "deformnb" / "widgets" / "js" / "ui").mkdir(parents=True)
+    (tree / "deformnb" / "pen.js").rename(tree / "deformnb" / "widgets" / "js" / "ui" / "pen.js")
+    for name, text in (("pen.test.js", ""), ("test_drawing.py", 'FILES = ("ui/pen.js",)\n'),
+                       ("test_opens.py", 'FILES = ("ui/open.js",)\n')):
+        (tree / "tests" / name).write_text(text)
+    one = mutant("Pen.move", "+", "-", "widgets/js/ui/pen.js")
+    assert files_for(one, tree) == ("tests/pen.test.js", "tests/test_drawing.py")
+    assert files_for(one, tree, most=1) == ("tests/pen.test.js",)
 
 
 def test_a_drawn_mutant_is_tested_by_what_knows_its_module(tree: Path) -> None:

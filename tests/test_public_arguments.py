@@ -6,6 +6,7 @@ All else is refused by name.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,11 @@ from deformnb.analysis.strain import stretches
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Keyframe, Step
 from deformnb.errors import DeformError
+from deformnb.imaging.drawing import draw_pictures
+from deformnb.imaging.movie_frames import animation_frames, deformation_frames, write_movie
 from deformnb.imaging.projection import project
+from deformnb.imaging.render import image_places, render_pair, render_volume
+from deformnb.imaging.thompson import draw_grids
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, as_field, blend, compose
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
@@ -24,6 +29,7 @@ from deformnb.rbf.rigid import fit_rigid
 from deformnb.rbf.stages import fit_points
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.inverse import invert, round_trip
 from deformnb.warping.mesh import Mesh, isosurface, signed_distance, warp_mesh
@@ -39,6 +45,10 @@ POINTS = np.array([[2.0, 2.0, 2.0], [4.0, 3.0, 5.0]])
 LANDMARKS = Landmarks(POINTS, ("a", "b"))
 MESH = Mesh(np.eye(3) * 3, [[0, 1, 2]])
 RASTER = Raster((4, 4), (1.0, 1.0), (0.0, 0.0))
+PICTURE = project(VOLUME, "+z")
+MOVING = Deformation(keyframes=(Keyframe(0, DEFORMATION.steps), Keyframe(1, DEFORMATION.steps)))
+SMALL: dict[str, Any] = {"size": (16, 12), "backend": "core"}
+BLACK = np.zeros((8, 8, 3), np.uint8)
 
 
 def values(found: Any) -> Any:
@@ -87,8 +97,7 @@ def test_a_deformation_asks_for_the_grid(call: Callable[[], Any]) -> None:
 
 
 def test_what_has_fields_for_other_than_grids_is_refused_by_name() -> None:
-    moving = Animation(Deformation(keyframes=(Keyframe(0, DEFORMATION.steps), Keyframe(1, DEFORMATION.steps))))
-    for other in (moving, Session(VOLUME)):
+    for other in (Animation(MOVING), Session(VOLUME)):
         with pytest.raises(DeformError, match="a field or a Deformation is needed"):
             warp_points(POINTS, other, grid=VOLUME)  # type: ignore[arg-type]
 
@@ -115,6 +124,79 @@ def test_a_volume_counts_as_its_grid() -> None:
     assert Plane.along(VOLUME, "+z") == Plane.along(GRID, "+z")
     assert Plane.along(GRID, "+z").depth_range(VOLUME) == Plane.along(GRID, "+z").depth_range(GRID)
     np.testing.assert_array_equal(FIELD.on_grid(VOLUME), FIELD.on_grid(GRID))
+
+
+@pytest.mark.parametrize(("call", "same"), [
+    (lambda g: image_places(POINTS, g), (GRID, VOLUME)),
+    (lambda p: image_places(p, GRID), (POINTS, LANDMARKS)),
+    (lambda t: render_volume(VOLUME, transfer=t, **SMALL), (preset("bone", VOLUME), "bone")),
+    (lambda t: project(VOLUME, "+y", "shaded", transfer=t), (preset("bone", VOLUME), "bone")),
+    (lambda d: list(deformation_frames(VOLUME, d, strengths=2, **SMALL)), (DEFORMATION, DEFORMATION.steps[0])),
+    (lambda g: list(deformation_frames(VOLUME, DEFORMATION, strengths=2, output=g, **SMALL)), (GRID, VOLUME)),
+    (lambda a: list(animation_frames(VOLUME, a, fps=2, **SMALL)), (Animation(MOVING), MOVING)),
+    (lambda g: draw_grids(DEFORMATION, PICTURE, grid=g).grids.nodes, (GRID, VOLUME)),
+    (lambda p: draw_pictures(p).get_size_inches(), ([PICTURE], PICTURE)),
+])
+def test_pictures_take_what_can_be_meant_without_doubt(call: Callable[[Any], Any], same: tuple[Any, Any]) -> None:
+    wanted, found = (values(call(given)) for given in same)
+    np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize("wrong", [None, 3, "#", np.zeros((2, 3, 4)), float("nan"), -1, {}, object(), ControlPoints,
+                                   [FIELD]], ids=repr)
+@pytest.mark.parametrize(("call", "right"), [
+    (lambda w: render_volume(w, **SMALL), ()), (lambda w: render_volume(VOLUME, transfer=w, **SMALL), (None,)),
+    (lambda w: render_volume(VOLUME, direction=w, **SMALL), ()),
+    (lambda w: render_volume(VOLUME, up=w, **SMALL), (None,)),
+    (lambda w: render_volume(VOLUME, height=w, **SMALL), (None, 3)),
+    (lambda w: render_volume(VOLUME, size=w, backend="core"), ()),
+    (lambda w: render_volume(VOLUME, background=w, **SMALL), ()), (lambda w: render_volume(VOLUME, backend=w), ()),
+    (lambda w: render_pair(w, VOLUME, **SMALL), ()), (lambda w: render_pair(VOLUME, w, **SMALL), ()),
+    (lambda w: render_pair(VOLUME, VOLUME, captions=w, **SMALL), ()),
+    (lambda w: render_pair(VOLUME, VOLUME, background=w, **SMALL), ()),
+    (lambda w: render_pair(VOLUME, VOLUME, path=w, **SMALL), (None, "#")),
+    (lambda w: image_places(w, GRID), ()), (lambda w: image_places(POINTS, w), ()),
+    (lambda w: image_places(POINTS, GRID, height=w), (None, 3)), (lambda w: image_places(POINTS, GRID, size=w), ()),
+    (lambda w: project(VOLUME, w), ()), (lambda w: project(VOLUME, "+z", w), ()),
+    (lambda w: project(VOLUME, "+z", "shaded", transfer=w), (None,)),
+    (lambda w: project(VOLUME, "+z", "slice", depth=w), (None, 3, -1)),
+    (lambda w: project(VOLUME, "+z", spacing=w), (None, 3)), (lambda w: project(VOLUME, "+z", part=w), (None,)),
+    (lambda w: project(VOLUME, "+z", eye=w), (None,)),
+    (draw_pictures, ()), (lambda w: draw_pictures([w]), ()), (lambda w: draw_pictures([PICTURE], style=w), ()),
+    (lambda w: draw_pictures([PICTURE], titles=w), (None,)), (lambda w: draw_pictures([PICTURE], points=w), (None,)),
+    (lambda w: draw_pictures([PICTURE], grids=w), (None,)), (lambda w: draw_pictures([PICTURE], path=w), (None,)),
+    (lambda w: draw_grids(w, PICTURE), ()), (lambda w: draw_grids(DEFORMATION, w), ()),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, lines=w), (3,)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, overlay=w), ()),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, magnify=w), (3, -1)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, grid=w), (None,)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, key=w), (3,)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, title=w), (None, "#")),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, unit=w), ("#",)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, style=w), ()),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, width=w), (3,)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, path=w), (None,)),
+    (lambda w: deformation_frames(w, DEFORMATION), ()), (lambda w: deformation_frames(VOLUME, w), ()),
+    (lambda w: deformation_frames(VOLUME, DEFORMATION, strengths=w), (3,)),
+    (lambda w: deformation_frames(VOLUME, DEFORMATION, directions=w), ()),
+    (lambda w: deformation_frames(VOLUME, DEFORMATION, transfer=w), (None,)),
+    (lambda w: deformation_frames(VOLUME, DEFORMATION, shows=w), ()),
+    (lambda w: deformation_frames(VOLUME, DEFORMATION, output=w), (None,)),
+    (lambda w: deformation_frames(VOLUME, DEFORMATION, background=w), ()),
+    (lambda w: animation_frames(w, Animation(MOVING)), ()), (lambda w: animation_frames(VOLUME, w), ()),
+    (lambda w: animation_frames(VOLUME, MOVING, fps=w), (3,)),
+    (lambda w: animation_frames(VOLUME, MOVING, times=w), (None,)),
+    (lambda w: write_movie(w, [BLACK]), ("#",)), (lambda w: write_movie("a.gif", w), ()),
+    (lambda w: write_movie("a.gif", [BLACK], w), (3,)),
+])
+def test_pictures_refuse_all_else_by_name(call: Callable[[Any], Any], right: tuple[Any, ...], wrong: Any,
+                                          tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if any(wrong is one or (isinstance(wrong, int | str) and wrong == one) for one in right):
+        call(wrong)
+    else:
+        with pytest.raises(DeformError):
+            call(wrong)
 
 
 @pytest.mark.parametrize("wrong", [None, 3, "+z", np.zeros((2, 3, 4)), object(), ControlPoints, Deformation, [FIELD]],

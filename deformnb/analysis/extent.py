@@ -140,7 +140,7 @@ def foreground_of(volume: Volume) -> Foreground:
     return Foreground(volume.grid, block, table, low[occupied], high[occupied])
 
 
-def landed(foreground: Foreground, field: AbstractField | None) -> Array:
+def reached_places(foreground: Foreground, field: AbstractField | None) -> Array:
     """Places (n, 3) in space that deformed foreground reaches, the outermost among them.
 
     Parameters
@@ -230,7 +230,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.document.deformation import Deformation
     >>> volume = Volume.from_array(np.full((8, 8, 8), 200, np.uint8))
-    >>> shifted = Deformation.on_picture(volume.grid, "+y", ControlPoints.from_arrays([[0, 0]], [[3, 0]]),
+    >>> shifted = Deformation.on_picture(volume, "+y", ControlPoints.from_arrays([[0, 0]], [[3, 0]]),
     ...                                  trend="translation")
     >>> seen = field_of_view(volume, shifted.field(volume.grid))
     >>> seen.grid.shape, seen.grid.origin, seen.is_limited
@@ -239,7 +239,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     if not (np.isfinite(most) and most >= 1):
         raise DeformError(f"a field of view has at least as many voxels as the volume, got {most!r} times as many.")
     foreground = volume if isinstance(volume, Foreground) else foreground_of(volume)
-    at = foreground.grid.point_to_index(landed(foreground, field))
+    at = foreground.grid.point_to_index(reached_places(foreground, field))
     last = np.array(foreground.grid.shape[::-1]) - 1
     # Far beyond what may be is as good as infinity, and no whole number.
     bound = 1e3 * most * (last + 1)
@@ -249,7 +249,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     before, after = (more + _RIM * (more > 0) for more in (before, after))
     share = _share(foreground.grid.shape, before, after, most)
     before, after = (np.floor(share * more).astype(np.int64) for more in (before, after))
-    return FieldOfView(_grown(foreground.grid, before, after), share < 1)
+    return FieldOfView(_padded(foreground.grid, before, after), share < 1)
 
 
 def _share(shape: tuple[int, int, int], before: Any, after: Any, most: float) -> float:
@@ -268,7 +268,7 @@ def _share(shape: tuple[int, int, int], before: Any, after: Any, most: float) ->
     return low
 
 
-def _grown(grid: Grid, before: Any, after: Any) -> Grid:
+def _padded(grid: Grid, before: Any, after: Any) -> Grid:
     if not (np.any(before) or np.any(after)):
         return grid
     x, y, z = (int(-n) for n in before)
@@ -276,7 +276,7 @@ def _grown(grid: Grid, before: Any, after: Any) -> Grid:
     return grid.crop((z, y, x), (int(counts[2]), int(counts[1]), int(counts[0])))
 
 
-def grown(grid: Grid, margin: ArrayLike) -> Grid:
+def padded(grid: Grid, margin: ArrayLike) -> Grid:
     """A grid with a margin on all sides, as whole voxels of its own lattice.
 
     Parameters
@@ -285,7 +285,7 @@ def grown(grid: Grid, margin: ArrayLike) -> Grid:
 
     Examples
     --------
-    >>> grown(Grid((4, 4, 4), (1, 1, 2)), 1.5).shape
+    >>> padded(Grid((4, 4, 4), (1, 1, 2)), 1.5).shape
     (6, 8, 8)
     """
     lengths = np.asarray(margin, dtype=np.float64)
@@ -294,20 +294,20 @@ def grown(grid: Grid, margin: ArrayLike) -> Grid:
     voxels = np.ceil(np.round(lengths / np.asarray(grid.spacing), 6)).astype(np.int64)
     if (np.array(grid.shape[::-1]) + 2 * voxels < 1).any():
         raise DeformError(f"a margin of {margin!r:.60} leaves nothing of a box of {grid.lengths}.")
-    return _grown(grid, voxels, voxels)
+    return _padded(grid, voxels, voxels)
 
 
-def sides_left(places: Array, box: Grid) -> tuple[str, ...]:
+def exceeded_sides(places: Array, box: Grid) -> tuple[str, ...]:
     """The sides of a box where the foreground leaves it, in words; none if all of it stays inside.
 
     Parameters
     ----------
-    places : what :func:`landed` found.
+    places : what :func:`reached_places` found.
     box : what can be seen.
 
     Examples
     --------
-    >>> sides_left(np.array([[2.0, 2.0, 2.0], [9.5, 2.0, 2.0]]), Grid((4, 4, 4)))
+    >>> exceeded_sides(np.array([[2.0, 2.0, 2.0], [9.5, 2.0, 2.0]]), Grid((4, 4, 4)))
     ('left side (L)',)
     """
     at, counts = box.point_to_index(places), np.array(box.shape[::-1])

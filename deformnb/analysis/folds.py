@@ -56,12 +56,12 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume |
     ----------
     field : backward displacements, or a Deformation.
     where : a Raster for a field over a plane, a Grid or a Volume for one in space, or points (..., dim) of the result.
-    grid : of the volume that a Deformation deforms, if that is not where it is asked.
+    grid : of the volume that a Deformation deforms, if that is not ``where``.
 
     Returns
     -------
     float32 of the lattice's shape, as quick as the field's own values; or float64 (...) at points. Beside a cut it is
-    that of the region seen and knows nothing of the gap.
+    that of the region seen, without the gap.
 
     Raises
     ------
@@ -132,8 +132,8 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, p
     return Folds(least, _place(lattice, place), float(folded / int(np.prod(lattice.shape))))
 
 
-def largest_share(is_fold_free: Callable[[float], bool]) -> float:
-    """Largest safe share of a way from 0 to 1: in eighths as far as all is well, then by halves; 0 if nothing is."""
+def largest_safe_share(is_fold_free: Callable[[float], bool]) -> float:
+    """The largest safe share from 0 to 1: in eighths as far as all is well, then by halves; 0 if nothing is."""
     if not is_fold_free(0.0):
         return 0.0
     low, high = 0.0, 0.0

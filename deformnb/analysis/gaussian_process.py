@@ -255,7 +255,7 @@ class Uncertainty:
 
 def _variances_of(blocks: Any, centers: Any, energy: Any, weights: Any, rest: Any, basis: Any, missed: Any, *,
                   kernel: type[AbstractKernel]) -> Any:
-    """The module's formula; padded centres have zeros in all matrices and so no say."""
+    """The module's formula; padded centres have zeros in all matrices and so no effect."""
     def of_block(x: Any) -> Any:
         k = _values(x, centers, 1.0, kernel=kernel)
         pull = k @ energy
@@ -286,7 +286,7 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     Raises
     ------
     DeformError
-        Where the fit does, and if there are too few points to tell a scale from.
+        Where the fit does, and if there are too few points to estimate a scale.
     """
     if sigma is not None and not 0 <= sigma < np.inf:
         raise DeformError(f"sigma must be 0 or a positive length, got {sigma}.")
@@ -296,8 +296,8 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     scale = process_scale(system) if sigma is None else float(sigma)
     if not scale >= 0:
         least = system.free_parameters // system.dim + 1
-        raise DeformError(f"{system.count} control point(s) say nothing of how far the map may be off, for the trend "
-                          f"{system.ready.trend!r} takes all they say; have at least {least}, or give sigma.")
+        raise DeformError(f"{system.count} control point(s) give no estimate of the error of the map, for the trend "
+                          f"{system.ready.trend!r} takes all their freedom; have at least {least}, or give sigma.")
     return Uncertainty(system, scale, _open_part(system))
 
 

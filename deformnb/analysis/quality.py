@@ -89,11 +89,11 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     """Assess the fit that :func:`~deformnb.rbf.fitting.fit_rbf` makes of these points.
 
     A point is suspect if what the others predict for it misses by at least half of the way to the nearest other point,
-    and, in units of what the others can know there, by twice the median of all points at least. The one whose
+    and, in units of the others' uncertainty there, by twice the median of all points at least. The one whose
     leaving-out eases the fit most is named and left out, then the rest are checked again, so that the neighbours of a
     wrong point are not blamed for it. Nobody is blamed where fewer than two points are dragged, or with fewer than
     dim + 4 points: a long drag among four corners that hold the picture is no mistake. Nor is a point blamed that is
-    not dragged and lies on the convex hull of all: it holds the rim, and what the others know of the rim is a guess.
+    not dragged and lies on the convex hull of all: it holds the rim, where the others only extrapolate.
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def _left_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
 
 
 def _of_least_squares(system: FitSystem, alone: NDArray[np.bool_], cd: Floats) -> Floats:
-    """C_ii e_i beside radii of their own: the trend of the others is plain least squares and knows no C."""
+    """C_ii e_i beside radii of their own: the trend of the others is plain least squares and has no C."""
     if system.ready.trend == "none":
         return cd
     x, d = (a * system.kept[:, None] for a in (system.x, system.d))

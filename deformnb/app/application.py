@@ -16,6 +16,7 @@ from deformnb.app.diagnostics import ApplicationDiagnostics
 from deformnb.app.files import ApplicationFiles
 from deformnb.app.panel_widgets import PanelWidgets
 from deformnb.app.volumes import Volumes, facing, nearly_facing
+from deformnb.document.deformation import STEP_LABELS
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.rbf.support import lone_support
@@ -23,6 +24,7 @@ from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.volume.transfer import TransferFunction
 from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.messages import EditDone
 from deformnb.widgets.parameters import Number, parameters
 from deformnb.widgets.studio.editors import looks_alike, make_editor, picture_key, show_step
 from deformnb.widgets.studio.history_labels import JOINING, edit_label, go_to, history_rows
@@ -39,7 +41,6 @@ NUMBERED = ("go_to", "look_at")
 """Actions that a client may request by name and number: a state of the history, a control point."""
 
 _NOT_OFFERED = ("density", "cut_rule")
-_OF_THE_STEP = ("kernel", "trend", "smoothing", "extrusion", "strength", "stages")
 _LONGEST_NAME = 64  # of a client's window
 _OF_THE_EDITOR = ("show_grid", "drag_grid", "show_radius", "overlay")
 
@@ -85,19 +86,19 @@ class Application:
         self._pictured = picture_key(session)
         self._points_of: Any = (session.index, session.key, session.plane)
         self._faced = session.plane
-        self.volumes = Volumes(session, self._told, self.thread.call)
+        self.volumes = Volumes(session, self._show_message, self.thread.call)
         self.live = self.volumes.live
         self._previews = Worker("deformnb-preview")
         self.link = StudioLink(session, self.volumes, self._previews)
-        self._look(*nearly_facing(session.plane))
+        self._set_camera(*nearly_facing(session.plane))
         self.editor.observe(self._dragged, "points")
         self.editor.observe(self._drawn, ["cuts", "parts"])
         self.editor.observe(self._set_in_the_editor, list(_OF_THE_EDITOR))
         self.editor.on_history(self.act)
         self.parts = PanelWidgets(session, self.editor, self.live, self.link.preview, self._edited, self._recolour)
         self.diagnostics = ApplicationDiagnostics(session, self.editor, self.thread.call, self._diagnostics_changed)
-        self.files = ApplicationFiles(session, self.volumes.seen, self.editor, self.live, self._tell)
-        self.recovery = Recovery(session, self._told, self._tell)
+        self.files = ApplicationFiles(session, self.volumes.seen, self.editor, self.live, self._notify)
+        self.recovery = Recovery(session, self._show_message, self._notify)
         self.thread.latest("warm up", session.warm_up)
         self._show()
 
@@ -117,11 +118,8 @@ class Application:
 
     def _apply(self, name: str, value: Any) -> None:
         session = self.session
-        if name in _OF_THE_STEP:
-            fields: dict[str, Any] = {name: int(value) if name == "stages" else value}
-            session.change(kind=name, slides=isinstance(self.parameters[name], Number), **fields)
-        elif name == "support":
-            session.change(kind=name, slides=True, support=value)
+        if name in STEP_LABELS:
+            session.change(kind=name, slides=isinstance(self.parameters[name], Number), **{name: value})
         elif name == "automatic_support":
             session.change(kind=name, support=None if value else self._support())
         elif name == "view":
@@ -145,9 +143,7 @@ class Application:
         elif name in _OF_THE_EDITOR:
             setattr(self.editor, name, value)
         elif name == "keep_free":
-            self.diagnostics.keep_free = value
-            if value and self.diagnostics.state()["unsafe"]:
-                self.diagnostics.fold_actions.unfold()
+            self.diagnostics.set_keep_free(value)
         elif name == "show_folds":
             self.volumes.set_folds(value)
 
@@ -155,17 +151,18 @@ class Application:
         """Do one of the actions that give nothing back."""
         if name not in (*REQUESTS, *NUMBERED) or name == "save" or len(number) != (name in NUMBERED):
             raise DeformError("there is no such action.")
-        if name == "take_hold":  # no edit: what is said of the last one stays
+        if name == "take_hold":  # no edit: the message about the last one stays
             self.session.take_hold()
             return
         actions: dict[str, Callable[[], Any]] = {
-            "take_back": self.diagnostics.fold_actions.take_back, "unfold": self.diagnostics.fold_actions.unfold,
+            "take_back": self.diagnostics.model.fold_actions.take_back,
+            "unfold": self.diagnostics.model.fold_actions.unfold,
             "go_to": lambda: go_to(self.session, *number, recovery=self.recovery),
             "look_at": lambda: self.diagnostics.look_at(*number),
             "undo": self.session.undo, "redo": self.session.redo, "reset": self.session.reset,
             "add_step": self.session.add_step,
-            "front": lambda: self._look(*facing(self.session.plane)),
-            "beside": lambda: self._look(*nearly_facing(self.session.plane)),
+            "front": lambda: self._set_camera(*facing(self.session.plane)),
+            "beside": lambda: self._set_camera(*nearly_facing(self.session.plane)),
             "stop_file": self.files.stop, "take_anyway": self.files.take_anyway, "forget_file": self.files.forget,
             "fit_box": self.session.fit_output, "own_box": partial(setattr, self.session, "output", None),
             **{name: partial(self.recovery.act, name) for name in COMMANDS},
@@ -221,14 +218,14 @@ class Application:
         steps = len(session.deformation.steps)
         which = f" · step {session.index + 1} of {steps}" if steps > 1 else ""
         which += f" · key {session.key + 1} of {len(step.maps)}" if len(step.maps) > 1 else ""
-        values = {name: getattr(step, name) for name in _OF_THE_STEP}
+        values = {name: getattr(step, name) for name in self.parameters if name in STEP_LABELS}
         values.update({name: getattr(self.editor, name) for name in _OF_THE_EDITOR})
         states, shown = history_rows(session.history_tree(), self.recovery.earlier)
         return {
             **values, "support": self._support(), "automatic_support": not isinstance(step.support, float),
             "view": session.view or "", "method": session.method,
             "mode": session.deformation.mode, "depth": self._depth(), "projection": self.live.projection,
-            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.diagnostics.keep_free,
+            "shows": self.live.shows, "show_folds": self.live.show_folds, "keep_free": self.diagnostics.model.keep_free,
             "states": states, "state_shown": states[shown]["id"],
             "undo": labels.get("undo", ""), "redo": labels.get("redo", ""),
             "error": self.error, "notice": session.notice or " ".join(session.notes()),
@@ -262,7 +259,7 @@ class Application:
             self.error = str(error)
             self._show()
         except Exception as error:
-            _LOG.exception("an action of the page failed")
+            _LOG.exception("an action of the client failed")
             self.error = f"{type(error).__name__}: {error}"
         self.milliseconds = 1000 * (time.perf_counter() - started)
         self.changed()
@@ -346,15 +343,15 @@ class Application:
             self.parts.refresh()
             if session.plane != self._faced:
                 self._faced = session.plane
-                if looks_alike(self._looks, self.volumes.camera):  # else somebody has turned it
-                    self._look(*facing(session.plane))
+                if looks_alike(self._own_camera, self.volumes.camera):  # else a user has turned it
+                    self._set_camera(*facing(session.plane))
         finally:
             editor.waiting = ""
             self._listening = True
 
-    def _look(self, direction: Any, up: Any) -> None:
+    def _set_camera(self, direction: Any, up: Any) -> None:
         self.volumes.set_camera(direction, up)
-        self._looks = self.volumes.camera
+        self._own_camera = self.volumes.camera
 
     def give_up(self) -> None:
         """A client has gone, and with it what its user was about to do: what the session holds is shown."""
@@ -363,26 +360,26 @@ class Application:
 
     def fail(self, message: str) -> None:
         """Report an error in the client; may be called from any thread."""
-        def tell() -> None:
+        def show() -> None:
             self.error = message
             self.changed()
 
-        self.thread.call(tell)
+        self.thread.call(show)
 
-    def _tell(self) -> None:
-        def tell() -> None:
+    def _notify(self) -> None:
+        def show() -> None:
             self.changed()  # looked up when it is called: the bridge may come later
 
-        self.thread.call(tell)
+        self.thread.call(show)
 
-    def _told(self, text: str) -> None:
-        """Show the report of another thread."""
-        def tell() -> None:
+    def _show_message(self, text: str) -> None:
+        """Show the message of another thread."""
+        def show() -> None:
             self.session.notice = text
             self.files.pass_on()
             self.changed()
 
-        self.thread.call(tell)
+        self.thread.call(show)
 
     def close(self) -> None:
         """End the threads; what was not saved stays in the history of who opens the volume again."""
@@ -408,8 +405,8 @@ def _choose_a_picture(session: Session) -> None:
 def _answer(editor: Any, content: dict[str, Any]) -> None:
     """Confirm a message without doing what it requests: its client waits for that."""
     sender, number = content.get("sender"), content.get("seq")
-    if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and is_whole(number):
-        editor.send({"type": "done", "sender": sender, "seq": number})
+    if isinstance(sender, str) and len(sender) <= _LONGEST_NAME and isinstance(number, int) and is_whole(number):
+        editor.send(EditDone(type="done", sender=sender, seq=number))
 
 
 def _box_text(session: Session) -> str:

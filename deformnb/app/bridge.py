@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from deformnb.app.application import NUMBERED, REQUESTS, Application
-from deformnb.app.files import WANTED
+from deformnb.app.files import DOWNLOADS
 from deformnb.app.panel_widgets import WIDGETS
 from deformnb.errors import DeformError
 from deformnb.widgets.inputs.base import is_whole
-from deformnb.widgets.synced import PageComm
+from deformnb.widgets.synced import LocalComm
 from deformnb.widgets.web.guard import Answer
 from deformnb.widgets.web.remote_area import for_area
 from deformnb.widgets.web.server import PageServer
@@ -52,8 +52,8 @@ class Bridge:
         self._newest: dict[str, int] = {}  # number of the last value that a client has set a control to
         self._done: dict[str, int] = {}  # and of the one that the application has come to
         for name, widget in app.widgets.items():
-            widget.comm = PageComm(partial(self._to_pages, name))
-        app.changed = self._tell
+            widget.comm = LocalComm(partial(self._publish, name))
+        app.changed = self._push_values
         self._remote = app.volumes.serve(app.fail, server.push_picture)
         with server.trame.state as state:
             state.update(app.state())
@@ -62,7 +62,7 @@ class Bridge:
 
     def start(self) -> None:
         """Send the clients what has changed before there was a loop."""
-        self.app.thread.call(self._tell)
+        self.app.thread.call(self._push_values)
 
     def assets(self) -> dict[str, tuple[str, str]]:
         """Scripts and styles of the widgets."""
@@ -80,7 +80,7 @@ class Bridge:
 
     # -- to the clients ------------------------------------------------------------------------------------------------
 
-    def _to_pages(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
+    def _publish(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
         kind = data.get("method")
         if kind == "custom":
             message = {"widget": name, "content": data["content"], "buffers": buffers}
@@ -90,7 +90,7 @@ class Bridge:
             return
         self._server.in_loop(self._server.publish, TOPIC, message)
 
-    def _tell(self) -> None:
+    def _push_values(self) -> None:
         """The application's values to the clients, but for those that a client has set anew meanwhile."""
         self._server.in_loop(self._push, self.app.state())
 
@@ -111,7 +111,7 @@ class Bridge:
                 "deformnb.write": self._write, "deformnb.take": self._take}
 
     def _write(self, kind: str, page: str) -> None:
-        if not isinstance(kind, str) or kind not in WANTED or not isinstance(page, str) or len(page) > _LONGEST_NAME:
+        if not isinstance(kind, str) or kind not in DOWNLOADS or not isinstance(page, str) or len(page) > _LONGEST_NAME:
             raise DeformError("there is no such file.")
         self._later(lambda: self.app.write(kind, page))
 
@@ -130,7 +130,7 @@ class Bridge:
         self._remote.on_event(event)
 
     async def _open(self, name: str) -> dict[str, Any]:
-        """All that a client must know of a widget to show it."""
+        """All that a client needs of a widget to show it."""
         widget = self._widget(name)
 
         def look() -> dict[str, Any]:
@@ -172,7 +172,7 @@ class Bridge:
             self._newest[name] = number = self._newest.get(name, 0) + 1
             self._later(partial(self._set_one, name, value, number))
             # Other clients follow; the one that has set it is ahead of us, informed only of refusals. trame looks
-            # who has spoken last when it sends, not now, and may so leave out another: hence twice.
+            # the client of the last message when it sends, not now, and may so leave out another: hence twice.
             self._server.root.push_state_change({name: value}, skip_last_active_client=True)
             for client in self._server.others():
                 self._server.publish("trame.state.topic", {name: value}, client_id=client)
@@ -199,7 +199,7 @@ class Bridge:
         return self.app.widgets[name]
 
     def _later(self, work: Callable[[], None]) -> None:
-        """Do it in the application's thread."""
+        """Run a function in the application's thread."""
         if self._waiting >= _MOST_WAITING:
             raise DeformError("too much waits to be done.")
         self._waiting += 1
@@ -208,9 +208,9 @@ class Bridge:
             try:
                 work()
             except DeformError as error:
-                _LOG.warning("a message of the page was dropped: %s", error)
+                _LOG.warning("a message of the client was dropped: %s", error)
             except Exception:
-                _LOG.exception("a message of the page could not be answered")
+                _LOG.exception("a message of the client could not be answered")
             finally:
                 self._server.in_loop(self._one_less)
 

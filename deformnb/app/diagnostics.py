@@ -12,21 +12,19 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from deformnb.document.step_checks import LEAST
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.studio.diagnostics import (
-    NO_UNCERTAINTY,
+from deformnb.widgets.studio.panels.files import cut_off_text
+from deformnb.widgets.studio.step_diagnostics import (
     Diagnostics,
-    FoldActions,
-    UncertaintyCache,
-    UncertaintyOverlay,
+    Findings,
+    StepDiagnostics,
     facts_html,
+    look_at_point,
     point_name,
     suspects_of,
 )
-from deformnb.widgets.studio.panels.files import cut_off_text
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
@@ -43,20 +41,17 @@ class ApplicationDiagnostics:
 
     Attributes
     ----------
-    fold_actions : the actions that make the step fold-free.
-    keep_free : whether to choose stages that leave no fold after every edit.
+    model : the diagnostics, which the studio has too.
     """
 
     def __init__(self, session: Session, editor: Editor, later: Callable[[Callable[[], None]], object],
                  show: Callable[[], None]) -> None:
         self._session, self._editor, self._later, self._show = session, editor, later, show
         self._worker = Worker("deformnb-diagnostics")
-        self._uncertainty = UncertaintyCache()
         self._found: Diagnostics | None = None
         self._left: tuple[str, ...] = ()  # the sides of the box where tissue leaves it
         self._facts, self._said = "", ""  # the figures as HTML; why there is no uncertainty overlay
-        self.fold_actions = FoldActions(session)
-        self.keep_free = False
+        self.model = StepDiagnostics(session)
 
     def soon(self) -> None:
         """Compute the diagnostics of the session's current state."""
@@ -70,23 +65,20 @@ class ApplicationDiagnostics:
         verdict = [] if found is None else [text for text in (found.folds_text, found.trip_text) if text]
         return {
             "diagnostics": self._facts, "verdict": " \u00b7 ".join(verdict), "uncertainty_said": self._said,
-            "folded": found is not None and found.folds is not None and found.folds.least <= 0,
-            "unsafe": found is not None and found.folds is not None and found.folds.least < LEAST,
+            "folded": found is not None and found.is_folded,
             "cut_off": cut_off_text(self._left),
             "suspects_text": text, "suspects": [{"id": i, "name": point_name(points, i)} for i in known],
         }
 
-    def look_at(self, point: int) -> None:
-        """Select a point in the client and bring it to the middle.
+    def set_keep_free(self, is_on: bool) -> None:
+        """Keep the step fold-free after every edit, from now on."""
+        self.model.keep_free = is_on
+        if is_on and self._found is not None and self._found.is_fold_free is False:
+            self.model.fold_actions.unfold()
 
-        Raises
-        ------
-        DeformError
-            If there is none with this id.
-        """
-        self._session.points.index(point)
-        self._editor.selected = [point]
-        self._editor.look_at(point)
+    def look_at(self, point: int) -> None:
+        """Select a point in the client and bring it to the middle."""
+        look_at_point(self._editor, point)
 
     def close(self) -> None:
         """End the thread."""
@@ -96,11 +88,8 @@ class ApplicationDiagnostics:
 
     def _compute(self) -> None:
         try:
-            found = self.fold_actions.look(self.keep_free)
-            overlay, left = (NO_UNCERTAINTY, ""), self._session.sides_left()
-            if found is not None and self._editor.overlay == "uncertainty" and found.step.plane is not None:
-                overlay = self._uncertainty.make(self._session)
-            after = self._show if found is None else partial(self._take, found, left, *overlay)
+            findings, left = self.model.compute(self._editor.overlay), self._session.exceeded_sides()
+            after = self._show if findings is None else partial(self._take, findings, left)
         except Exception as error:  # shown, or the client would wait for its figures for ever
             _LOG.exception("the diagnostics of a step could not be computed")
             after = partial(self._fail, f"{type(error).__name__}: {error}")
@@ -114,15 +103,12 @@ class ApplicationDiagnostics:
         self._session.notice = f"The diagnostics could not be computed: {text}"
         self._show()
 
-    def _take(self, found: Diagnostics, left: tuple[str, ...], overlay: UncertaintyOverlay, said: str) -> None:
-        session, editor = self._session, self._editor
+    def _take(self, findings: Findings, left: tuple[str, ...]) -> None:
+        session, found = self._session, findings.diagnostics
         if found.step is not session.step or found.key != session.key:
             return  # another one comes
         if found is not self._found:
             self._found, self._facts = found, facts_html(found)
-        self._left, self._said = left, said
-        with editor.hold_sync():
-            editor.marked = suspects_of(found, session.points)[1]
-            if editor.overlay == "uncertainty":
-                editor.uncertainty, editor.uncertainty_facts = overlay.data, overlay.facts
+        self._left, self._said = left, findings.reason
+        self.model.show(findings, self._editor, self._editor)
         self._show()

@@ -26,12 +26,12 @@ from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.studio.studio import last_step
 from deformnb.widgets.worker import Worker
 
-WANTED = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
+DOWNLOADS = {"volume": "Deformed volume", "rendering": "Picture of the volume", "drawing": "Picture before and after",
           "movie": "Movie", "page": "Web page that deforms", "script": "Python script"}
 """Files that a client may request by name, with labels for a menu. A session is saved elsewhere."""
 
 _PAGE_SUFFIX = ".html"
-_BRIEFLY = 8.0  # seconds that it is said what went well
+_BRIEFLY = 8.0  # seconds that the report of a success is shown
 _LOG = logging.getLogger(__name__)
 
 
@@ -46,36 +46,36 @@ class ApplicationFiles:
     Parameters
     ----------
     session : what is written. seen : gives the client's display settings of now.
-    live : the view whose looks a page without Python takes on; editor : the same of the picture.
-    tell : called from any thread when :attr:`state` is another one.
+    live : the view whose display settings a page without Python takes; editor : the same of the picture.
+    notify : called from any thread when :attr:`state` is another one.
     """
 
     def __init__(self, session: Session, seen: Callable[[], Seen], editor: Any, live: Any,
-                 tell: Callable[[], None]) -> None:
-        self._session, self._seen, self._editor, self._live, self._tell = session, seen, editor, live, tell
+                 notify: Callable[[], None]) -> None:
+        self._session, self._seen, self._editor, self._live, self._notify = session, seen, editor, live, notify
         self._thread = Worker("deformnb-app-files")
-        self._stop, self._saying = threading.Event(), threading.Lock()
+        self._stop, self._reporting = threading.Event(), threading.Lock()
         self._folder: Path | None = None
         self._ready: tuple[str, Path] | None = None
         self._doubtful: Deformation | None = None
-        self._passing = ""  # of what is said, what need not be read
+        self._passing = ""  # the message that need not be read
         stem = session.volume.name.split(".", maxsplit=1)[0]
         self._stem = re.sub(r"[^\w-]+", "_", stem, flags=re.ASCII).strip("_")[:40] or "deformed"
-        self.state: dict[str, Any] = {"busy": False, "said": "", "share": 0.0, "key": "", "name": "", "page": "",
+        self.state: dict[str, Any] = {"busy": False, "message": "", "share": 0.0, "key": "", "name": "", "page": "",
                                       "doubt": ""}
 
     # -- to the client -------------------------------------------------------------------------------------------------
 
     def write(self, kind: str, page: str) -> None:
-        """Begin to write a file of a kind of :data:`WANTED` for the client of this name."""
-        if kind not in WANTED:
+        """Begin to write a file of a kind of :data:`DOWNLOADS` for the client of this name."""
+        if kind not in DOWNLOADS:
             raise DeformError("there is no such file.")
         if self.state["busy"]:
             raise DeformError(f"{self.state['name']} is still being written; wait for it or stop it.")
         name = f"{self._stem}{'_deformed' if kind == 'volume' else ''}{suffix_of(kind)}"
         frozen = Frozen.of(self._session, self._seen())
         self._stop.clear()
-        self._say(busy=True, name=name, share=0.0, key="", page=page, said=f"Writing {name} ...")
+        self._report(busy=True, name=name, share=0.0, key="", page=page, message=f"Writing {name} ...")
         self._thread.call(lambda: self._write(kind, name, frozen))
 
     def stop(self) -> None:
@@ -98,7 +98,7 @@ class ApplicationFiles:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _write(self, kind: str, name: str, frozen: Frozen) -> None:
-        said, key = "", ""
+        message, key = "", ""
         try:
             self._ready = None
             path = self._place(name)
@@ -108,15 +108,15 @@ class ApplicationFiles:
                 export(frozen, path, progress=self._progress)
             key = secrets.token_urlsafe(24)
             self._ready = (key, path)
-            said = self._passing = f"{name} goes to the downloads."
+            message = self._passing = f"{name} goes to the downloads."
         except Cancelled:
-            said = self._passing = f"Stopped; {name} was not written."
+            message = self._passing = f"Stopped; {name} was not written."
         except DeformError as error:
-            said = str(error)
-        except Exception as error:  # of whatever writes this kind of file: the client must hear of it
+            message = str(error)
+        except Exception as error:  # of whatever writes this kind of file: the client must receive the error
             _LOG.exception("a file could not be written")
-            said = f"{name} could not be written: {type(error).__name__}: {error}"
-        self._say(busy=False, said=said, key=key)
+            message = f"{name} could not be written: {type(error).__name__}: {error}"
+        self._report(busy=False, message=message, key=key)
         self._thread.at_rest(_BRIEFLY, self.pass_on)
 
     def _place(self, name: str) -> Path:
@@ -142,27 +142,27 @@ class ApplicationFiles:
         if self._stop.is_set():
             raise Cancelled("stopped by the user.")
         if share - self.state["share"] > 0.01 or share >= 1:  # a message for every slice would flood the clients
-            self._say(share=min(1.0, float(share)))
+            self._report(share=min(1.0, float(share)))
 
-    def _say(self, **news: Any) -> None:
-        with self._saying:  # two threads write here, and neither may take back what the other wrote
+    def _report(self, **news: Any) -> None:
+        with self._reporting:  # two threads write here, and neither may take back what the other wrote
             self.state = {**self.state, **news}
-        self._tell()
+        self._notify()
 
     # -- from the client -----------------------------------------------------------------------------------------------
 
     def take(self, text: str) -> None:
-        """Go on with a saved session; can be undone. One of another volume is asked about first."""
+        """Go on with a saved session; can be undone. For one of another volume a question is shown first."""
         self.forget()
         document = from_json(text)
         try:
             self._session.take(document)
         except OtherVolumeError:
             self._doubtful = document
-            self._say(doubt=self._session.difference(document))
+            self._report(doubt=self._session.difference(document))
             return
         self._passing = "Opened; undo leads back, but for the colours."
-        self._say(said=self._passing)
+        self._report(message=self._passing)
         self._thread.at_rest(_BRIEFLY, self.pass_on)
 
     def take_anyway(self) -> None:
@@ -174,10 +174,10 @@ class ApplicationFiles:
 
     def pass_on(self) -> None:
         """Remove the report of a success: it was read, or there is another report. That of a failure stays."""
-        if self._passing and self.state["said"] == self._passing:
-            self._say(said="")
+        if self._passing and self.state["message"] == self._passing:
+            self._report(message="")
 
     def forget(self) -> None:
         """Remove the question and the report."""
         self._doubtful = None
-        self._say(doubt="", said="" if not self.state["busy"] else self.state["said"])
+        self._report(doubt="", message="" if not self.state["busy"] else self.state["message"])

@@ -57,7 +57,7 @@ def app_server(app: Application, *, host: str = "127.0.0.1", port: int = 0,
 
 
 def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
-    """The volume for who brings none."""
+    """The volume where none is given."""
     return PHANTOMS["fish"].make(progress=progress)
 
 
@@ -82,7 +82,7 @@ def open_app(volume: Volume, deformation: Deformation | None = None, *, side: st
     """
     host = check_app(host, port, side, idle)
     if not is_loopback(host):
-        _say(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
+        _print(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
     app = Application(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
     try:
         server = app_server(app, host=host, port=port, idle=60 * idle)
@@ -93,10 +93,10 @@ def open_app(volume: Volume, deformation: Deformation | None = None, *, side: st
                           "choose another --port.") from None
     finally:
         app.close()
-    _say(f"stopped: {server.reason}.")
+    _print(f"stopped: {server.reason}.")
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     with contextlib.suppress(OSError):  # a terminal that has gone reads no farewell
         sys.stderr.write(f"deformnb: {text}\n")
         sys.stderr.flush()
@@ -106,7 +106,7 @@ def _announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None
     sys.stdout.write(f"{url}\n")  # once, and never into a log: whoever has it has the session
     sys.stdout.flush()
     alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""
-    _say(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")
+    _print(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")
     if stack is not None:
         webbrowser.open(stack.enter_context(_doorway(url)).as_uri())
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from deformnb.app.application import Application
-from deformnb.app.files import WANTED, suffix_of
+from deformnb.app.files import DOWNLOADS, suffix_of
 from deformnb.app.page_sections import (
     add_widget,
     diagnostics_section,
+    display_section,
     history_section,
-    look_section,
     points_section,
     settings_section,
 )
@@ -18,8 +18,9 @@ from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.panels.files import LARGER
 from deformnb.widgets.web.remote_area import AREA
 
-_TABS = (("settings", "Fit", settings_section), ("look", "Display", look_section), ("points", "Points", points_section),
-         ("diagnostics", "Diagnostics", diagnostics_section), ("history", "History", history_section))
+_TABS = (("settings", "Fit", settings_section), ("display", "Display", display_section),
+         ("points", "Points", points_section), ("diagnostics", "Diagnostics", diagnostics_section),
+         ("history", "History", history_section))
 _BUTTONS = (("undo", "mdi-undo", "'Undo: ' + undo", "!undo"), ("redo", "mdi-redo", "'Redo: ' + redo", "!redo"),
             ("reset", "mdi-restore", "'Undeformed again'", "!undo && !redo"))
 _LOST = (("restore", "Restore", "Go on with it; can be undone"),
@@ -143,15 +144,15 @@ def _files(v: Any, html: Any) -> None:
                        disabled=("files.busy",), title="Write a file and download it",
                        __properties=["title"])
             with v.VList(density="compact"):
-                for kind, title in WANTED.items():
+                for kind, title in DOWNLOADS.items():
                     v.VListItem(title=f"{title} ({suffix_of(kind)})", click=f"write('{kind}')")
 
 
 def _writing(v: Any, html: Any) -> None:
     """File being written, and the question before a session of another volume is opened."""
-    with html.Div(classes="dnb-app-lost dnb-app-file", v_if=("files.said || files.doubt",), role="status",
+    with html.Div(classes="dnb-app-lost dnb-app-file", v_if=("files.message || files.doubt",), role="status",
                   __properties=["role"]):
-        html.Span("{{ files.doubt || files.said }}")
+        html.Span("{{ files.doubt || files.message }}")
         v.VProgressLinear(v_if=("files.busy",), model_value=("100 * files.share",), height=6, rounded=True,
                           color="primary", classes="dnb-app-share", aria_label="written", __properties=["aria_label"])
         for shown, name, title in _ASKED:

@@ -1,16 +1,16 @@
-"""Sections of the client's drawer: single controls, settings, looks, points, diagnostics, and the history."""
+"""Sections of the client's drawer: single controls, settings, display, points, diagnostics, and the history."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from deformnb.widgets.parameters import ACTIONS, PARAMETERS, AbstractParameter, Choice, Number, Switch
+from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, AbstractParameter, Choice, Number, Switch
 from deformnb.widgets.studio.panels.depth import HINTS
 
 _GROUPS = (
     ("Picture", ("view", "method", "depth", "show_grid", "drag_grid", "show_radius")),
-    ("Deformation", ("kernel", "trend", "support", "smoothing", "strength")),
+    ("Deformation", tuple(name for name in OF_THE_FIT if name != "stages")),  # they stand beside the folds
     ("Through the depth", ("extrusion",)),
 )
 _BESIDE = {"support": "automatic_support"}  # a switch in the row of a slider
@@ -89,7 +89,7 @@ def settings_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) 
     html.Div(HINTS["interpolate"], v_if=("extrusion === 'interpolate'",), classes="dnb-app-words")
 
 
-def look_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
+def display_section(v: Any, html: Any, controls: dict[str, AbstractParameter]) -> None:
     """Settings of the volume display, and its clipping."""
     for name in ("shows", "projection"):
         add_control(v, html, name, controls[name])

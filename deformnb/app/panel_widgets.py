@@ -75,6 +75,6 @@ class PanelWidgets:
             self._colours.set_transfer(self._session.transfer)
 
     def close(self) -> None:
-        """Follow nobody any more, and end the thread that looks for points that disagree."""
+        """Stop observing, and end the thread that searches for points that disagree."""
         self._points.close()
         self._worker.close()

@@ -30,14 +30,14 @@ _LONGEST_WORK = 30.0  # seconds: the first picture, with its shaders, on a slow 
 class RemoteView:
     """A scene behind trame's remote controlled area.
 
-    What is asked of it may come from any thread, before the first size of a client as well.
+    Requests may come from any thread, before the first size of a client as well.
 
     Parameters
     ----------
     make_scene : makes the scene from a size in pixels, in the thread of the scene, once a client has sent its size: a
-        :class:`~deformnb.widgets.vtk.render_loop.Scene` that has ``set_camera`` and ``set_shows``.
+        :class:`~deformnb.widgets.vtk.render_loop.LoopScene` that has ``set_camera`` and ``set_shows``.
     fail : called in that thread with what is wrong, for people; the last good picture stays.
-    push : called with a picture's JPEG and what the client wants to know of it: what trame's area does, and ``n`` (its
+    push : called with a picture's JPEG and facts for the client: what trame's area does, and ``n`` (its
         number, that the client answers by :meth:`seen`), ``full``, ``camera`` (direction and up), ``shows``, ``layer``
         (1 for the original that is shown in turn) and ``badge`` (words for the corner).
     grid : whose box is seen; kept as ``box``, which may be set.
@@ -55,7 +55,7 @@ class RemoteView:
         self._mouse, self._pictures = MouseCamera(self._look, turned), Pictures(push)
         self._lock = threading.RLock()
         self._frames = FrameSender()
-        self._loop = SceneLoop(self._make, self._deliver, self._say, ready=lambda: self._frames.may_send,
+        self._loop = SceneLoop(self._make, self._deliver, self._report_failure, ready=lambda: self._frames.may_send,
                                target_ms=target_ms, settle_ms=settle_ms)
         self._size: tuple[int, int] | None = None
         self._camera = self._drawn = checked_camera(camera or {})
@@ -109,7 +109,7 @@ class RemoteView:
         self.change("shows", lambda scene: scene.set_shows(shows))
 
     def set_camera(self, direction: Any, up: Any = None) -> None:
-        """Look from another side, at all of it."""
+        """Set the direction of view, with all of the box in it."""
         self._look(lambda camera: checked_camera({"direction": direction, "up": up}))
 
     def stats(self) -> dict[str, Any]:
@@ -148,7 +148,7 @@ class RemoteView:
         folding = getattr(self._scene, "folding", None)
         return "" if folding is None or self._shows == "original" else str(folding.remark)
 
-    def _say(self, text: str) -> None:
+    def _report_failure(self, text: str) -> None:
         if text != self._said:  # once, not with every picture that cannot be made
             self._said = text
             self._fail(text)

@@ -34,7 +34,7 @@ class Volumes:
     Parameters
     ----------
     session : whose volume is shown.
-    say : called with notes for people about the pictures, from any thread.
+    notify : called with notes for people about the pictures, from any thread.
     later : does something in the application's thread.
 
     Attributes
@@ -43,9 +43,9 @@ class Volumes:
     remote : the one drawn here; None before there is a server.
     """
 
-    def __init__(self, session: Session, say: Callable[[str], None],
+    def __init__(self, session: Session, notify: Callable[[str], None],
                  later: Callable[[Callable[[], None]], object]) -> None:
-        self._session, self._say, self._later = session, say, later
+        self._session, self._notify, self._later = session, notify, later
         self.live = LiveView(session.volume, transfer=session.transfer, background="dark", width=900, height=900)
         self.live.observe(self._cut_open, "clip")
         self.remote: RemoteView | None = None
@@ -63,7 +63,7 @@ class Volumes:
 
     @property
     def camera(self) -> dict[str, Any]:
-        """From where the volume is seen."""
+        """The camera from which the volume is seen."""
         return dict(self.remote.camera if self.remote is not None and self.remote.is_used else self.live.camera)
 
     def seen(self) -> Seen:
@@ -85,7 +85,7 @@ class Volumes:
         self._show_remote()
 
     def set_camera(self, direction: Any, up: Any = None) -> None:
-        """Look from another side."""
+        """Set the direction of view."""
         self.live.set_camera(direction, up)
         if self.remote is not None:
             self.remote.set_camera(direction, up)
@@ -149,7 +149,7 @@ class Volumes:
         scene.set_shows(live.shows)
         scene.folding.show = live.show_folds
         if notice:
-            self._say(notice)
+            self._notify(notice)
         return scene
 
     def _cut_open(self, change: Any) -> None:
@@ -157,7 +157,7 @@ class Volumes:
         self._change("clip", lambda scene: scene.set_clip(clip))
 
     def _turned(self) -> None:
-        """Somebody has turned the picture: other parts of the client must know from where it is seen."""
+        """Send the new direction of view to other parts of the client after the picture was turned."""
         with contextlib.suppress(DeformError):  # the application has been closed
             self._later(lambda: self.live.set_trait("camera", self.camera))
 

@@ -117,7 +117,7 @@ def _cache() -> Check:
 
 
 def _gl() -> Check:
-    from deformnb.imaging.render import gl_status
+    from deformnb.imaging.vtk_volume import gl_status
 
     works, reason, remedy = gl_status()
     return Check("OpenGL (VTK)", works, reason, remedy)

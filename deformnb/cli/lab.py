@@ -110,14 +110,14 @@ def open_lab(notebook: Path, *options: str) -> None:
     check_lab()
     from jupyterlab.labapp import LabApp
 
-    # In this process, so that Ctrl-C and the end of a terminal reach Lab itself, which then asks or cleans up.
+    # In this process, so that Ctrl-C and the end of a terminal reach Lab itself, which then prompts or cleans up.
     # The address, and not the file as its argument, leads to the notebook also where no browser is opened.
     LabApp.launch_instance([f"--ServerApp.root_dir={notebook.resolve().parent}",
                             f"--LabApp.default_url=/lab/tree/{notebook.name}", *options])
 
 
 def check_lab() -> None:
-    """Complain if JupyterLab is missing, before anything is copied."""
+    """Raise if JupyterLab is missing, before anything is copied."""
     for name in ("jupyterlab", "ipykernel"):
         if importlib.util.find_spec(name) is None:
             raise MissingPackageError(f"{name} is not installed, and the notebooks need it; "

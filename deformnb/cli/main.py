@@ -120,7 +120,7 @@ def _add_demo(commands: Commands) -> None:
 
 
 def _add_info(commands: Commands) -> None:
-    what = "say what is in a file: a volume, a session, a mesh or landmarks"
+    what = "describe a file: a volume, a session, a mesh or landmarks"
     p = commands.add_parser("info", help=what, description=f"{what.capitalize()}.")
     p.add_argument("file", help="a volume, a folder of slices, a session (.json), a mesh or landmarks")
     p.set_defaults(run=_info)
@@ -134,7 +134,7 @@ def _add_datasets(commands: Commands) -> None:
 
 
 def _add_doctor(commands: Commands) -> None:
-    what = "say which parts work on this machine and what to install for the others"
+    what = "list the parts that work on this machine and what to install for the others"
     p = commands.add_parser("doctor", help=what, description=f"{what.capitalize()}.")
     p.set_defaults(run=_doctor)
 

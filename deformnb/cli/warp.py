@@ -92,7 +92,7 @@ class _Line:
             print(f"{self._name:28} {elapsed:4.0f} s", file=sys.stderr)
 
     def abandon(self) -> None:
-        """It was not finished."""
+        """End the line of work that was not finished."""
 
 
 # What only voxels have: (option, its value where it is not given).
@@ -117,8 +117,8 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--resolution", type=float, nargs="+", metavar="S",
                    help="voxel size of the result, one length or three (x y z; default as the input)")
     p.add_argument("--margin", nargs="+", metavar="M",
-                   help='field of view: "fit" is as large as the deformed matter needs, 0 the box of the input; or a '
-                   "length to add on every side, one or three (x y z), negative crops (default the session's)")
+                   help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or '
+                   "a length to add on every side, one or three (x y z), negative crops (default the session's)")
     p.add_argument("--volume", metavar="FILE",
                    help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
@@ -151,7 +151,7 @@ def _warp(options: argparse.Namespace) -> None:
     document = read_deformation(options.session)
     with stages() as stage:
         if options.strength != 1:
-            document = document.blended(options.strength)
+            document = document.scaled(options.strength)
         (follows or _warp_volume)(document, options, stage)
     print(target)
 
@@ -161,7 +161,7 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
 
     target = Path(options.output)
     volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
-    note(*_differences(document, volume))
+    note(*_difference(document, volume))
     output = _output_grid(document, volume, options)
     given = {} if output is None else {"output": output}
     warped = document.apply(volume, fill=options.fill, method=options.method, progress=stage("deform"), **given)
@@ -205,7 +205,7 @@ def _check_follower(options: argparse.Namespace, target: Path) -> None:
         if getattr(options, option) != absent:
             raise DeformError(f"--{option} is for volumes, and {name} is none.")
     if options.volume is None:
-        raise DeformError(f"name the volume of the session with --volume FILE: {name} does not say where that lies.")
+        raise DeformError(f"name the volume of the session with --volume FILE: {name} does not have its place.")
     check: Callable[[Path], object] = check_mesh_target if is_mesh(name) else check_landmark_target
     check(target)
     check_target(target)
@@ -214,23 +214,11 @@ def _check_follower(options: argparse.Namespace, target: Path) -> None:
 
 def _space(document: Deformation, options: argparse.Namespace) -> Grid:
     """The grid of the volume of a session, from the header of its file."""
-    grid = read_grid(options.volume, options.spacing)
-    if document.volume is not None and document.volume.shape != grid.shape:
-        note(f"the session was made on another volume ({document.volume.name or 'unnamed'}).")
-    note(*document.notes(grid))
+    from deformnb.session.inputs import grid_of_file
+
+    grid = grid_of_file(options.volume, options.spacing)
+    note(*_difference(document, grid), *document.notes(grid))
     return document.own_grid(grid)
-
-
-def read_grid(path: str, spacing: Sequence[float] | None) -> Grid:
-    """Grid of a volume, from the header of its file; of a mesh, the grid of the volume that is made of it."""
-    from dataclasses import replace
-
-    from deformnb.io import describe_file
-    from deformnb.io.meshes import is_mesh, read_mesh
-    from deformnb.warping.mesh import grid_around
-
-    grid = grid_around(read_mesh(path)) if is_mesh(path) else describe_file(path).grid
-    return grid if spacing is None else replace(grid, spacing=(spacing[0], spacing[1], spacing[2]))
 
 
 def _check_output(target: Path, *, force: bool) -> None:
@@ -248,79 +236,46 @@ def _refuse_present(target: Path, *, force: bool) -> None:
         raise DeformError(f"{target} is already there; choose another name, or --force to overwrite it.")
 
 
-def _differences(document: Deformation, volume: Volume) -> Iterator[str]:
-    """Why the result may not be what the author of a session saw."""
-    made = document.volume
-    if made is None:
-        return
-    if not (made.matches(volume) or made.has_labels(volume)):
-        yield f"the session was made on another volume ({made.name or 'unnamed'})."
-    elif any(abs(a - b) > 1e-5 * a for a, b in
-             zip(made.spacing, document.own_grid(volume.grid).spacing, strict=True)):
-        was, now = (" ".join(f"{s:g}" for s in spacing) for spacing in (made.spacing, volume.grid.spacing))
-        yield f"the session was made with voxels of {was}, these are of {now}; --spacing {was} makes them alike."
+def _difference(document: Deformation, volume: Volume | Grid) -> Iterator[str]:
+    """Why the result may not be what the author of a session saw, and the option that may help."""
+    from deformnb.volume.volume import as_grid
+
+    found, made, grid = document.difference(volume), document.volume, document.own_grid(as_grid(volume))
+    if found:
+        yield found
+    if found and made is not None and made.shape == grid.shape and made.spacing != grid.spacing:
+        yield f"--spacing {' '.join(f'{s:g}' for s in made.spacing)} reads the file with the voxels of the session."
 
 
 def _output_grid(document: Deformation, volume: Volume, options: argparse.Namespace) -> Grid | None:
-    if options.resolution is None and options.margin is None:
-        _affordable(document.output, volume)
-        return None  # the document's own
-    spacing = options.resolution
-    if spacing is not None and len(spacing) not in (1, 3):
-        raise DeformError(f"--resolution takes one length or three (x y z), got {len(spacing)}.")
-    grid, margin = _box(document, volume, options.margin)
-    if spacing is not None or margin:
-        grid = grid.resampled(spacing=grid.spacing if spacing is None else spacing if len(spacing) == 3 else spacing[0],
-                              margin=margin)
-    return _affordable(grid, volume)
+    """The grid that the options ask for, for which there is memory; None is the document's own."""
+    from deformnb.analysis.extent import MOST
+    from deformnb.document.output_grid import output_grid
+    from deformnb.io.memory import check_room
+
+    found = output_grid(document, volume, spacing=_lengths(options.resolution), margin=_lengths(options.margin))
+    check_room(volume, found.grid)
+    if found.is_limited:
+        note(f"the deformed foreground needs more than {MOST:g} times the voxels of the volume; the rest is cut off.")
+    return None if options.resolution is None and options.margin is None else found.grid
 
 
-def _box(document: Deformation, volume: Volume, given: Sequence[str] | None) -> tuple[Grid, Any]:
-    """The box of a result, and what to add to it."""
-    from deformnb.analysis.extent import MOST, field_of_view
-
+def _lengths(given: Sequence[float | str] | None) -> Any:
+    """The lengths of an option, or its one word."""
     if given is None:
-        return document.output or volume.grid, 0.0
-    if list(given) == ["fit"]:
-        found = field_of_view(volume, document.field(volume.grid))
-        if found.is_limited:
-            note(f"the deformed matter needs more than {MOST:g} times the voxels of the volume; the rest is cut off.")
-        return found.grid, 0.0
-    try:
-        margin = [float(length) for length in given]
-    except ValueError:
-        raise DeformError(f'--margin takes "fit" or lengths, got {" ".join(given)[:40]!r}.') from None
-    if len(margin) not in (1, 3):
-        raise DeformError(f"--margin takes one length or three (x y z), got {len(margin)}.")
-    return volume.grid, margin if len(margin) == 3 else margin[0]
-
-
-def _affordable(output: Grid | None, volume: Volume) -> Grid | None:
-    """The grid, if there is memory for a volume on it."""
-    from deformnb.io import available_memory
-
-    if output is None:
         return None
-    needed, free = output.size * volume.dtype.itemsize, available_memory()
-    if needed > free:
-        voxels = " x ".join(map(str, output.shape[::-1]))
-        raise DeformError(f"the result would have {voxels} voxels, {needed / 2**30:.3g} GiB, and {free / 2**30:.3g} "
-                          "GiB are free; choose a coarser --resolution.")
-    return output
+    try:
+        lengths = [float(length) for length in given]
+    except ValueError:
+        return " ".join(map(str, given))
+    return lengths[0] if len(lengths) == 1 else lengths
 
 
 def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None) -> Volume:
-    """A volume of a file; a mesh becomes a body. Its notes are printed."""
-    from deformnb.io import read_volume
-    from deformnb.io.meshes import is_mesh, read_mesh
-    from deformnb.session.inputs import body_of
+    """A volume of a file, whose notes are printed; see :func:`deformnb.session.inputs.volume_from`."""
+    from deformnb.session.inputs import volume_from
 
-    if is_mesh(path):
-        if spacing is not None:
-            raise DeformError(f"--spacing is for volumes, and {Path(path).name} is none.")
-        return body_of(read_mesh(path), stage(f"fill {Path(path).name}"))
-    given = None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
-    volume = read_volume(path, spacing=given, is_labels=is_labels, progress=stage(f"read {Path(path).name}"))
+    volume = volume_from(path, spacing=spacing, is_labels=is_labels, progress=stage(f"read {Path(path).name}"))
     note(*volume.notes)
     return volume
 
@@ -335,8 +290,8 @@ def add_replay(commands: Any) -> None:
     p.add_argument("session", help="a document written by deformnb (.json)")
     p.add_argument("inputs", nargs="+", metavar="INPUT", help="files, or folders whose files are meant")
     p.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results; made if it is not there")
-    p.add_argument("--place", default="as it is", help='"as it is" keeps all coordinates (default); "by the box" lays '
-                   "the box of the session's volume on that of each input")
+    p.add_argument("--align", default="none", help='"none" keeps all coordinates (default); "box" maps the box of '
+                   "the session's volume to that of each input")
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside a volume (default its smallest)")
@@ -357,7 +312,7 @@ def _replay(options: argparse.Namespace) -> None:
     _check(options)
     document = read_deformation(options.session)
     if options.strength != 1:
-        document = document.blended(options.strength)
+        document = document.scaled(options.strength)
     if options.summary:
         check_json_target(options.summary, "a summary")
         check_target(options.summary, overwrite=options.force or _is_summary(Path(options.summary)))
@@ -389,22 +344,22 @@ def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, 
     """All that results depend on besides the document's steps and their inputs."""
     from deformnb.session.batch import stamp
 
-    made = {name: getattr(options, name) for name in ("place", "method", "fill", "labels", "volume", "spacing")}
-    if options.volume and Path(options.volume).exists():  # where it is missing and wanted, every file says so
+    made = {name: getattr(options, name) for name in ("align", "method", "fill", "labels", "volume", "spacing")}
+    if options.volume and Path(options.volume).exists():  # where it is missing and needed, every file reports it
         made["volume_stamp"] = stamp(Path(options.volume))
-    if options.place != "as it is" and document.volume is not None:
+    if options.align != "none" and document.volume is not None:
         made["box"] = repr(document.volume.grid)
     return made
 
 
 def _check(options: argparse.Namespace) -> None:
     """Check for faults that would be the same for every file."""
-    from deformnb.document.transplant import PLACES
+    from deformnb.document.transplant import ALIGNMENTS
     from deformnb.io.formats import format_of
     from deformnb.io.meshes import is_mesh
 
-    if options.place not in PLACES:
-        raise DeformError(f"unknown place {options.place!r}; choose one of {', '.join(PLACES)}.")
+    if options.align not in ALIGNMENTS:
+        raise DeformError(f"unknown alignment {options.align!r}; choose one of {', '.join(ALIGNMENTS)}.")
     if options.suffix:
         format_of(Path(f"x{options.suffix}"), writing=True)
     if options.volume and is_mesh(options.volume):
@@ -420,27 +375,29 @@ class _Work:
 
     def __call__(self, document: Deformation, path: Path, target: Path,
                  progress: Callable[[float], None]) -> Mapping[str, Any]:
-        from deformnb.document.transplant import placed
+        from deformnb.document.transplant import transplanted
         from deformnb.io.landmarks import is_landmarks
         from deformnb.io.meshes import is_mesh
 
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
-            document = placed(document, grid, self._options.place)
+            document = transplanted(document, grid, self._options.align)
             grid = document.own_grid(grid)
             facts = _facts(document, grid)
             (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
             return facts
         volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
-        document = placed(document, volume.grid, self._options.place)
+        document = transplanted(document, volume.grid, self._options.align)
         # First: what is written must be remembered at once, or counts as foreign.
         facts = _facts(document, document.own_grid(volume.grid))
         self._write(document, volume, target)
         return facts
 
-    def _write(self, document: Deformation, volume: Any, target: Path) -> None:
+    def _write(self, document: Deformation, volume: Volume, target: Path) -> None:
         from deformnb.io import write_volume
+        from deformnb.io.memory import check_room
 
+        check_room(volume, document.output)
         warped = document.apply(volume, fill=self._options.fill, method=self._options.method,
                                 progress=self._stage(f"deform {target.name}"))
         note(*(text for text in warped.notes if text not in volume.notes))
@@ -448,9 +405,11 @@ class _Work:
 
     def _space(self, path: Path) -> Grid:
         if self._options.volume is None:
-            raise DeformError(f"{path.name} does not say where its volume lies; name that with --volume FILE.")
+            raise DeformError(f"{path.name} does not have the place of its volume; name that with --volume FILE.")
         if self._grid is None:
-            self._grid = read_grid(self._options.volume, self._options.spacing)
+            from deformnb.session.inputs import grid_of_file
+
+            self._grid = grid_of_file(self._options.volume, self._options.spacing)
         return self._grid
 
     def _mesh(self, document: Deformation, grid: Grid, path: Path, target: Path) -> None:

@@ -121,7 +121,7 @@ def thompson_grid(name: str | int) -> ThompsonGrid:
 
 
 def thompson_pairs() -> list[tuple[str, str]]:
-    """Source and target species of Thompson's transformations, ready for :func:`thompson_points`.
+    """Source and target species of Thompson's transformations, ready for :func:`thompson_map`.
 
     Examples
     --------
@@ -227,19 +227,6 @@ def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia
         mirror, offset = np.array([-1.0, 1.0]), np.array([2 * corner[0] + size[0], 0.0])
         nodes = [n * mirror + offset for n in nodes]
     return ThompsonMap(a, b, nodes[0], nodes[1])
-
-
-def thompson_points(source: str | int = "Polyprion", target: str | int = "Antigonia", box: Box = (0.0, 1.0, 0.0, 1.0),
-                    *, frame: Box | None = None, scale: str = "inside", cells: str = "fill",
-                    head: str = "left") -> ControlPoints:
-    """Control points that turn a fish inscribed in ``box`` into another species; see :func:`thompson_map`.
-
-    Examples
-    --------
-    >>> len(thompson_points(box=(0.0, 512.0, 0.0, 200.0)))
-    56
-    """
-    return thompson_map(source, target, box=box, frame=frame, scale=scale, cells=cells, head=head).points
 
 
 @cache

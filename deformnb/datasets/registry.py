@@ -188,8 +188,8 @@ def _row(name: str) -> Dataset:
 
 
 def _alternative(data: Dataset) -> str:
-    labels = "_labels" if data.is_labels else ""
-    return f"the phantom deformnb.datasets.{data.phantom}{labels}() instead"
+    make = "labels" if data.is_labels else "make"
+    return f'the phantom deformnb.datasets.PHANTOMS["{data.phantom}"].{make}() instead'
 
 
 def _check_present(path: Path, data: Dataset) -> None:
@@ -230,7 +230,7 @@ def _download(data: Dataset, place: Path, progress: bool | Progress | None) -> N
     try:
         pooch.retrieve(data.address, known_hash=f"sha256:{data.sha256}", fname=data.file, path=place,
                        downloader=downloader)
-    except ValueError as error:  # pooch's way to say that the checksum differs
+    except ValueError as error:  # raised by pooch where the checksum differs
         raise OSError("what came is not the published file, its checksum differs") from error
     finally:
         meter.close()

@@ -17,5 +17,5 @@ from .step_checks import safe_strength as safe_strength
 from .step_checks import stages_needed as stages_needed
 from .step_checks import step_quality as step_quality
 from .step_checks import step_uncertainty as step_uncertainty
-from .transplant import PLACES as PLACES
-from .transplant import placed as placed
+from .transplant import ALIGNMENTS as ALIGNMENTS
+from .transplant import transplanted as transplanted

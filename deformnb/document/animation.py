@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import finite_number
 from deformnb.document.deformation import EASINGS, LOOPS, Deformation, Keyframe, Step
 from deformnb.document.motion_paths import StepPath, one_map, step_paths
 from deformnb.errors import DeformError
@@ -44,16 +45,15 @@ class TimeMaps:
     Notes
     -----
     Frame k is the moment k duration / (T - 1). Between two frames the maps are blended linearly; before the first and
-    after the last nothing changes. As a texture, frame k lies at the coordinate (k + 1/2) / T, in the middle of its
-    texel, and a GPU that clamps to the edge and blends linearly makes exactly the same.
+    after the last nothing changes.
 
     Examples
     --------
     >>> from deformnb.rbf.extrusion import replicate
     >>> plane, raster = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)), Raster((8, 8), (1.0, 1.0), (0.0, 0.0))
     >>> maps = TimeMaps(np.zeros((5, 8, 8, 2), np.float32), raster, plane, (0.0, 9.0), replicate(), 2.0)
-    >>> maps.coordinate(0.0), maps.coordinate(1.0), maps.coordinate(2.0)
-    (0.1, 0.5, 0.9)
+    >>> maps.position(0.0), maps.position(1.0), maps.position(9.0)
+    (0.0, 2.0, 4.0)
     """
 
     values: NDArray[np.float32]
@@ -91,10 +91,6 @@ class TimeMaps:
         """Time as a fractional number of frames, clamped to the first and the last."""
         last = len(self) - 1
         return float(np.clip(time / self.duration * last, 0, last)) if self.duration > 0 else 0.0
-
-    def coordinate(self, time: float) -> float:
-        """Time as a texture coordinate from 0 to 1: frame k lies at (k + 1/2) / T."""
-        return (self.position(time) + 0.5) / len(self)
 
     def at(self, time: float) -> DisplacementField:
         """The map over the plane at a moment, blended from the two frames beside it."""
@@ -206,8 +202,7 @@ class Animation:
         [1.0, 0.5, 1.5, 0.5]
         """
         length = self.duration
-        if not np.isfinite(t):
-            raise DeformError(f"a moment must be a finite number of seconds, got {t}.")
+        t = finite_number(t, "a moment must be a finite number of seconds")
         if self.loop == "once" or length == 0:
             return float(np.clip(t, 0.0, length))
         if self.loop == "loop":
@@ -243,8 +238,9 @@ class Animation:
         >>> swinging.times(2)
         (0.0, 0.5, 1.0, 0.5)
         """
-        if not (np.isfinite(fps) and 0.01 <= fps <= 1000):
-            raise DeformError(f"a movie has between 0.01 and 1000 frames a second, got {fps}.")
+        wanted = "a movie has between 0.01 and 1000 frames a second"
+        if not 0.01 <= finite_number(fps, wanted) <= 1000:
+            raise DeformError(f"{wanted}, got {fps}.")
         length = self.duration * (2 if self.loop == "swing" else 1)
         count = max(1, round(length * fps))
         if self.loop == "once" and length > 0:

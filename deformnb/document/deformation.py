@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
 
@@ -23,12 +23,12 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
-from deformnb.rbf.fit_settings import FitSettings
+from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.stages import Fit, check_stages
-from deformnb.rbf.support import ChosenSupport, lone_support
+from deformnb.rbf.support import lone_support
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Matrix3, Volume, as_grid, as_volume, voxel_checksum
@@ -49,30 +49,27 @@ MOST_STEPS = 500
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(AbstractFitSettings):
     """One deformation: control points on a plane with a rule of extrusion, or control points in space.
 
     Parameters
     ----------
     maps : one set of control points; several for the rule "interpolate".
     plane : where the points lie; None for points in space (dimension 3, Eq. 9).
-    kernel, support, trend, smoothing : of the fit, as in :class:`~deformnb.rbf.fit_settings.FitSettings`.
     extrusion : a name of :data:`~deformnb.rbf.extrusion.EXTRUSIONS`.
     curve : f(z) of the rule "modulate": a formula, or values at equal steps.
     knots : depths in [0, 1] of the maps of the rule "interpolate".
-    strength : how far the points and the rigid parts are moved.
     enabled : a step that is switched off stays in the list.
     name : shown to people.
     extra : fields of a newer minor version, kept for saving.
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
     cuts : along which tissue comes apart (Eq. 7), in the same coordinates.
     cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
-    stages : as in :class:`~deformnb.rbf.fit_settings.FitSettings`. On a plane the composed map is extruded, so that a
-        depth where f(z) lies between 0 and 1 may still fold.
-    chosen_support : the support radius that was chosen for these points while ``support`` is None, and for which
-        kernel; None for points at one place. It is kept while points are dragged, so that the map does not jump, and in
-        documents; :meth:`with_points` finds it anew when points are added, removed or switched, and so does a step with
-        another kernel.
+    settings : (of the fit, by their names) the fields of :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`. In
+        several ``stages`` on a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may
+        still fold. ``chosen_support``, None for points at one place, is kept while points are dragged, so that the map
+        does not jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched,
+        and so does a step with another kernel.
 
     Raises
     ------
@@ -80,24 +77,18 @@ class Step:
         If the parts do not fit together.
     """
 
-    maps: tuple[ControlPoints, ...]
+    maps: tuple[ControlPoints, ...] = field(kw_only=False, metadata={"label": "points"})
     plane: Plane | None = None
-    kernel: str = "wendland_c2"
-    support: float | str | None = None
-    trend: str = "affine"
-    smoothing: float = 0.0
+    _: KW_ONLY
     extrusion: str = "replicate"
     curve: str | tuple[float, ...] = "z"
-    knots: tuple[float, ...] = ()
-    strength: float = 1.0
-    enabled: bool = True
+    knots: tuple[float, ...] = field(default=(), metadata={"label": "keys"})
+    enabled: bool = field(default=True, metadata={"label": "switch"})
     name: str = ""
     extra: Mapping[str, Any] = field(default_factory=dict)
-    parts: tuple[RigidPart, ...] = ()
+    parts: tuple[RigidPart, ...] = field(default=(), metadata={"label": "rigid parts"})
     cuts: tuple[Cut, ...] = ()
     cut_rule: str = "source"
-    stages: int = 1
-    chosen_support: ChosenSupport | None = None
 
     def __post_init__(self) -> None:
         for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
@@ -107,11 +98,11 @@ class Step:
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
             known = ", ".join(EXTRUSIONS)
             raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
-        settings = FitSettings.of(self)
+        super().__post_init__()
         dim = 3 if self.plane is None else 2
-        wanted = len(self.knots) if self.extrusion == "interpolate" else 1
-        if len(self.maps) != wanted:
-            raise DeformError(f"the rule {self.extrusion!r} needs {wanted} set(s) of points, got {len(self.maps)}.")
+        needed = len(self.knots) if self.extrusion == "interpolate" else 1
+        if len(self.maps) != needed:
+            raise DeformError(f"the rule {self.extrusion!r} needs {needed} set(s) of points, got {len(self.maps)}.")
         if any(m.dim != dim for m in self.maps):
             raise DeformError(
                 "control points on a plane have two coordinates, control points in space have three and no plane; "
@@ -121,9 +112,8 @@ class Step:
             raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
         self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
-        if settings.chosen_support is None:
-            settings = settings.choosing(self.maps)
-        object.__setattr__(self, "chosen_support", settings.chosen_support)
+        if self.chosen_support is None:
+            object.__setattr__(self, "chosen_support", self.settings.choosing(self.maps).chosen_support)
 
     def _check_kinds(self) -> None:
         for given in self.maps:
@@ -132,7 +122,7 @@ class Step:
                                   "make some with ControlPoints.from_arrays(sources, targets).")
         if not isinstance(self.plane, Plane | None):
             raise DeformError(f"the plane of a step is a Plane or None, got {_kind(self.plane)}; "
-                              "Plane.along(volume.grid, \"+y\") makes one.")
+                              "Plane.along(volume, \"+y\") makes one.")
 
     def _check_shapes(self, dim: int) -> None:
         if self.cut_rule not in CUT_RULES:
@@ -160,7 +150,7 @@ class Step:
 
     @property
     def settings(self) -> FitSettings:
-        """The settings of the fit, as they are in the fields of the same names."""
+        """The settings of the fit alone."""
         return FitSettings.of(self)
 
     @property
@@ -177,10 +167,6 @@ class Step:
             settings = settings.choosing(maps, self.chosen_support and self.chosen_support.radius)
         return replace(self, maps=maps, chosen_support=settings.chosen_support)
 
-    def support_for(self, points: ControlPoints) -> float | None:
-        """The support radius for one of the sets, or for a part of it: :meth:`FitSettings.support_for`."""
-        return self.settings.support_for(points)
-
     def weights(self) -> Weights:
         """Knots and weights of the extrusion rule."""
         arguments = {"replicate": (), "modulate": (self.curve,), "interpolate": (self.knots,)}
@@ -190,24 +176,27 @@ class Step:
         """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
         return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
 
-    def fits_of_regions(self, grid: Grid) -> list[dict[Sides, Fit]]:
-        """For each set of control points the fits of the regions that have some; without cuts there is one region."""
-        settings, lone = self.settings, lone_support(grid)
-        return [settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps]
+    def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit], ...]:
+        """For each set of control points the fits of the regions that have some; without cuts there is one region.
+
+        They are solved once for a grid, and kept until another is asked for: a step never changes.
+        """
+        known: tuple[Grid, tuple[Mapping[Sides, Fit], ...]] | None = self.__dict__.get("_solved")
+        if known is None or known[0] != grid:
+            settings, lone = self.settings, lone_support(grid)
+            fits = tuple(settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps)
+            known = (grid, fits)
+            self.__dict__["_solved"] = known  # in one assignment, for threads
+        return known[1]
 
     @property
     def cut_regions(self) -> tuple[AbstractRegion, ...]:
         """The regions of the cuts that are switched on."""
         return tuple(cut.region for cut in self.cuts if cut.enabled)
 
-    def field(self, grid: Grid, found: list[dict[Sides, Fit]] | None = None) -> AbstractField:
-        """The backward displacement in space of this step on a volume's grid.
-
-        Parameters
-        ----------
-        found : its :meth:`fits_of_regions` on that grid, if they are solved already.
-        """
-        regions, found = self.cut_regions, self.fits_of_regions(grid) if found is None else found
+    def field(self, grid: Grid) -> AbstractField:
+        """The backward displacement in space of this step on a volume's grid."""
+        regions, found = self.cut_regions, self.fits_of_regions(grid)
         sides = sorted({side for fits in found for side in fits})
         nothing = Identity(2 if self.plane else 3)
         maps = [[fits.get(side, nothing) for fits in found] for side in sides]
@@ -215,6 +204,10 @@ class Step:
         if not regions:
             return fields[0]
         return Decoupled(tuple(fields), tuple(sides), regions, self.plane, self.cut_rule, _pixel(grid, self.plane))
+
+
+STEP_LABELS = {given.name: label_of(given) for given in fields(Step)}
+"""Names of the fields of a step in plain English."""
 
 
 def _pixel(grid: Grid, plane: Plane | None) -> float:
@@ -355,7 +348,7 @@ class Deformation:
     extra : fields of a newer minor version, kept for saving.
     mode : a name of :data:`MODES`.
     keyframes : of an animation, their times rising.
-    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`, how it is played.
+    easing, loop : names of :data:`EASINGS` and :data:`LOOPS`.
     output : the grid of the result, its field of view and resolution, wherever it is applied; None is the volume's own.
 
     Examples
@@ -363,7 +356,7 @@ class Deformation:
     >>> from deformnb.volume.volume import Grid, Matrix3, Volume
     >>> volume = Volume(np.zeros((4, 8, 8), np.uint8), Grid((4, 8, 8)))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 7]])
-    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation = Deformation.on_picture(volume, "+z", points)
     >>> deformation.apply(volume).shape
     (4, 8, 8)
     """
@@ -482,13 +475,14 @@ class Deformation:
         if not 0 <= index < len(self.steps):
             raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
 
-    def blended(self, strength: float) -> Deformation:
+    def scaled(self, strength: float) -> Deformation:
         """Every step ``strength`` times as strong."""
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
 
     def field(self, grid: Grid | Volume) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
-        return self._solved(as_grid(grid))[0]
+        lattice = as_grid(grid)
+        return MODES[self.mode](*(step.field(lattice) for step in self.steps if step.enabled))
 
     def inverse(self, grid: Grid | Volume, **options: Any) -> Inverse:
         """The inverse of the map on the grid of a volume; options are those of :func:`deformnb.warping.inverse.invert`.
@@ -514,11 +508,10 @@ class Deformation:
         """
         return warp_points(points, self, grid=grid, **options)
 
-    def _solved(self, grid: Grid) -> tuple[AbstractField, tuple[str, ...]]:
-        """The field and the remarks of all fits, each solved once."""
-        found = [(step, step.fits_of_regions(grid)) for step in self.steps if step.enabled]
-        notes = (note for _, fits in found for regions in fits for fit in regions.values() for note in fit.notes)
-        return MODES[self.mode](*(step.field(grid, fits) for step, fits in found)), tuple(dict.fromkeys(notes))
+    def _fit_notes(self, grid: Grid) -> tuple[str, ...]:
+        """Remarks of all fits, each once."""
+        fits = (fit for step in self.steps if step.enabled for fit in step.fits(grid))
+        return tuple(dict.fromkeys(note for fit in fits for note in fit.notes))
 
     def notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits ("points on one line ..."), each once, and that of a document with an older spacing.
@@ -528,7 +521,7 @@ class Deformation:
         grid : of the volume that the document is applied to.
         """
         known = self.older_spacing(grid)
-        found = self._solved(self.own_grid(grid))[1]
+        found = self._fit_notes(self.own_grid(grid))
         return found if known is None else (known.older_note, *found)
 
     def older_spacing(self, grid: Grid) -> KnownSpacing | None:
@@ -544,6 +537,31 @@ class Deformation:
         known = self.older_spacing(grid)
         return grid if known is None else known.as_in_file(grid)
 
+    def difference(self, volume: Volume | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
+        """Warning about a volume that this was not made on; empty for the one that it was made on.
+
+        Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
+
+        Parameters
+        ----------
+        volume : or its grid alone, where its voxels are not known.
+        reference : makes that of the volume, where it is kept.
+        """
+        made, here = self.volume, self.own_grid(as_grid(volume))
+        if made is None:
+            return ""
+        is_same = made.shape == here.shape and (isinstance(volume, Grid) or made.has_labels(volume) or made.sha256 == (
+            VolumeReference.of(volume) if reference is None else reference()).sha256)
+        if not is_same:
+            name = shown_value(made.name) if made.name else "without a name"
+            return (f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
+                    "voxels); its points may lie elsewhere.")
+        if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it told no place
+            return ""
+        then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made.spacing, here.spacing))
+        return (f"This document was made on the same voxels at another place or of another size ({then} then, {now} "
+                "now); its points may lie elsewhere.")
+
     def apply(self, volume: Volume, **options: Any) -> Volume:
         """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warping.warper.warp`.
 
@@ -557,7 +575,7 @@ class Deformation:
             raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
                               f"studio on this volume and save it anew, or read the volume with "
                               f"spacing={known.header_spacing}.")
-        field, notes = self._solved(grid)
+        field, notes = self.field(grid), self._fit_notes(grid)
         if known is None:
             warped = warp(volume, field, **{"output": self.output, **options})
         else:

@@ -36,7 +36,7 @@ def untouched_step(plane: Plane | None, grid: Grid) -> Step:
 
 
 def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -> str:
-    """Adds to the changed fields of a step what they need; returns what has to be said about it, or nothing.
+    """Add to the changed fields of a step the others that they need; returns a notice, or an empty text.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def points_between(maps: list[ControlPoints], knots: list[float], index: int) ->
 
 
 def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> tuple[Deformation, int, str]:
-    """The document and the step to edit once the picture is turned, and what has to be said about it.
+    """The document and the step to edit once the picture is turned, and a notice.
 
     A side that has a step already leads back to it. Else the step being edited is turned if it is as it began, and a
     new one comes after all others if it is not.
@@ -115,7 +115,7 @@ def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> 
 APART = 1e-3
 """Seconds between two key frames at least; what is nearer counts as the same moment."""
 
-_PAUSE = 1.0  # seconds after the last key frame, where the next one comes if nothing else is said
+_PAUSE = 1.0  # seconds after the last key frame, where the next one comes by default
 
 
 def free_time(deformation: Deformation) -> float:
@@ -186,7 +186,7 @@ def at_key(deformation: Deformation, index: int) -> Deformation:
 def with_steps(deformation: Deformation, steps: tuple[Step, ...]) -> Deformation:
     """The document with the steps of another moment.
 
-    Points that are added then get ids that no key frame knows: points of two key frames are the same by their ids.
+    Points that are added then get ids that no key frame has: points of two key frames are the same by their ids.
     """
     every = [key.steps for key in deformation.keyframes] + [deformation.steps]
     return replace(deformation, steps=tuple(

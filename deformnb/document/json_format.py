@@ -1,9 +1,9 @@
-"""JSON serialization of a deformation, with a reader that trusts nothing.
+"""JSON serialization of a deformation, with a reader that validates everything.
 
 The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added to the
 document or to a step are kept and written out again (so a minor version may add them there and nowhere else).
 
-The reader has typed access to the JSON and believes nothing: no NaN, no infinity, bounded size and nesting, and every
+The reader has typed access to the JSON and checks every value: no NaN, no infinity, bounded size and nesting, and every
 error names the place in the document. Nothing in a document is ever executed, unpickled, or used as a path.
 
 Regions, rigid parts and cuts have the same plain form in documents and in the messages that widgets send to their
@@ -18,7 +18,7 @@ import json
 import re
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from math import prod
 from typing import Any, NoReturn
 
@@ -37,7 +37,7 @@ from deformnb.volume.volume import Grid
 
 
 class Reader:
-    """Typed access to a JSON object; every complaint names the place."""
+    """Typed access to a JSON object; every error names the place."""
 
     def __init__(self, data: Any, where: str) -> None:
         if not isinstance(data, dict):
@@ -169,7 +169,7 @@ def _mask(r: Reader) -> Mask:
     except (binascii.Error, ValueError, zlib.error):
         raise DeformError(f"{r.where}.bits is damaged.") from None
     if len(packed) != -(-count // 8):
-        raise DeformError(f"{r.where}.bits holds {8 * len(packed)} pixels; its shape says {count}.")
+        raise DeformError(f"{r.where}.bits holds {8 * len(packed)} pixels; its shape needs {count}.")
     bits = np.unpackbits(np.frombuffer(packed, np.uint8), count=count)
     return Mask(bits.astype(bool).reshape(shape), lattice)
 
@@ -387,24 +387,28 @@ def _grid_data(grid: Grid) -> dict[str, Any]:
             "direction": [list(row) for row in grid.direction]}
 
 
+@dataclass(frozen=True)
+class _Form:
+    """Form of a field of a step that is not plain text, a number or a switch.
+
+    Parameters
+    ----------
+    read : the value from the step's data, which has the key.
+    write : the value as JSON data.
+    """
+
+    read: Callable[[Reader, str], Any]
+    write: Callable[[Any], Any] = lambda value: value
+
+
 def _step_data(step: Step) -> dict[str, Any]:
-    plane = None if step.plane is None else {k: list(getattr(step.plane, k)) for k in ("origin", "u", "v")}
-    curve = step.curve if isinstance(step.curve, str) else list(step.curve)
-    shapes: dict[str, Any] = {}  # left out where there are none: most documents stay short
-    if step.parts:
-        shapes["parts"] = [part_to_data(part) for part in step.parts]
-    if step.cuts:
-        shapes |= {"cuts": [cut_to_data(cut) for cut in step.cuts], "cut_rule": step.cut_rule}
-    if step.stages != 1:
-        shapes["stages"] = step.stages
-    if step.chosen_support is not None:
-        shapes["chosen_support"] = step.chosen_support._asdict()
-    return {
-        **step.extra, "name": step.name, "enabled": step.enabled, "plane": plane, "kernel": step.kernel,
-        "support": step.support, "trend": step.trend, "smoothing": step.smoothing, "strength": step.strength,
-        "extrusion": step.extrusion, "curve": curve, "knots": list(step.knots),
-        "maps": [_points_data(m) for m in step.maps], **shapes, **_own_of_points(step),
-    }
+    """Data of a step; of what came after 1.0 only what is not as usual, so that most documents stay short."""
+    data: dict[str, Any] = dict(step.extra)
+    for name in _STEP_KEYS:
+        value = getattr(step, name)
+        if name in _ALWAYS or value != _STEP_DEFAULTS[name]:
+            data[name] = value if value is None or name not in _FORMS else _FORMS[name].write(value)
+    return data | _own_of_points(step)
 
 
 def _own_of_points(step: Step) -> dict[str, Any]:
@@ -450,7 +454,7 @@ def _volume(r: Reader) -> VolumeReference:
 def _output(r: Reader) -> Grid:
     shape, spacing = _size(r)
     if shape[0] * shape[1] * shape[2] > LARGEST_OUTPUT:
-        raise DeformError(f"{r.where} asks for {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
+        raise DeformError(f"{r.where} has {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
     return _placed(shape, spacing, r)
 
 
@@ -467,37 +471,41 @@ def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r:
 
 
 def _step(r: Reader) -> Step:
-    plane = None
-    if r.data.get("plane") is not None:
-        p = r.part("plane")
-        plane = Plane(*(p.numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
-    known = {"name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
-             "knots", "maps", "parts", "cuts", "cut_rule", "stages", "locked", "radii", "chosen_support"}
-    curve = r.data.get("curve", "z")
     try:
-        return Step(
-            _with_own(tuple(_points(m) for m in r.items("maps")), r), plane, r.text("kernel", "wendland_c2"),
-            _support(r), r.text("trend", "affine"),
-            r.number("smoothing", 0.0), r.text("extrusion", "replicate"),
-            curve if isinstance(curve, str) else r.numbers("curve"), r.numbers("knots", None, ()),
-            r.number("strength", 1.0), r.flag("enabled", True), r.text("name", ""), r.rest(known),
-            tuple(read_part(p) for p in r.items("parts", [])), tuple(read_cut(c) for c in r.items("cuts", [])),
-            r.text("cut_rule", "source"), r.integer("stages", 1), _chosen(r),
-        )
+        given = {name: _field(r, name) for name in _STEP_KEYS if name in r.data or name == "maps"}
+        given["maps"] = _with_own(given["maps"], r)
+        return Step(**given, extra=r.rest({*_STEP_KEYS, "locked", "radii"}))
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
 
 
-def _support(r: Reader) -> float | str | None:
-    value = r.data.get("support")
-    return value if value is None else r.text("support") if isinstance(value, str) else r.number("support")
+def _field(r: Reader, name: str) -> Any:
+    """A field of a step, which its data has: of the form of :data:`_FORMS`, or of the type of its default."""
+    if name not in _FORMS:
+        return _TYPED[type(_STEP_DEFAULTS[name])](r, name)
+    return None if r.data.get(name, ...) is None and _STEP_DEFAULTS[name] is None else _FORMS[name].read(r, name)
 
 
-def _chosen(r: Reader) -> ChosenSupport | None:
-    if r.data.get("chosen_support") is None:
-        return None
-    chosen = r.part("chosen_support")
+_TYPED: dict[type, Callable[[Reader, str], Any]] = {
+    str: Reader.text, bool: Reader.flag, int: Reader.integer, float: Reader.number}
+
+
+def _plane(r: Reader, key: str) -> Plane:
+    return Plane(*(r.part(key).numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
+
+
+def _text_or(read: Callable[[Reader, str], Any]) -> Callable[[Reader, str], Any]:
+    return lambda r, key: r.text(key) if isinstance(r.data[key], str) else read(r, key)
+
+
+def _chosen(r: Reader, key: str) -> ChosenSupport:
+    chosen = r.part(key)
     return ChosenSupport(chosen.number("radius"), chosen.text("kernel"))
+
+
+def _listed(read: Callable[[Reader], Any], write: Callable[[Any], Any]) -> _Form:
+    """The form of a list of objects."""
+    return _Form(lambda r, key: tuple(read(item) for item in r.items(key)), lambda given: [write(v) for v in given])
 
 
 def _with_own(maps: tuple[ControlPoints, ...], r: Reader) -> tuple[ControlPoints, ...]:
@@ -541,3 +549,25 @@ def _points(r: Reader) -> ControlPoints:
         np.array([p.flag("active", True) for p in rows], dtype=bool),
         np.array([p.number("weight", 1.0) for p in rows], dtype=np.float64), r.integer("next_id", 0),
     )
+
+
+_STEP_DEFAULTS = {given.name: given.default for given in fields(Step) if given.name != "extra"}
+
+_ALWAYS = ("name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
+           "knots", "maps")
+"""Keys of 1.0, which every step has, in their order."""
+
+_STEP_KEYS = (*_ALWAYS, *(name for name in _STEP_DEFAULTS if name not in _ALWAYS))
+"""All fields of a step in the order of a document; later ones are left out where they have their default."""
+
+_FORMS: dict[str, _Form] = {
+    "plane": _Form(_plane, lambda plane: {key: list(getattr(plane, key)) for key in ("origin", "u", "v")}),
+    "support": _Form(_text_or(Reader.number)),
+    "chosen_support": _Form(_chosen, ChosenSupport._asdict),
+    "curve": _Form(_text_or(Reader.numbers), lambda curve: curve if isinstance(curve, str) else list(curve)),
+    "knots": _Form(Reader.numbers, list),
+    "maps": _listed(_points, _points_data),
+    "parts": _listed(read_part, part_to_data),
+    "cuts": _listed(read_cut, cut_to_data),
+}
+"""Fields of a step that are more than a text, a number or a switch."""

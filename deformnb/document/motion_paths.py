@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import zip_longest
 from typing import Any
 
@@ -35,12 +35,13 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from deformnb.document.deformation import Step
+from deformnb.document.deformation import STEP_LABELS, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.cuts import sides_of
 from deformnb.rbf.extrusion import CURVE_KNOTS, modulate
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.rbf.stages import fit_points
@@ -61,12 +62,12 @@ class HandlePath:
     Parameters
     ----------
     start, end : (N, dim) places at t = 0 and t = 1; dim is 2 or 3.
-    rest : (N, dim) places that tell who is whose neighbour; default is ``start``.
+    rest : (N, dim) places that determine the neighbours; default is ``start``.
     held : (N,) bool; points whose way is given in :meth:`at`. Those that do not move are held by themselves.
 
     Attributes
     ----------
-    turns : (N, 3) how far the surroundings of each point turn from start to end, axis times angle in radians.
+    turns : (N, 3) rotation of the surroundings of each point from start to end, axis times angle in radians.
 
     Examples
     --------
@@ -140,9 +141,9 @@ class HandlePath:
         path = self._path(t)
         if self._held.all() and held is None:
             return path
-        wanted = path if held is None else np.asarray(held, dtype=np.float64)
+        prescribed = path if held is None else np.asarray(held, dtype=np.float64)
         still = np.linalg.norm(self.end - self.start, axis=1) <= _STILL * self._size
-        fixed = np.where(still[:, None], path, wanted)
+        fixed = np.where(still[:, None], path, prescribed)
         result = np.where(self._held[:, None], fixed, path)
         if self._solver is None:
             return result
@@ -157,7 +158,7 @@ class HandlePath:
         return result
 
     def _path(self, t: float) -> Points:
-        """The way that says nothing of neighbours: straight if some points are held, else with the whole motion."""
+        """The path without regard to neighbours: straight if some points are held, else with the whole motion."""
         if self._held.any():
             return np.asarray(self.start + t * (self.end - self.start))
         a, b, dim = _in_space(self.start), _in_space(self.end), self.start.shape[1]
@@ -289,8 +290,9 @@ def _shortest_turn(a: Points, b: Points) -> Points:
 
 Places = NDArray[np.float64]
 
-_SWITCHED = {"kernel": "kernel", "trend": "trend", "cuts": "cuts", "cut_rule": "rule of the cuts",
-             "stages": "number of stages"}
+# Settings between two of which there is one halfway; a change of the others, and of cuts, is a switch.
+_MIXED = tuple(setting.name for setting in fields(FitSettings) if isinstance(setting.default, float))
+_SWITCHED = (*(name for name in SETTINGS if name not in (*_MIXED, "support", "chosen_support")), "cuts", "cut_rule")
 _SAME = 1e-6  # of the box of all points: what a rigid part does anyway
 
 
@@ -309,8 +311,8 @@ class StepPath:
     """
 
     def __init__(self, before: Step, after: Step, label: str = "the step") -> None:
-        notes = [f"the {word} of {label} changes" for name, word in _SWITCHED.items()
-                 if getattr(before, name) != getattr(after, name)]
+        words = [STEP_LABELS[name] for name in _SWITCHED if getattr(before, name) != getattr(after, name)]
+        notes = [f"the {word} of {label} {'change' if word.endswith('s') else 'changes'}" for word in words]
         if before.strength != after.strength:  # a share of a turn is a turn, and no shorter way
             before, after = _applied(before), _applied(after)
         before, after, is_shared = _with_one_rule(before, after)
@@ -330,8 +332,9 @@ class StepPath:
     def at(self, t: float) -> Step:
         """The step at t between 0 and 1."""
         a, b = self.before, self.after
-        changed: dict[str, Any] = {"maps": tuple(path.at(t) for path in self._maps), "parts": self._parts.at(t),
-                                   "smoothing": (1 - t) * a.smoothing + t * b.smoothing}
+        changed: dict[str, Any] = {"maps": tuple(path.at(t) for path in self._maps), "parts": self._parts.at(t)}
+        changed |= {name: (1 - t) * getattr(a, name) + t * getattr(b, name) for name in _MIXED
+                    if getattr(a, name) != getattr(b, name)}
         if self._support is not None:
             changed["support"] = float((1 - t) * self._support[0] + t * self._support[1])
         if self._curve is not None:
@@ -342,7 +345,7 @@ class StepPath:
 
 
 def step_paths(before: Sequence[Step], after: Sequence[Step]) -> list[StepPath]:
-    """The ways of all steps, matched by their places in the list."""
+    """The paths of all steps, matched by their places in the list."""
     paths = []
     for k, (a, b) in enumerate(zip_longest(before, after)):
         label = f"step {k + 1}"
@@ -366,12 +369,12 @@ def _untouched(step: Step) -> Step:
 
 def _applied(step: Step) -> Step:
     """The same deformation with a strength of 1."""
-    return replace(step, strength=1.0, maps=tuple(m.blended(step.strength) for m in step.maps),
+    return replace(step, strength=1.0, maps=tuple(m.scaled(step.strength) for m in step.maps),
                    parts=tuple(part.scaled(step.strength) for part in step.parts))
 
 
 def _with_one_rule(a: Step, b: Step) -> tuple[Step, Step, bool]:
-    """Both with the same rule of extrusion, where one can be said as the other: replication is f(z) = 1."""
+    """Both with the same rule of extrusion, where one can be written as the other: replication is f(z) = 1."""
     rules = {a.extrusion, b.extrusion}
     if rules == {"replicate", "modulate"}:
         ones: dict[str, Any] = {"extrusion": "modulate", "curve": (1.0, 1.0)}
@@ -435,11 +438,11 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     off.
     """
     known = {i: k for k, i in enumerate(points.ids)}
-    wanted = [k for k, i in enumerate(others.ids)
+    missing = [k for k, i in enumerate(others.ids)
               if i not in known or (others.active[k] and not points.active[known[i]])]
-    if not wanted:
+    if not missing:
         return points
-    some = others.take(wanted)
+    some = others.take(missing)
     carried = _carried(points, some.source, step)
     result = points.take([k for k, i in enumerate(points.ids) if i not in some.ids])
     ids = (*result.ids, *some.ids)
@@ -452,7 +455,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
 
 def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     """The places to which a step takes the tissue at these places."""
-    chosen = points if step.strength == 1 else points.blended(step.strength)
+    chosen = points if step.strength == 1 else points.scaled(step.strength)
     regions = [cut.region for cut in step.cuts if cut.enabled]
     result = places.copy()
     sides = sides_of(regions, places) if regions else np.zeros((len(places), 0), dtype=bool)

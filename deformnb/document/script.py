@@ -44,7 +44,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
 
     Parameters
     ----------
-    deformation : the document; what only a newer version knows (``extra``) and the volume's checksum are left out.
+    deformation : the document; fields of a newer version (``extra``) and the volume's checksum are left out.
     grid : of the volume it was made on; its own axes are written by name ("+y").
     volume : expression that gives the volume.
 
@@ -63,7 +63,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
         names=["tail", "nose"],
     )
     <BLANKLINE>
-    deformation = dn.Deformation.on_picture(volume.grid, "+y", points)
+    deformation = dn.Deformation.on_picture(volume, "+y", points)
     deformed = deformation.apply(volume)
     <BLANKLINE>
     """
@@ -109,7 +109,7 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
-        return f"dn.Deformation.on_picture(volume.grid, {where}, {names[0]}{_options(step, shared)})"
+        return f"dn.Deformation.on_picture(volume, {where}, {names[0]}{_options(step, shared)})"
     lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step, shared)})"
              for step, names in steps]
     count = len(deformation.steps)
@@ -173,7 +173,7 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
         return "None"
     view = _view(plane, grid)
     if view:
-        return f'dn.Plane.along(volume.grid, "{view}")'
+        return f'dn.Plane.along(volume, "{view}")'
     return f"dn.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
 
 

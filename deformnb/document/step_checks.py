@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_share
+from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_safe_share
 from deformnb.analysis.gaussian_process import Uncertainty, fit_system, process_scale, uncertainty
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
 from deformnb.document.deformation import Deformation, Step
@@ -117,11 +117,11 @@ def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
 def is_fold_free(step: Step, grid: Grid, least: float = LEAST) -> bool:
     """Check that the determinant of a step is ``least`` or more at every node; False too if it cannot be fitted.
 
-    In several stages this is asked of every stage by itself. The whole has then no folds, however much it presses
-    tissue together; only where a curve of depth weakens it must it be looked at too, and have none.
+    With several stages every stage is checked by itself. The whole then has no folds, however much it compresses
+    tissue; only where a curve of depth weakens it must it be looked at too, and have none.
     """
     if not least <= 1:
-        raise DeformError(f"no map but a shrinking one has determinants of {least:g} everywhere; ask for less than 1.")
+        raise DeformError(f"no map but a shrinking one has determinants of {least:g} everywhere; give less than 1.")
     try:
         lattice = fold_lattice(step, grid)
         if step.stages == 1:
@@ -181,7 +181,7 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
     >>> stages_needed(Step((points,), Plane.along(grid, "+z"), support=30.0, trend="none"), grid)
     4
     """
-    replace(step, stages=1).field(grid)  # what stands in its way is no fold, and says itself what it is
+    replace(step, stages=1).field(grid)  # no fold but an error of its own, which is raised here
     count = 1
     while count <= most:
         try:
@@ -197,7 +197,8 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
 
 def safe_strength(step: Step, grid: Grid, least: float = LEAST) -> float:
     """The strength of a step, at most its own, at which it does not fold; its own if it does not."""
-    return step.strength * largest_share(lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least))
+    return step.strength * largest_safe_share(
+        lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least))
 
 
 def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: Grid, key: int = 0,
@@ -230,7 +231,7 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
     if not is_fold_free(step.with_points(at(0.0), key), grid, least):
         raise DeformError("the map folds before this edit already, so no part of it is safe; take the strength back or "
                           "unfold it by stages.")
-    return at(largest_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least)))
+    return at(largest_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least)))
 
 
 # ---- the quality of a step's fit -------------------------------------------------------------------------------------
@@ -272,7 +273,7 @@ def _dragged(step: Step, key: int) -> ControlPoints:
     if not 0 <= key < len(step.maps):
         raise DeformError(f"there is no set of control points {key}; there are {len(step.maps)}.")
     points = step.maps[key]
-    points = points if step.strength == 1 else points.blended(step.strength)
+    points = points if step.strength == 1 else points.scaled(step.strength)
     return points.take(np.flatnonzero(points.active))
 
 
@@ -286,7 +287,7 @@ def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoint
 
 def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]) -> tuple[
         ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
-    """The part left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
+    """The problem left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
     fit = fit_rigid(points, parts, **settings) if parts else None  # type: ignore[arg-type]
     if not isinstance(fit, RigidInterpolant):
@@ -294,8 +295,8 @@ def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]
     drift, weight = fit.parts_at(points.target)
     free = np.flatnonzero(weight > 0)
     rest, drift, weight = points.take(free), drift[free], weight[free]
-    asked = (rest.displacement - drift) / weight[:, None]
-    plain = replace(rest, source=rest.target + asked, weight=rest.weight * weight**2)
+    required = (rest.displacement - drift) / weight[:, None]
+    plain = replace(rest, source=rest.target + required, weight=rest.weight * weight**2)
     return plain, {**settings, "trend": fit.trend}, weight, fit
 
 
@@ -372,7 +373,7 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     Raises
     ------
     DeformError
-        If there are too few points to tell a scale from.
+        If there are too few points to estimate a scale.
     """
     points = _dragged(step, key)
     kept, scales = [], []
@@ -385,7 +386,7 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     if not kept:
         raise DeformError("no active control point moves freely, so nothing is estimated; add or switch on some.")
     mean = _mean_scale(scales)
-    known = [None if np.isnan(mean) else mean if np.isnan(s) else s for s in scales]  # None says itself what is missing
+    known = [None if np.isnan(mean) else mean if np.isnan(s) else s for s in scales]  # None: raises below
     return StepUncertainty(points.dim, step.cut_regions, tuple(
         (sides, uncertainty(plain, sigma=s, **settings), fit)  # type: ignore[arg-type]
         for (sides, plain, settings, fit), s in zip(kept, known, strict=True)))

@@ -1,7 +1,7 @@
 """Transplant of a document from the volume on which it was made to another one, with its points aligned.
 
-``PLACES["as it is"]`` leaves all coordinates alone: right for volumes that lie in one space, such as two scans of one
-patient that were aligned. ``PLACES["by the box"]`` sends the box of the volume it was made on to the box of the other
+The alignment "none" keeps all coordinates: right for volumes that lie in one space, such as two scans of one
+patient that were aligned. The alignment "box" maps the box of the volume it was made on to the box of the other
 one, axis by axis: right for specimens of one posture that differ in size and position.
 """
 
@@ -25,43 +25,43 @@ from deformnb.volume.volume import Grid
 _SAME = 1e-5
 
 
-def _as_it_is(deformation: Deformation, _grid: Grid) -> Deformation:
+def _unaligned(deformation: Deformation, _grid: Grid) -> Deformation:
     return deformation
 
 
-def _by_the_box(deformation: Deformation, grid: Grid) -> Deformation:
+def _box_aligned(deformation: Deformation, grid: Grid) -> Deformation:
     made = deformation.volume
     if made is None or made.grid is None:
-        raise DeformError("this document does not tell where the volume lay that it was made on, so its box cannot be "
-                          "laid on another; open it on that volume and save it again.")
+        raise DeformError("this document has no place of the volume that it was made on, so its box cannot be "
+                          "aligned with another; open it on that volume and save it again.")
     if made.grid == grid:
         return deformation
     box = _Box(made.grid, grid)
     keys = tuple(Keyframe(key.time, tuple(map(box.step, key.steps))) for key in deformation.keyframes)
-    # Its box is this grid's now, and not the one that it was made on: it must not be laid there a second time.
+    # Its box is this grid's now, and not the one that it was made on: it must not be aligned a second time.
     output = None if deformation.output is None else box.grid(deformation.output)
     return replace(deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys, volume=None,
                    output=output)
 
 
-PLACES: dict[str, Callable[[Deformation, Grid], Deformation]] = {"as it is": _as_it_is, "by the box": _by_the_box}
-"""Ways to put a document on another volume, by name; the first is the default."""
+ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _unaligned, "box": _box_aligned}
+"""Alignments of a document with another volume by name; the first is the default."""
 
 
-def placed(deformation: Deformation, grid: Grid, place: str = "as it is") -> Deformation:
-    """The document for a volume of another grid; one that was laid "by the box" knows no volume any more.
+def transplanted(deformation: Deformation, grid: Grid, alignment: str = "none") -> Deformation:
+    """The document for a volume of another grid; after the alignment "box" it has no volume of its own any more.
 
     Parameters
     ----------
     deformation : made on any volume.
     grid : of the volume it shall be applied to.
-    place : a name of :data:`PLACES`.
+    alignment : a name of :data:`ALIGNMENTS`.
 
     Raises
     ------
     DeformError
-        If the name is unknown; for "by the box", if the document does not know its box, or holds what unequal scales
-        would bend: turns, oblique planes.
+        If the name is unknown; for "box", if the document does not have the box of its volume, or holds what
+        unequal scales would bend: turns, oblique planes.
 
     Examples
     --------
@@ -70,19 +70,19 @@ def placed(deformation: Deformation, grid: Grid, place: str = "as it is") -> Def
     >>> small, large = Grid((8, 8, 8)), Grid((8, 8, 16), (2.0, 1.0, 1.0))
     >>> made = VolumeReference("small", small.shape, small.spacing, "0" * 64, small.origin, small.direction)
     >>> document = replace(Deformation.on_picture(small, "+z", points), volume=made)
-    >>> placed(document, large, "by the box").steps[0].points.source.tolist()
+    >>> transplanted(document, large, "box").steps[0].points.source.tolist()
     [[8.0, 4.0]]
     """
-    if place not in PLACES:
-        raise DeformError(f"unknown place {place!r}; choose one of {', '.join(PLACES)}.")
-    return PLACES[place](deformation, grid)
+    if alignment not in ALIGNMENTS:
+        raise DeformError(f"unknown alignment {alignment!r}; choose one of {', '.join(ALIGNMENTS)}.")
+    return ALIGNMENTS[alignment](deformation, grid)
 
 
 def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation, str]:
-    """A document for a volume whose file says a wrong spacing, and what to say; any other document as it is, and "".
+    """A document for a volume whose file has a wrong spacing, and a notice; any other document unchanged, and "".
 
-    One that was made with the spacing of the file (see :meth:`Deformation.older_spacing`) is laid "by the box" on the
-    same voxels with the true spacing, to be edited further: at its points the map is the same, between them it is not.
+    One that was made with the spacing of the file (see :meth:`Deformation.older_spacing`) is aligned with the
+    same voxels in the true spacing, to be edited further: at its points the map is the same, between them it is not.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
     Raises
     ------
     OtherVolumeError
-        If it holds what cannot be laid there.
+        If it holds what cannot be aligned with them.
     """
     known, made = deformation.older_spacing(grid), deformation.volume
     if known is None or made is None:
@@ -99,13 +99,13 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
     there = made.grid or known.as_in_file(grid)
     was = replace(made, origin=there.origin, direction=there.direction)
     try:
-        moved = placed(replace(deformation, volume=was), grid, "by the box")
+        moved = transplanted(replace(deformation, volume=was), grid, "box")
     except DeformError as error:
-        raise OtherVolumeError(f"{known.older_note}, and cannot be laid on the true one: {error} To go on, read "
+        raise OtherVolumeError(f"{known.older_note}, and cannot be moved to the true one: {error} To go on, read "
                                f"the volume with spacing={known.header_spacing}.") from None
     now = replace(made, spacing=grid.spacing, origin=grid.origin, direction=grid.direction)
     return replace(moved, volume=now), (
-        f"{known.older_note}. Its points were laid on the same voxels; between them the map differs a little. "
+        f"{known.older_note}. Its points were moved to the same voxels; between them the map differs a little. "
         "Deformation.apply and deformnb warp still give the voxels of then, from the document as it was saved.")
 
 
@@ -142,7 +142,7 @@ class _Box:
                        parts=tuple(map(to.part, step.parts)))
 
     def _plane(self, plane: Plane) -> tuple[Plane, _Map]:
-        """The image of a plane and how its coordinates go."""
+        """The image of a plane, and the map of its coordinates."""
         moved = plane.frame @ self.matrix.T
         lengths = np.linalg.norm(moved, axis=1)
         u, v, n = moved / lengths[:, None]
@@ -194,7 +194,7 @@ class _Map:
             return replace(region, vertices=tuple(map(tuple, self(region.vertices).tolist())))
         if isinstance(region, Mask):
             return replace(region, lattice=self._lattice(region.lattice))
-        raise DeformError(f"a region of the kind {region.kind!r} cannot be laid on another volume; apply this document "
+        raise DeformError(f"a region of the kind {region.kind!r} has no place on another volume; apply this document "
                           "as it is.")
 
     def _lattice(self, lattice: Raster | Grid) -> Raster | Grid:

@@ -6,15 +6,15 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import shown
+from deformnb.io.headers import as_path, shown
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 
@@ -58,7 +58,8 @@ STYLES = {
 """Looks by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
 
 
-def draw_pictures(pictures: Sequence[Picture], *, grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
+def draw_pictures(pictures: Picture | Sequence[Picture], *,
+                  grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
                   points: Sequence[ControlPoints | None] | None = None, titles: Sequence[str] | None = None,
                   style: str = "paper", path: str | PathLike[str] | None = None) -> Figure:
     """Pictures side by side (one above the other if they are wide), all to the same scale.
@@ -74,30 +75,42 @@ def draw_pictures(pictures: Sequence[Picture], *, grids: Sequence[Sequence[NDArr
 
     Returns
     -------
-    matplotlib Figure, not known to pyplot.
+    matplotlib Figure, not registered with pyplot.
     """
     from matplotlib.figure import Figure
 
-    if style not in STYLES:
-        raise DeformError(f"unknown style {style!r}; choose one of {', '.join(STYLES)}.")
+    one_of(style, STYLES, "style")
+    pictures = [pictures] if isinstance(pictures, Picture) else _listed(pictures, "pictures", Picture)
     if not pictures:
         raise DeformError("there is no picture to draw.")
+    grids, points = _listed(grids, "grids", Sequence | np.ndarray), _listed(points, "points", ControlPoints | None)
+    titles = _listed(titles, "titles", str)
     for what, given in (("grids", grids), ("sets of points", points), ("titles", titles)):
         if given and len(given) != len(pictures):
             raise DeformError(f"there are {len(pictures)} pictures but {len(given)} {what}; give one for each.")
     if path is not None:
         _format(path)
-    look = STYLES[style]
+    colours = STYLES[style]
     boxes = [_box(p, grids[k] if grids else ()) for k, p in enumerate(pictures)]
-    figure = Figure(facecolor=look.paper)
+    figure = Figure(facecolor=colours.paper)
     for k, (picture, place) in enumerate(zip(pictures, _layout(figure, boxes, titled=bool(titles)), strict=True)):
         axes = figure.add_axes(place)
-        _draw(axes, picture, boxes[k], look, grids[k] if grids else (), points[k] if points else None)
+        _draw(axes, picture, boxes[k], colours, grids[k] if grids else (), points[k] if points else None)
         if titles:
-            _title(axes, titles[k], look)
+            _title(axes, titles[k], colours)
     if path is not None:
         save_figure(figure, path)
     return figure
+
+
+def _listed(given: Any, what: str, kind: Any) -> list[Any]:
+    """The items of a list, each of a kind; none for None."""
+    if given is None:
+        return []
+    if not isinstance(given, Sequence) or isinstance(given, str) or not all(isinstance(one, kind) for one in given):
+        name = f"{kind.__name__} objects" if kind is Picture else "one for each picture"
+        raise DeformError(f"{what} are a list ({name}), got {shown_value(given)}.")
+    return list(given)
 
 
 def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
@@ -119,13 +132,13 @@ def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
     return places
 
 
-def _title(axes: Axes, title: str, look: Style) -> None:
+def _title(axes: Axes, title: str, colours: Style) -> None:
     """A title as it is: names of files may hold dollars, line breaks, or be long."""
     inches = axes.get_figure(root=True).get_figwidth() * axes.get_position().width  # type: ignore[union-attr]
     room = 72 * max(inches, _NARROWEST)
     text = shown(title, int(room / 3.5))
     size = min(_TITLE, max(5.0, room / (0.66 * max(1, len(text)))))  # most letters are narrower than 0.66 of it
-    axes.set_title(text, color=look.ink, fontsize=size, family="serif", pad=5, parse_math=False)
+    axes.set_title(text, color=colours.ink, fontsize=size, family="serif", pad=5, parse_math=False)
 
 
 def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
@@ -138,9 +151,10 @@ def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
 
 
 def _format(path: str | PathLike[str]) -> str:
-    suffix = Path(path).suffix.lower().removeprefix(".")
+    name = as_path(path)
+    suffix = name.suffix.lower().removeprefix(".")
     if suffix not in ("png", "pdf", "svg"):
-        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(Path(path).name)}.")
+        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(name.name)}.")
     return suffix
 
 
@@ -154,31 +168,31 @@ def _box(picture: Picture, grid: Sequence[NDArray[np.float64]]) -> Box:
     return a0 - air, a1 + air, b0 - air, b1 + air
 
 
-def _draw(axes: Axes, picture: Picture, box: Box, look: Style,
+def _draw(axes: Axes, picture: Picture, box: Box, colours: Style,
           grid: Sequence[NDArray[np.float64]], points: ControlPoints | None) -> None:
-    show_picture(axes, picture, look)
+    show_picture(axes, picture, colours)
     for line in grid:
-        axes.plot(line[:, 0], line[:, 1], color=look.grid, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
+        axes.plot(line[:, 0], line[:, 1], color=colours.grid, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
     if points is not None:
-        _draw_points(axes, points, look)
+        _draw_points(axes, points, colours)
     axes.set(xlim=box[:2], ylim=(box[3], box[2]), aspect="equal")
     axes.set_axis_off()
 
 
-def show_picture(axes: Axes, picture: Picture, look: Style) -> None:
-    """The pixels of a picture in a look, where they lie."""
+def show_picture(axes: Axes, picture: Picture, colours: Style) -> None:
+    """Draw the pixels of a picture in a style, where they lie."""
     from matplotlib.colors import LinearSegmentedColormap, to_rgb
 
     if picture.values.ndim == 3:
-        axes.imshow(picture.rgb8(to_rgb(look.dark)), extent=picture.extent, interpolation="bilinear")
+        axes.imshow(picture.rgb8(to_rgb(colours.dark)), extent=picture.extent, interpolation="bilinear")
         return
-    inks = LinearSegmentedColormap.from_list("inks", [look.dark, look.bright])
-    axes.imshow(picture.grey() ** look.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent,
+    inks = LinearSegmentedColormap.from_list("inks", [colours.dark, colours.bright])
+    axes.imshow(picture.grey() ** colours.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent,
                 interpolation="bilinear")
 
 
-def _draw_points(axes: Axes, points: ControlPoints, look: Style) -> None:
-    arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": look.ink, "linewidth": 0.8, "shrinkA": 2, "shrinkB": 2}
+def _draw_points(axes: Axes, points: ControlPoints, colours: Style) -> None:
+    arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": colours.ink, "linewidth": 0.8, "shrinkA": 2, "shrinkB": 2}
     for s, t, active in zip(points.source, points.target, points.active, strict=True):
         if active and np.abs(s - t).max() > 0:
             axes.annotate("", xy=(t[0], t[1]), xytext=(s[0], s[1]), arrowprops=arrow)

@@ -34,7 +34,7 @@ CUT = "#F0C000"
 """The line of a cut: yellow, as in the paper."""
 
 SIDES = ("#C8102E", "#1E9E4A")
-"""Points outside and inside of a cut: red and green, as in the paper; rings and discs tell them apart as well."""
+"""Points outside and inside of a cut: red and green, as in the paper; rings and discs distinguish them as well."""
 
 PART = "#4C9BE8"
 """Rigid parts."""
@@ -130,19 +130,19 @@ def draw_figure(rows: Sequence[Sequence[Panel]], *, style: str = "paper", width:
         raise DeformError(f"unknown style {style!r}; choose one of {', '.join(STYLES)}.")
     if not rows or not all(rows):
         raise DeformError("a figure needs at least one row, and each row at least one panel.")
-    look = STYLES[style]
+    colours = STYLES[style]
     sizes = [_row_sizes([panel.shown for panel in row], width, tallest) for row in rows]
     feet = [_CAPTION if lettered or any(panel.caption for panel in row) else 0.0 for row in rows]
     height = _GAP + sum(row[0][1] + foot + _GAP for row, foot in zip(sizes, feet, strict=True))
-    figure = Figure(figsize=(width, height), facecolor=look.paper)
+    figure = Figure(figsize=(width, height), facecolor=colours.paper)
     letter, top = 0, height - _GAP
     for row, row_sizes, foot in zip(rows, sizes, feet, strict=True):
         left = (width - sum(w for w, _ in row_sizes) - _GAP * (len(row) - 1)) / 2
         for panel, (w, h) in zip(row, row_sizes, strict=True):
             axes = figure.add_axes((left / width, (top - h) / height, w / width, h / height))
-            _fill(axes, panel, look)
+            _fill(axes, panel, colours)
             mark = f"({chr(ord('a') + letter)}) " if lettered else ""
-            _caption(axes, (mark + panel.caption).strip(), look, 72 * (w + _GAP / 2))
+            _caption(axes, (mark + panel.caption).strip(), colours, 72 * (w + _GAP / 2))
             left, letter = left + w + _GAP, letter + 1
         top -= row_sizes[0][1] + foot + _GAP
     if path is not None:
@@ -157,21 +157,21 @@ def _row_sizes(boxes: Sequence[Box], width: float, tallest: float) -> list[tuple
     return [(aspect * height, height) for aspect in aspects]
 
 
-def _fill(axes: Axes, panel: Panel, look: Style) -> None:
+def _fill(axes: Axes, panel: Panel, colours: Style) -> None:
     box = panel.shown
     if isinstance(panel.picture, np.ndarray):
         axes.imshow(panel.picture, interpolation="antialiased")
     elif panel.picture is not None:
-        show_picture(axes, panel.picture, look)
+        show_picture(axes, panel.picture, colours)
     for part in panel.parts:
         _outline(axes, part.region, box, PART, fill=True)
-    ink = look.grid if panel.picture is not None else look.ink
+    ink = colours.grid if panel.picture is not None else colours.ink
     for line in panel.grid:
         axes.plot(line[:, 0], line[:, 1], color=ink, linewidth=0.7, alpha=0.9, solid_joinstyle="round")
     for cut in panel.cuts:
         _outline(axes, cut.region, box, CUT, fill=False)
     if panel.points is not None:
-        _points(axes, panel.points, panel, look)
+        _points(axes, panel.points, panel, colours)
     axes.set(xlim=box[:2], ylim=(box[3], box[2]), aspect="equal")
     axes.set_axis_off()
 
@@ -189,9 +189,9 @@ def _outline(axes: Axes, region: AbstractRegion, box: Box, color: str, *, fill: 
             axes.contour(a, b, distance, levels=[0.0], colors=[color], linewidths=1.7)
 
 
-def _points(axes: Axes, points: ControlPoints, panel: Panel, look: Style) -> None:
+def _points(axes: Axes, points: ControlPoints, panel: Panel, colours: Style) -> None:
     """Rings at sources, discs at targets; with cuts red or green by the side on which the source lies."""
-    arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": look.ink, "linewidth": 0.8, "shrinkA": 3, "shrinkB": 3}
+    arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": colours.ink, "linewidth": 0.8, "shrinkA": 3, "shrinkB": 3}
     moved = np.abs(points.source - points.target).max(axis=1) > 0
     inside = panel.cuts[0].region.signed_distance(points.source) < 0 if panel.cuts else moved
     for k in np.flatnonzero(points.active):
@@ -205,10 +205,10 @@ def _points(axes: Axes, points: ControlPoints, panel: Panel, look: Style) -> Non
             axes.plot(*target, "o", mfc=colors[1], mec="white", mew=0.6, markersize=5.6)
 
 
-def _caption(axes: Axes, text: str, look: Style, room: float) -> None:
+def _caption(axes: Axes, text: str, colours: Style, room: float) -> None:
     size = min(_LETTERS, max(5.0, room / (0.5 * max(1, len(text)))))
     axes.annotate(text, (0.5, 0), (0, -4), xycoords="axes fraction", textcoords="offset points", ha="center", va="top",
-                  color=look.ink, fontsize=size, family="serif", parse_math=False)
+                  color=colours.ink, fontsize=size, family="serif", parse_math=False)
 
 
 # ---- grids -----------------------------------------------------------------------------------------------------------

@@ -12,14 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
+from deformnb.checks import real_array, shown_value
 from deformnb.document.animation import Animation
-from deformnb.document.deformation import Deformation
+from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
-from deformnb.imaging.render import Scene, fitting_height
+from deformnb.imaging.camera import Camera, fitting_height
+from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, renderer_named
 from deformnb.io.movies import MOVIES, write_movie
 from deformnb.volume.plane import Plane
-from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.volume import Grid, Volume, as_grid, as_volume
 from deformnb.warping.warper import Warper
 
 __all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
@@ -56,7 +58,7 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
     ----------
     direction : of the first frame.
     axis : to turn about; it should be what points up in the picture.
-    degrees : how far; the whole way is not reached, so that the movie goes on with its first frame.
+    degrees : the whole angle; it is not reached, so that the movie goes on with its first frame.
 
     Examples
     --------
@@ -73,7 +75,7 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
 
 
 class Frames(Iterator[Image]):
-    """Pictures made one by one, that know how many they are; see :func:`deformation_frames`."""
+    """Pictures made one by one, with their number; see :func:`deformation_frames`."""
 
     def __init__(self, images: Iterator[Image], count: int) -> None:
         self._images, self._left = images, count
@@ -93,10 +95,10 @@ class Frames(Iterator[Image]):
             close()
 
 
-def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: int | Sequence[float] = 48,
+def deformation_frames(volume: Volume, deformation: Deformation | Step, *, strengths: int | Sequence[float] = 48,
                        directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
-                       size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
-                       shows: str = "after", output: Grid | None = None,
+                       size: tuple[int, int] = (640, 480), transfer: TransferFunction | str | None = None,
+                       shows: str = "after", output: Grid | Volume | None = None,
                        background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
     """Pictures of a volume whose control points are dragged all the way and back.
 
@@ -104,13 +106,14 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
 
     Parameters
     ----------
-    strengths : a strength for each frame, as in :meth:`blended`; a number is that of
+    deformation : or a single step.
+    strengths : a strength for each frame, as in :meth:`scaled`; a number is that of
         the frames of a :func:`swing` from 0 to 1 and back.
     directions : where the viewer looks, one for all frames or one for each (see :func:`orbit`). The scale is the same
         in all frames.
     up : what points up in the picture; default is +z, or -y for a view along z.
     size : (width, height) of a frame in pixels, of one half for "pair".
-    transfer : colours and opacities; default is the preset "specimen" of the volume before.
+    transfer : colours and opacities, or the name of a preset of the volume before; default is "specimen".
     shows : one of :data:`SHOWS`.
     output : the grid of what is shown (the field of view); default is the volume's.
     background : red, green and blue in [0, 1].
@@ -131,25 +134,31 @@ def deformation_frames(volume: Volume, deformation: Deformation, *, strengths: i
     >>> from deformnb.rbf.points import ControlPoints
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 4]])
-    >>> deformation = Deformation.on_picture(volume.grid, "+z", points)
+    >>> deformation = Deformation.on_picture(volume, "+z", points)
     >>> frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="core")
     >>> [frame.shape for frame in frames]
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
     """
     chosen = swing(int(strengths)) if isinstance(strengths, int | np.integer) else _numbers(strengths)
-    return _frames(volume, deformation.blended, 0.0, chosen, directions, up, size, transfer, shows, output, background,
+    if isinstance(deformation, Step):
+        deformation = Deformation((deformation,))
+    if not isinstance(deformation, Deformation):
+        raise DeformError(f"a Deformation is needed, got {shown_value(deformation)}.")
+    return _frames(volume, deformation.scaled, 0.0, chosen, directions, up, size, transfer, shows, output, background,
                    backend)
 
 
-def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0, times: Sequence[float] | None = None,
-                     directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
-                     size: tuple[int, int] = (640, 480), transfer: TransferFunction | None = None,
-                     shows: str = "after", output: Grid | None = None,
+def animation_frames(volume: Volume, animation: Animation | Deformation, *, fps: float = 24.0,
+                     times: Sequence[float] | None = None, directions: ArrayLike = (0.4, 1.0, -0.3),
+                     up: ArrayLike | None = None, size: tuple[int, int] = (640, 480),
+                     transfer: TransferFunction | str | None = None,
+                     shows: str = "after", output: Grid | Volume | None = None,
                      background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
     """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
 
     Parameters
     ----------
+    animation : or a document with key frames.
     fps : pictures a second, of one round of the animation.
     times : the moments of the pictures in seconds instead; also in another order, or twice.
     directions, up, size, transfer, shows, output, background, backend : as for :func:`deformation_frames`.
@@ -160,11 +169,15 @@ def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0,
     >>> from deformnb.document.deformation import Keyframe
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> sets = [ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, b]]) for b in (6, 4)]
-    >>> keys = [Keyframe(t, Deformation.on_picture(volume.grid, "+z", p).steps) for t, p in enumerate(sets)]
+    >>> keys = [Keyframe(t, Deformation.on_picture(volume, "+z", p).steps) for t, p in enumerate(sets)]
     >>> animation = Animation(Deformation(keyframes=keys))
     >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
     3
     """
+    if isinstance(animation, Deformation):
+        animation = Animation(animation)
+    if not isinstance(animation, Animation):
+        raise DeformError(f"an Animation is needed, or a Deformation with key frames, got {shown_value(animation)}.")
     moments = animation.times(fps) if times is None else tuple(map(animation.moment, _numbers(times, "times")))
 
     def document(moment: float) -> Deformation:
@@ -175,17 +188,17 @@ def animation_frames(volume: Volume, animation: Animation, *, fps: float = 24.0,
 
 
 def _frames(volume: Volume, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
-            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | None,
-            shows: str, output: Grid | None, background: tuple[float, float, float], backend: str) -> Frames:
+            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | str | None,
+            shows: str, output: Grid | Volume | None, background: tuple[float, float, float], backend: str) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
-    if shows not in SHOWS:
-        raise DeformError(f"frames cannot show {shows!r}; choose {' or '.join(SHOWS)}.")
-    grid = output or volume.grid
+    if not isinstance(shows, str) or shows not in SHOWS:
+        raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(SHOWS)}.")
+    grid = as_volume(volume).grid if output is None else as_grid(output)
     planes = _planes(grid, directions, up, len(moments))
-    function = preset("specimen", volume) if transfer is None else transfer
-    scene = Scene(function, size, background=background, backend=backend)  # refuses a wrong size or renderer
+    function = as_transfer(transfer, volume)
+    renderer = RENDERERS[renderer_named(backend)](function, size, background)  # refuses a wrong size or renderer
     shown = list(zip(moments, planes, strict=True))
-    images = _images(volume, document, shown, grid, scene, size, before, shows == "pair")
+    images = _images(volume, document, shown, grid, renderer, size, before, shows == "pair")
     return Frames(images, len(moments))
 
 
@@ -201,19 +214,22 @@ def _numbers(given: Sequence[float], what: str = "strengths") -> tuple[float, ..
 
 
 def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int) -> list[Plane]:
-    looks = np.asarray(directions, dtype=float)
+    looks = real_array(directions)
+    if looks is None:
+        raise DeformError(f"directions are numbers, got {shown_value(directions)}.")
     if looks.shape not in ((3,), (count, 3)):
         raise DeformError(f"directions are one direction, or one for each of the {count} frames, got an array of shape "
                           f"{looks.shape}.")
     return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
 
 
-def _images(volume: Volume, document: Callable[[float], Deformation], wanted: list[tuple[float, Plane]], grid: Grid,
-            scene: Scene, size: tuple[int, int], before: float, is_pair: bool) -> Iterator[Image]:
-    height = max(fitting_height(grid, plane, size) for _, plane in wanted)
+def _images(volume: Volume, document: Callable[[float], Deformation], views: list[tuple[float, Plane]], grid: Grid,
+            renderer: CoreRenderer | VtkRenderer, size: tuple[int, int], before: float,
+            is_pair: bool) -> Iterator[Image]:
+    height = max(fitting_height(grid, plane, size) for _, plane in views)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
     # On the way back the same pictures come again, as long as the camera stands still.
-    left, kept = Counter(wanted), dict[tuple[float, Plane], Image]()
+    left, kept = Counter(views), dict[tuple[float, Plane], Image]()
 
     def deformed(moment: float) -> Volume:
         if moment not in volumes:
@@ -226,19 +242,19 @@ def _images(volume: Volume, document: Callable[[float], Deformation], wanted: li
         key = (moment, plane)
         image = kept.pop(key, None)
         if image is None:
-            image = scene(deformed(moment), plane, height)
+            image = renderer(deformed(moment), Camera(plane, height))
         left[key] -= 1
         if left[key] > 0:
             kept[key] = image
         return image
 
     if is_pair:
-        left.update((before, plane) for _, plane in wanted)
+        left.update((before, plane) for _, plane in views)
     try:
-        for moment, plane in wanted:
+        for moment, plane in views:
             if is_pair:
                 yield np.concatenate([drawn(before, plane), drawn(moment, plane)], axis=1)
             else:
                 yield drawn(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
     finally:
-        scene.close()
+        renderer.close()

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.imaging.raycast import Blocks, PerspectiveCamera, blocks, composite, faces_of, knots
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
-from deformnb.volume.transfer import TransferFunction, preset, typical_range
+from deformnb.volume.transfer import TransferFunction, as_transfer, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_volume
 from deformnb.warping.warper import warp
 
@@ -102,22 +103,23 @@ PROJECTIONS: dict[str, Projection] = {
 """All projections by name; the first is the default."""
 
 
-def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, transfer: TransferFunction | None = None,
-            depth: float | None = None, spacing: float | None = None, part: Part | None = None,
-            eye: PerspectiveCamera | None = None, progress: Progress | None = None) -> Picture:
+def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
+            transfer: TransferFunction | str | None = None, depth: float | None = None, spacing: float | None = None,
+            part: Part | None = None, eye: PerspectiveCamera | None = None,
+            progress: Progress | None = None) -> Picture:
     """A picture of a volume.
 
     Parameters
     ----------
-    volume : what to look at; voxels that are not finite count as background.
+    volume : the volume to project; voxels that are not finite count as background.
     view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane: its u points right, its v down, its normal away.
     method : a name of :data:`PROJECTIONS`.
-    transfer : colours and opacities of "composite" and "shaded"; default is the preset "specimen".
+    transfer : colours and opacities of "composite" and "shaded", or the name of a preset; default is "specimen".
     depth : place of a "slice" along the normal, from the plane; default is the plane itself (the middle of the volume
         for a view by name).
     spacing : pixel size of an oblique view; default is the smallest voxel size.
     part : outside of it is background, and where it cuts through a body its face is lit.
-    eye : who sees the plane in perspective; no slice is.
+    eye : the camera of a perspective; a slice has none.
     progress : called with the finished share from 0 to 1.
 
     Raises
@@ -131,9 +133,12 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *, tr
     >>> project(volume, "+z").values.tolist()
     [[12, 13, 14, 15], [16, 17, 18, 19], [20, 21, 22, 23]]
     """
-    if method not in PROJECTIONS:
-        raise DeformError(f"unknown projection {method!r}; choose one of {', '.join(PROJECTIONS)}.")
+    one_of(method, PROJECTIONS, "projection")
     plane = Plane.along(as_volume(volume), view) if isinstance(view, str) else view
+    for name, given, kind in (("view", plane, Plane), ("part", part, Part), ("eye", eye, PerspectiveCamera)):
+        if not isinstance(given, kind) and (given is not None or kind is Plane):
+            raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
+    depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
     order = _voxel_order(volume.grid, plane)
     settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
     if order is not None and spacing is None and part is None and eye is None:
@@ -157,10 +162,10 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
     return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
 
 
-def _settings(volume: Volume, transfer: TransferFunction | None, method: str) -> dict[str, Any]:
+def _settings(volume: Volume, transfer: TransferFunction | str | None, method: str) -> dict[str, Any]:
     settings: dict[str, Any] = {"shaded": method == "shaded"}
     if method in ("composite", "shaded"):
-        settings["transfer"] = preset("specimen", volume) if transfer is None else transfer
+        settings["transfer"] = as_transfer(transfer, volume)
         low, high = typical_range(volume)
         settings["range"] = (low, (high - low) or max(1.0, abs(low)), volume.background)
         settings["is_scaled"] = volume.dtype in (np.int32, np.float64)  # more digits than a float32 holds
@@ -182,7 +187,7 @@ def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
     """Array axis and sign of depth, v and u if the plane lies along the voxel axes, else None."""
     cosines = plane.frame[[2, 1, 0]] @ np.asarray(grid.direction)
     best = np.abs(cosines).argmax(axis=1)
-    # Cosines near 1 say nothing about small turns (0.2 degrees: 1 - 6e-6, yet 2 voxels at the edge of 512), those near
+    # Cosines near 1 do not resolve small turns (0.2 degrees: 1 - 6e-6, yet 2 voxels at the edge of 512), those near
     # 0 do. A plane along the axes of a grid that is square only within its tolerance may be twice that off them.
     aside = cosines.copy()
     aside[[0, 1, 2], best] = 0
@@ -285,9 +290,10 @@ def _smooth(volume: Volume, how: Projection) -> Volume:
 
 def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Grid:
     """A grid with axes u, v, n of a plane that covers ``grid``, with voxels of one size (default: its smallest)."""
-    d = min(grid.spacing) if spacing is None else float(spacing)
-    if not (np.isfinite(d) and d > 0):
-        raise DeformError(f"the pixel size must be a positive length, got {spacing}.")
+    wanted = "the pixel size must be a positive length"
+    d = min(grid.spacing) if spacing is None else finite_number(spacing, wanted)
+    if d <= 0:
+        raise DeformError(f"{wanted}, got {spacing}.")
     corners = plane.to_plane(grid.corners())
     low, high = corners.min(axis=0), corners.max(axis=0)
     count = np.maximum(1, np.ceil((high - low) / d - 1e-9)).astype(int)

@@ -152,7 +152,7 @@ def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
 
 
 def _beside(faces: Any, layer: Any, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
-    """Of places in a layer: whether they are within all faces, how near to one that is seen, and that one's light."""
+    """Masks of places within all faces, their nearness to a face that is seen, and the light of that face."""
     step, (a0, b0, c0) = faces["step"], faces["first"]
     c = c0 + step * layer
     wide = 1 + c * faces["bend"]

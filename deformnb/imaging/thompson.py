@@ -22,6 +22,7 @@ from scipy import ndimage
 
 from deformnb.analysis.quality import affine_split, bending_energy
 from deformnb.analysis.strain import Stretches, stretches
+from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.document.deformation import MODES, Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure
@@ -30,7 +31,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Raster
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume, as_grid
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 
@@ -159,7 +160,7 @@ def landmarks_of(steps: tuple[Step, ...], key: int) -> ControlPoints | None:
     if len(steps) != 1:
         return None
     points = steps[0].maps[min(key, len(steps[0].maps) - 1)]
-    return points.take(np.flatnonzero(points.active)).blended(steps[0].strength)
+    return points.take(np.flatnonzero(points.active)).scaled(steps[0].strength)
 
 
 def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
@@ -233,15 +234,15 @@ class Sheet:
     Parameters
     ----------
     picture : as it was before; grids : the numbers of both grids.
-    overlay : a name of :data:`OVERLAYS`; look : colours; width : inches.
+    overlay : a name of :data:`OVERLAYS`; colours : the style; width : inches.
     """
 
-    def __init__(self, picture: Picture, grids: Grids, overlay: str, look: Style, width: float) -> None:
-        self.picture, self.grids, self.overlay, self.look, self.width = picture, grids, overlay, look, width
-        self.is_dark = _luminance(look.paper) < 0.5
+    def __init__(self, picture: Picture, grids: Grids, overlay: str, colours: Style, width: float) -> None:
+        self.picture, self.grids, self.overlay, self.colours, self.width = picture, grids, overlay, colours, width
+        self.is_dark = _luminance(colours.paper) < 0.5
         self.inks = _INKS[self.is_dark]
         kind: Any = _figure_class()
-        self.figure: Any = kind(facecolor=look.paper)
+        self.figure: Any = kind(facecolor=colours.paper)
         self.figure.grids = grids
 
     # -- where everything lies ---
@@ -249,10 +250,10 @@ class Sheet:
     def draw(self, points: ControlPoints | None, unit: str, magnify: float) -> None:
         """Both panels with all that belongs to them."""
         before, after = self._place(points)
-        self._picture(before, self.picture.raster, _inked(self.picture, self.look))
+        self._picture(before, self.picture.raster, _inked(self.picture, self.colours))
         self._draw_grid(before, self.grids.before)
         raster = self._output(after.box)
-        after_pixels = _inked(_warped(self.picture, self.grids.field, raster), self.look)
+        after_pixels = _inked(_warped(self.picture, self.grids.field, raster), self.colours)
         if self.overlay == "area":
             after_pixels = self._tinted(after_pixels, raster)
         self._picture(after, raster, after_pixels)
@@ -327,7 +328,7 @@ class Sheet:
     def _draw_grid(self, place: _Place, lines: list[NDArray[np.float64]]) -> None:
         from matplotlib.collections import LineCollection
 
-        color = self.look.grid if self.overlay != "area" else self.look.ink
+        color = self.colours.grid if self.overlay != "area" else self.colours.ink
         drawn = LineCollection(lines, colors=color, linewidths=0.6, alpha=0.9 if self.overlay != "area" else 0.65,
                              capstyle="round", joinstyle="round", zorder=2)
         drawn.set_gid("grid")
@@ -369,7 +370,7 @@ class Sheet:
         for grows in (False, True):
             mask = shown & ((lengths > 0) == grows)
             arms = list(np.stack([at[mask] - half[mask], at[mask] + half[mask]], axis=1))
-            case = LineCollection(arms, colors=self.look.paper, linewidths=2.8, alpha=0.75, zorder=3)
+            case = LineCollection(arms, colors=self.colours.paper, linewidths=2.8, alpha=0.75, zorder=3)
             ink = LineCollection(arms, colors=self.inks[grows], linewidths=1.4, zorder=4,
                                  linestyles="solid" if grows else [(0, (2.0, 1.2))])
             ink.set_gid("stretched" if grows else "pressed")
@@ -387,27 +388,28 @@ class Sheet:
     def _landmarks(self, before: _Place, after: _Place, points: ControlPoints) -> None:
         from matplotlib.patches import FancyArrowPatch
 
-        before.axes.plot(*points.source.T, "o", mfc=self.look.paper, mec=SOURCE, mew=1.1, ms=3.6, ls="none", zorder=6)
-        after.axes.plot(*points.target.T, "o", mfc=TARGET, mec=self.look.paper, mew=0.5, ms=4.2, ls="none", zorder=6)
+        paper = self.colours.paper
+        before.axes.plot(*points.source.T, "o", mfc=paper, mec=SOURCE, mew=1.1, ms=3.6, ls="none", zorder=6)
+        after.axes.plot(*points.target.T, "o", mfc=TARGET, mec=paper, mew=0.5, ms=4.2, ls="none", zorder=6)
         size = self.grids.cell
         for source, target in zip(points.source, points.target, strict=True):
             if np.linalg.norm(target - source) < 0.06 * size:
                 continue
             after.axes.add_patch(FancyArrowPatch(source, target, arrowstyle="-|>", mutation_scale=5.5, shrinkA=0,
-                                                 shrinkB=2.4, lw=0.8, color=self.look.ink, zorder=5))
+                                                 shrinkB=2.4, lw=0.8, color=self.colours.ink, zorder=5))
             after.axes.plot(*source, "o", mfc="none", mec=SOURCE, mew=0.9, ms=2.8, ls="none", zorder=5)
 
     # -- words ---
 
     def _text(self, x: float, y: float, words: str, **options: Any) -> Any:
         """Words at a place in inches from the lower left corner."""
-        kind = {"family": "serif", "fontsize": _SMALL, "color": self.look.ink, "va": "center", "parse_math": False}
+        kind = {"family": "serif", "fontsize": _SMALL, "color": self.colours.ink, "va": "center", "parse_math": False}
         return self.figure.text(x / self.width, y / self.height, words, **{**kind, **options})
 
     def _line(self, x: tuple[float, float], y: tuple[float, float], **options: Any) -> None:
         from matplotlib.lines import Line2D
 
-        options = {"color": self.look.ink, "linewidth": 1.2, "solid_capstyle": "butt", **options}
+        options = {"color": self.colours.ink, "linewidth": 1.2, "solid_capstyle": "butt", **options}
         self.figure.add_artist(Line2D(np.array(x) / self.width, np.array(y) / self.height, **options))
 
     def write_title(self, words: list[str]) -> None:
@@ -442,7 +444,7 @@ class Sheet:
         cells, long, high = 48, 2.4, 0.1
         left, y = (self.width - long) / 2, _MARGIN + 0.2
         t = (np.arange(cells) + 0.5) / cells * 2 - 1
-        paper = np.array(_rgb(self.look.paper))
+        paper = np.array(_rgb(self.colours.paper))
         shown = self._colours(t)
         shown = 1 - (1 - paper) * (1 - shown) if self.is_dark else paper * shown
         for k, color in enumerate(shown):  # a touch too wide each, or viewers show seams
@@ -451,7 +453,7 @@ class Sheet:
                                              wide / self.width, high / self.height, color=color, linewidth=0,
                                              transform=self.figure.transFigure))
         self.figure.add_artist(Rectangle((left / self.width, y / self.height), long / self.width, high / self.height,
-                                         fill=False, edgecolor=self.look.ink, linewidth=0.5,
+                                         fill=False, edgecolor=self.colours.ink, linewidth=0.5,
                                          transform=self.figure.transFigure))
         for power in (-self.range, 0.0, self.range) if self.range < 2 else np.arange(-self.range, self.range + 1):
             self._text(left + long * (power / self.range + 1) / 2, y - 0.09, _factor(float(power)), ha="center")
@@ -483,12 +485,12 @@ class _Place:
 # ---- pixels and numbers ----------------------------------------------------------------------------------------------
 
 
-def _inked(picture: Picture, look: Style) -> NDArray[np.float64]:
-    """(nv, nu, 3) in [0, 1], as the look prints a picture."""
-    dark, bright = np.array(_rgb(look.dark)), np.array(_rgb(look.bright))
+def _inked(picture: Picture, colours: Style) -> NDArray[np.float64]:
+    """(nv, nu, 3) in [0, 1], as the style prints a picture."""
+    dark, bright = np.array(_rgb(colours.dark)), np.array(_rgb(colours.bright))
     if picture.values.ndim == 3:
         return np.asarray(picture.rgb8(tuple(dark.tolist())) / 255.0)
-    return np.asarray(dark + (picture.grey()[..., None] ** look.gamma) * (bright - dark))
+    return np.asarray(dark + (picture.grey()[..., None] ** colours.gamma) * (bright - dark))
 
 
 def _warped(picture: Picture, field: AbstractField, raster: Raster) -> Picture:
@@ -552,7 +554,7 @@ WIDTH = 7.2
 
 
 def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, lines: int = 12, overlay: str = "none",
-               magnify: float = 1.0, grid: Grid | None = None, key: int = 0, landmarks: bool = True,
+               magnify: float = 1.0, grid: Grid | Volume | None = None, key: int = 0, landmarks: bool = True,
                title: str | None = None, unit: str = "mm", style: str = "paper", width: float = WIDTH,
                path: str | PathLike[str] | None = None) -> Figure:
     """The picture on a regular grid, and the deformed picture on the deformed grid.
@@ -569,14 +571,14 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
     grid : of the volume, from which the support radius of a single point is derived; default is that of the picture.
     key : which set of control points of a step, for the rule "interpolate".
     landmarks : whether control points are drawn, with arrows to where they went.
-    title : default is the name of the step, and what is known of its fit.
+    title : default is the name of the step, and facts about its fit.
     unit : of lengths.
     style : a name of :data:`~deformnb.imaging.drawing.STYLES`; width : of the figure, inches.
     path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
 
     Returns
     -------
-    matplotlib Figure, not known to pyplot; its ``savefig`` keeps text as text. Its ``grids`` is a
+    matplotlib Figure, not registered with pyplot; its ``savefig`` keeps text as text. Its ``grids`` is a
         :class:`~deformnb.imaging.thompson.Grids`, the numbers that are drawn.
 
     Raises
@@ -595,10 +597,17 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
     (5, 7, 2)
     """
     for name, value, known in (("overlay", overlay, OVERLAYS), ("style", style, tuple(STYLES))):
-        if value not in known:
-            raise DeformError(f"unknown {name} {value!r}; choose one of {', '.join(known)}.")
-    if not np.isfinite(magnify):
-        raise DeformError(f"magnify must be a finite number, got {magnify}.")
+        one_of(value, known, name)
+    magnify = finite_number(magnify, "magnify must be a finite number")
+    if not isinstance(picture, Picture):
+        raise DeformError(f"a Picture is needed, got {shown_value(picture)}; project(volume, view) makes one.")
+    if finite_number(width, "the width of a figure must be a positive number of inches") <= 0:
+        raise DeformError(f"the width of a figure must be a positive number of inches, got {width}.")
+    if not isinstance(key, int | np.integer) or key < 0:
+        raise DeformError(f"key is the number of a set of control points from 0 on, got {shown_value(key)}.")
+    if not isinstance(unit, str) or not isinstance(title, str | None):
+        raise DeformError(f"title and unit are texts, got {shown_value(title)} and {shown_value(unit)}.")
+    grid = None if grid is None else as_grid(grid)
     steps = steps_of(what, picture, magnify)
     grids = make_grids(field_of(what, steps, picture, magnify, grid, key), picture, lines)
     sheet = Sheet(picture, grids, overlay, STYLES[style], width)

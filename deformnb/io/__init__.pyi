@@ -12,7 +12,6 @@ from .landmarks import points_from_csv as points_from_csv
 from .landmarks import read_landmarks as read_landmarks
 from .landmarks import write_landmarks as write_landmarks
 from .memory import available_memory as available_memory
-from .memory import required_bytes as required_bytes
 from .meshes import MESH_FORMATS as MESH_FORMATS
 from .meshes import read_mesh as read_mesh
 from .meshes import write_mesh as write_mesh

@@ -29,11 +29,12 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from deformnb.errors import FileChangedError, VolumeFileError
-from deformnb.io.headers import fail, human_bytes, shown
+from deformnb.io.headers import as_path, fail, human_bytes, shown
 
 
 def try_lock(descriptor: int) -> bool | None:
-    """Lock an open file, without waiting: True if it is ours now, False if it is another's, None if nobody can tell.
+    """Lock an open file, without waiting: True if it is ours now, False if it is another's, None if that cannot be
+    determined.
 
     It ends when the last copy of the descriptor is closed, at the latest with the process.
     """
@@ -117,7 +118,7 @@ def sweep(path: Path, unless: Callable[[], bool] = bool) -> bool:
 
     Parameters
     ----------
-    unless : asked once nobody else can hold it; it stays if the answer is yes.
+    unless : called once nobody else can hold it; the file stays if it returns True.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
@@ -146,7 +147,7 @@ def _remove(path: Path) -> None:
 
 
 _SUFFIX = ".deformnb.tmp"
-# A lock may say nothing of a process on another machine that shares the folder: only our own leftovers are swept.
+# A lock may not exclude a process on another machine that shares the folder: only our own leftovers are swept.
 _HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
@@ -168,7 +169,7 @@ def writing_held_by(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterat
     >>> target = Path(tempfile.mkdtemp()) / "note.txt"
     >>> @contextmanager
     ... def never():
-    ...     raise KeyError("not wanted any more")
+    ...     raise KeyError("not needed any more")
     ...     yield
     >>> with suppress(KeyError), writing_held_by(never), atomic_write(target) as file:
     ...     _ = file.write(b"whole")
@@ -194,10 +195,10 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     Raises
     ------
     VolumeFileError
-        One sentence that says what stands in the way.
+        One sentence with the reason.
     """
     try:
-        target = Path(path).expanduser().resolve()
+        target = as_path(path).resolve()
         exists = target.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, a loop of links
         raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({error}).") from error
@@ -272,7 +273,7 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
             raise
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        why = "the disk (or your share of it) is full" if full else f"the system says: {error.strerror or error}"
+        why = "the disk (or your share of it) is full" if full else f"the system reports: {error.strerror or error}"
         raise fail(target, f"was not written, {why}; an older file of this name is untouched.") from error
     finally:
         if temporary != target.parent:
@@ -389,7 +390,7 @@ class KnownFiles:
         """
         place = _real(path)
         known = self._digests.get(place)
-        if not place.exists() or place.is_dir():  # of a folder whoever writes says more
+        if not place.exists() or place.is_dir():  # of a folder the writer reports more
             return
         with suppress(OSError):  # what cannot be read may hold anything
             if known is not None and _digest(place) == known:

@@ -221,14 +221,14 @@ def _groups(path: Path, slices: list[_Slice]) -> dict[str, list[_Slice]]:
 def _select(path: Path, groups: dict[str, list[_Slice]], series: str | int | None) -> list[_Slice]:
     if series is None and len(groups) == 1:
         return next(iter(groups.values()))
-    wanted = str(series)
-    matches = [part for label, part in groups.items() if wanted in (label, part[0].series)]
-    matches = matches or [part for part in groups.values() if wanted == part[0].description and wanted]
+    chosen = str(series)
+    matches = [part for label, part in groups.items() if chosen in (label, part[0].series)]
+    matches = matches or [part for part in groups.values() if chosen == part[0].description and chosen]
     if series is not None and len(matches) == 1:
         return matches[0]
     kinds = "; ".join(f"series={shown(label)!r}: {len(part)} slices of {part[0].shape[1]} x {part[0].shape[0]}, "
                       f"'{shown(part[0].description, 40)}'" for label, part in list(groups.items())[:20])
-    why = "it holds several series or geometries" if series is None else f"there is no one series {shown(wanted)!r}"
+    why = "it holds several series or geometries" if series is None else f"there is no one series {shown(chosen)!r}"
     raise fail(path, f"{why}; choose one: {kinds}.")
 
 
@@ -294,7 +294,7 @@ def _step(path: Path, slices: list[_Slice]) -> tuple[float, tuple[str, ...]]:
 
 
 def _result_type(slices: list[_Slice]) -> np.dtype[Any]:
-    """The smallest whole type for values after rescaling, as far as the headers tell; else float32."""
+    """The smallest whole type for values after rescaling, as far as the headers determine it; else float32."""
     stored = slices[0].dtype
     for one in slices:
         if one.dtype != stored:
@@ -328,9 +328,9 @@ def _pixels(one: _Slice) -> NDArray[Any]:
         compressed = data.file_meta.TransferSyntaxUID.is_compressed
         present = len(data.PixelData)
     except Exception as error:  # as above: anything may be missing
-        raise fail(one.path, f"it has no pixels, or does not say how they are packed ({shown(error)}).") from error
+        raise fail(one.path, f"it has no pixels, or does not state how they are packed ({shown(error)}).") from error
     if not compressed and present not in (expected, expected + expected % 2):  # an odd length is padded to even
-        raise fail(one.path, f"the header asks for {expected} bytes of pixels but the file has {present}: it is cut "
+        raise fail(one.path, f"the header needs {expected} bytes of pixels but the file has {present}: it is cut "
                              "short or damaged.")
     try:
         with warnings.catch_warnings():

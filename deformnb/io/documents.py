@@ -58,7 +58,7 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
 
     Parameters
     ----------
-    path : ends in ``.json`` or has no suffix; any other says a kind of file that this is not.
+    path : ends in ``.json`` or has no suffix; any other is that of another kind of file.
     known : files that may be replaced while they hold what they held when they were last read or written; default are
         those of :func:`read_deformation` and of this function in this process. This one is known afterwards.
     overwrite : whether any file may be replaced.
@@ -75,7 +75,7 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
     >>> write_deformation(Deformation(), "drag.tfm")
     Traceback (most recent call last):
     ...
-    deformnb.errors.VolumeFileError: drag.tfm: a deformation is written as JSON, and .tfm says another kind of file;
+    deformnb.errors.VolumeFileError: drag.tfm: a deformation is written as JSON, and .tfm is another kind of file;
     name it drag.json.
     """
     check_json_target(path, "a deformation")
@@ -103,11 +103,11 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     name, suffix = place.name, "".join(place.suffixes[-2:]).lower()
     if place.suffix.lower() in ("", ".json") and suffix not in _OTHER_JSON:
         return
-    said = suffix if suffix in _OTHER_JSON or suffix == ".nii.gz" else place.suffix
-    stem = name[:len(name) - len(said)].removesuffix(".json")
+    ending = suffix if suffix in _OTHER_JSON or suffix == ".nii.gz" else place.suffix
+    stem = name[:len(name) - len(ending)].removesuffix(".json")
     volume = (" (write_volume(deformation.apply(volume), path) writes the deformed volume)"
               if any(name.lower().endswith(row.suffixes) for row in FORMATS.values()) else "")
-    raise fail(place, f"{what} is written as JSON, and {said} says another kind of file; "
+    raise fail(place, f"{what} is written as JSON, and {ending} is another kind of file; "
                       f"name it {shown(stem)}.json{volume}.")
 
 

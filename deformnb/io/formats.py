@@ -55,7 +55,7 @@ FORMATS: dict[str, Format] = {
 }
 """All formats by name. A new one is one row: suffixes, a header reader, a writer or None."""
 
-# First bytes of formats, to say what a file with another suffix is.
+# First bytes of formats, to recognise a file with another suffix.
 _MARKS = {b"NRRD000": "nrrd", b"\x93NUMPY": "numpy", b"II*\0": "tiff", b"MM\0*": "tiff", b"ObjectType": "metaimage",
           b"<VTKFile": "vti", b"\x1f\x8b": "nifti"}
 
@@ -72,7 +72,7 @@ class FileDescription:
     format : its description in :data:`FORMATS`.
     grid : where its voxels are.
     dtype : type of the voxels, scaling included; 64-bit integers become int32 or float64 only when they are loaded.
-    is_labels : True if the file says that voxels are names of regions.
+    is_labels : True if the file states that voxels are names of regions.
     file_bytes : on disk (of a folder: of its own files).
     memory_bytes : of the loaded voxels.
     notes : remarks.
@@ -124,7 +124,7 @@ def format_of(path: Path, *, writing: bool = False) -> tuple[str, Format]:
                 raise fail(path, f"{entry.description} is read but not written; write {_writable()}.")
             return name, entry
     if writing:
-        raise fail(path, f"the end of its name says no kind of volume file; write {_writable()}.")
+        raise fail(path, f"its suffix belongs to no kind of volume file; write {_writable()}.")
     if dicom.is_dicom(path):  # scanners often write names without a suffix
         return "dicom", FORMATS["dicom"]
     with regular_file(path).open("rb") as file:
@@ -174,9 +174,10 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     path : a file of one of :data:`FORMATS`, or a folder with a DICOM series or TIFF slices.
     name : of the volume; by default the file's name without its suffix.
     series : which DICOM series, if there are several (its number, UID or description).
-    spacing : (x, y, z) instead of the file's; origin and direction stay as the file says. By default the file's, but
-        for a public volume whose files are known to be wrong (:mod:`deformnb.volume.known_spacings`); a note says so.
-    is_labels : voxels are names of regions; by default what the file says, else only bool voxels are, and a note asks
+    spacing : (x, y, z) instead of the file's; origin and direction stay those of the file. By default the file's, but
+        for a public volume whose files are known to be wrong (:mod:`deformnb.volume.known_spacings`); a note reports
+        it.
+    is_labels : voxels are names of regions; by default as in the file, else only bool voxels are, and a note is added
         where whole numbers look like labels.
     stride : keep every n-th voxel along each axis.
     max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included.

@@ -46,11 +46,11 @@ class Header:
     shape : (nz, ny, nx).
     dtype : voxel type as stored, byte order included.
     blocks : opens the file and yields the voxels in order, as arrays of whole slices in the stored type.
-    spacing, origin, direction : as the file says, in LPS; a spacing may be negative or wrong until :meth:`grid`.
+    spacing, origin, direction : as in the file, in LPS; a spacing may be negative or wrong until :meth:`grid`.
     affine : 4 x 4 LPS map of indices (i, j, k), for files that have one instead of the three.
     slope, intercept : voxels mean ``slope * stored + intercept``.
     transposed : blocks come along x, as [x, y, z].
-    is_labels : what the file says, None if it says nothing.
+    is_labels : as in the file, None if it is not stated.
     notes : remarks for a status line.
     working_bytes : memory that reading takes beside the voxels: a page, a packed and an unpacked strip or tile.
     """
@@ -124,7 +124,7 @@ def shown(text: object, limit: int = 120) -> str:
 
 
 def fail(path: Path, why: str) -> VolumeFileError:
-    """The error that says which file and why."""
+    """The error with the file and the reason."""
     return VolumeFileError(f"{shown(path.name or path)}: {why}")
 
 
@@ -222,7 +222,7 @@ def volume_shape(path: Path, sizes: list[int], itemsize: int) -> tuple[tuple[int
     notes = ("a 2-D image was taken as a volume of one slice",) if len(sizes) < 3 else ()
     nx, ny, nz = (*real, 1, 1)[:3]
     if math.prod(real) * itemsize >= _TOO_MANY_BYTES:
-        raise fail(path, f"the sizes {real} ask for more memory than any machine has; the header is damaged.")
+        raise fail(path, f"the sizes {real} need more memory than any machine has; the header is damaged.")
     return (nz, ny, nx), notes
 
 
@@ -295,12 +295,12 @@ def is_detached_name(header: Path, name: str) -> bool:
 
 
 def detached_proof(crc: int) -> str:
-    """The comment with which a header that we write says what is in its data file."""
+    """The comment in a header that we write with the checksum of its data file."""
     return f"deformnb data crc32 {crc:08x}"
 
 
 def proven_crc(comments: str, data_file: str) -> int | None:
-    """The check sum that a header's comments say of its data file; None if they say none.
+    """The checksum of the data file in a header's comments; None if there is none.
 
     A program that reads our header and writes other voxels may keep the comments, but gives the data file a name of
     its own; so a check sum counts only for a file that has it in its name.

@@ -52,7 +52,7 @@ class LandmarkFormat:
 
 
 def is_landmarks(path: str | os.PathLike[str]) -> bool:
-    """True if the end of a name says that it is a landmark file.
+    """True if the end of a name is that of a landmark file.
 
     Examples
     --------
@@ -115,10 +115,10 @@ def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overw
 
 
 def check_landmark_target(path: Path) -> LandmarkFormat:
-    """The format that the end of a name says; VolumeFileError if it is none."""
+    """The format of the end of a name; VolumeFileError if it is none."""
     row = _row(path)
     if row is None:
-        raise fail(path, f"the end of its name says no kind of landmark file; known are {landmark_suffixes()}.")
+        raise fail(path, f"its suffix belongs to no kind of landmark file; known are {landmark_suffixes()}.")
     return row
 
 
@@ -154,7 +154,7 @@ def _read_bigwarp(path: Path, text: str) -> Landmarks:
             raise fail(path, f"row {number} has {len(row)} columns; BigWarp writes a name, true or false, the moving "
                              "and the fixed place.")
         if row[1].strip().lower() not in ("true", "false"):
-            raise fail(path, f"row {number} says '{shown(row[1], 20)}' where BigWarp writes true or false.")
+            raise fail(path, f"row {number} has '{shown(row[1], 20)}' where BigWarp writes true or false.")
         places = _unset_as_nan(path, row[2:], f"row {number}")
         if not np.isfinite(places[:half]).all():  # BigWarp keeps a row for a point that is set on one side only
             continue
@@ -313,7 +313,7 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
     among; ``target_...``, ``id``, ``name``, ``active``, ``locked``, ``weight`` and ``radius`` may be. A row with the id
     of a point changes that point, any other row adds one; what a row leaves empty stays, or is as usual. Without a line
     of names each row is a place, or a source and a target, or a row of BigWarp (name, true or false, moving, fixed).
-    Columns are told apart by tabs, semicolons or commas.
+    Columns are separated by tabs, semicolons or commas.
 
     Raises
     ------

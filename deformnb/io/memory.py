@@ -7,13 +7,14 @@ import re
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 
-import numpy as np
-from numpy.typing import DTypeLike
+from deformnb.errors import DeformError
+from deformnb.io.headers import human_bytes
+from deformnb.volume.volume import Grid, Volume
 
 # A warp holds its input and its output and some maps; a reader that took all of the free memory would leave no room.
 SHARE = 0.6
 
-# If the system does not tell: what a small laptop has free.
+# If the system does not report it: what a small laptop has free.
 _UNKNOWN = 4 * 2**30
 
 # By the type of file system of Linux control groups (version 2 and version 1): the files of a group that hold its limit
@@ -24,39 +25,35 @@ _CGROUP_FILES = {
 }
 
 
-def required_bytes(shape: tuple[int, int, int], dtype: DTypeLike, *, output_shape: tuple[int, int, int] | None = None,
-                   maps: int = 0, texture: bool = False) -> int:
-    """Bytes that deforming a volume takes: input, output, maps and a texture of the display.
-
-    Parameters
-    ----------
-    shape : (nz, ny, nx) of the volume.
-    dtype : its voxel type.
-    output_shape : of the deformed volume, if one is made.
-    maps : how many 2-D displacement maps of the volume's own rows and columns (two float32 each) are kept.
-    texture : whether a copy for a GPU is made (of the output, or else of the input).
-
-    Examples
-    --------
-    >>> required_bytes((256, 256, 256), "uint8", output_shape=(256, 256, 256), maps=1) / 2**20
-    32.5
-    """
-    def size(shape: tuple[int, int, int]) -> int:
-        return int(shape[0]) * int(shape[1]) * int(shape[2]) * np.dtype(dtype).itemsize
-
-    total = size(shape) + maps * int(shape[1]) * int(shape[2]) * 8
-    total += size(output_shape) if output_shape is not None else 0
-    return total + (size(output_shape or shape) if texture else 0)
-
-
 def available_memory() -> int:
     """Bytes that can still be allocated here; inside a container, within its limit and those around it."""
     rooms = (_cgroup_room(folder, kind) for folder, kind in _cgroups(Path("/")))
     return min([_system_memory(), *(room for room in rooms if room is not None)])
 
 
+def check_room(volume: Volume, output: Grid | None) -> None:
+    """Refuse a result that there is no memory for: else the system would end the process, and all work with it.
+
+    Parameters
+    ----------
+    output : its grid; None is the volume's own.
+
+    Raises
+    ------
+    DeformError
+        With what it takes and what is free.
+    """
+    grid = output or volume.grid
+    needed, free = grid.size * volume.dtype.itemsize, available_memory()
+    if needed > free:
+        remedy = ("choose a smaller result box or a coarser resolution" if grid.size > volume.grid.size else
+                  "read the volume with a stride")
+        raise DeformError(f"the deformed volume of {' x '.join(map(str, grid.shape[::-1]))} voxels takes "
+                          f"{human_bytes(needed)} and {human_bytes(free)} are free; close something else, or {remedy}.")
+
+
 def default_limit() -> int:
-    """Bytes a volume may take unless the caller says otherwise: a share of :func:`available_memory`."""
+    """Bytes a volume may take by default: a share of :func:`available_memory`."""
     return int(SHARE * available_memory())
 
 
@@ -82,7 +79,7 @@ def _cgroups(root: Path) -> list[tuple[Path, str]]:
 
     Parameters
     ----------
-    root : of the file system that tells them.
+    root : of the file system that reports them.
     """
     try:
         groups = (root / "proc/self/cgroup").read_text().splitlines()

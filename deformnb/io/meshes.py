@@ -142,24 +142,24 @@ class _Binary:
         table = self._take(dtype, element.size)
         return {name: table[name] for name in dtype.names or ()}
 
-    def lists(self, element: _Element, wanted: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def lists(self, element: _Element, chosen: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """The lengths and the joined values of one list of an element."""
         begin = self._at
         if len(element.properties) == 1 and element.size:  # mostly all are triangles, and read at once
-            count = int(self._take(np.dtype(self._order + wanted.count), 1)[0])
-            values = ("values", self._order + wanted.dtype, (max(count, 0),))
-            row = np.dtype([("n", self._order + wanted.count), values])
+            count = int(self._take(np.dtype(self._order + chosen.count), 1)[0])
+            values = ("values", self._order + chosen.dtype, (max(count, 0),))
+            row = np.dtype([("n", self._order + chosen.count), values])
             self._at = begin
             if begin + row.itemsize * element.size <= len(self._data):
                 table = self._take(row, element.size)
                 if (table["n"] == count).all():
                     return table["n"].astype(np.int64), table["values"].reshape(-1).astype(np.int64)
         self._at = begin
-        return self._one_by_one(element, wanted)
+        return self._one_by_one(element, chosen)
 
-    def _one_by_one(self, element: _Element, wanted: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _one_by_one(self, element: _Element, chosen: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         counts, values = [], []
-        kinds = [(p is wanted, np.dtype(self._order + p.count) if p.count else None, np.dtype(self._order + p.dtype))
+        kinds = [(p is chosen, np.dtype(self._order + p.count) if p.count else None, np.dtype(self._order + p.dtype))
                  for p in element.properties]
         for _ in range(element.size):
             for is_wanted, count, dtype in kinds:
@@ -196,14 +196,14 @@ class _Text:
         table = self._take(element.size * len(names)).reshape(element.size, len(names))
         return dict(zip(names, table.T, strict=True))
 
-    def lists(self, element: _Element, wanted: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def lists(self, element: _Element, chosen: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """The lengths and the joined values of one list of an element."""
         counts, values = [], []
         for _ in range(element.size):
             for kind in element.properties:
                 number = int(_whole(self._path, self._take(1))[0]) if kind.count else 1
                 part = self._take(max(number, 0))
-                if kind is wanted:
+                if kind is chosen:
                     counts.append(len(part))
                     values.append(part)
         joined = np.concatenate(values) if values else np.zeros(0)
@@ -225,7 +225,7 @@ _STL_HEADER = 84
 
 
 def read_stl(path: Path) -> Polygons:
-    """An STL file, binary or text; corners at exactly the same place become one, as STL says it only by their place."""
+    """An STL file, binary or text; corners at exactly the same place become one, as STL has no other connectivity."""
     data = path.read_bytes()
     triangles = int.from_bytes(data[80:_STL_HEADER], "little")
     if len(data) >= _STL_HEADER and len(data) == _STL_HEADER + _STL_ROW.itemsize * triangles:
@@ -262,8 +262,8 @@ def read_obj(path: Path) -> Polygons:
     counts, corners = [], list[int]()
     promised = None
     for line in _obj_lines(path):
-        if promised is None and (said := re.match(rb"# deformnb: ([0-9]{1,12}) corners, ([0-9]{1,12}) faces", line)):
-            promised = (int(said[1]), int(said[2]))
+        if promised is None and (comment := re.match(rb"# deformnb: ([0-9]{1,12}) corners, ([0-9]{1,12}) faces", line)):
+            promised = (int(comment[1]), int(comment[2]))
         kind, *words = line.split(b"#", 1)[0].split() or [b""]
         if kind == b"v":
             points.append(words[:3])
@@ -274,7 +274,7 @@ def read_obj(path: Path) -> Polygons:
                 if re.fullmatch(rb"-?[1-9][0-9]{0,17}", number) is None:
                     raise fail(path, f"the corner '{shown(word.decode('ascii', 'replace'), 30)}' of a face is none.")
                 corners.append(int(number) - 1 if int(number) > 0 else len(points) + int(number))
-    if promised not in (None, (len(points), len(counts))):  # files of other programs do not say where they end
+    if promised not in (None, (len(points), len(counts))):  # files of other programs do not mark their end
         raise fail(path, f"its first line promises other numbers of corners and faces than it has: {_CUT}.")
     try:
         places = np.array(points, dtype=np.float64).reshape(len(points), 3)
@@ -394,7 +394,7 @@ class MeshFormat:
 
 
 def is_mesh(path: str | os.PathLike[str]) -> bool:
-    """True if the end of a name says that it is a surface file.
+    """True if the end of a name is that of a surface file.
 
     Examples
     --------
@@ -428,7 +428,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
     place = regular_file(as_path(path))
     row = _row(place)
     if row is None:
-        raise fail(place, f"the end of its name says no kind of surface file; known are {mesh_suffixes()}.")
+        raise fail(place, f"its suffix belongs to no kind of surface file; known are {mesh_suffixes()}.")
     size, limit = place.stat().st_size, default_limit()
     if size * _MEMORY_PER_BYTE > limit:
         raise fail(place, f"reading it takes about {human_bytes(size * _MEMORY_PER_BYTE)} of memory and "
@@ -471,7 +471,7 @@ def check_mesh_target(path: Path) -> MeshFormat:
     """The format that a path to write to selects; VolumeFileError if there is none of its suffix."""
     row = _row(path)
     if row is None:
-        raise fail(path, f"the end of its name says no kind of surface file; write {mesh_suffixes()}.")
+        raise fail(path, f"its suffix belongs to no kind of surface file; write {mesh_suffixes()}.")
     return row
 
 

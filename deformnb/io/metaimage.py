@@ -37,7 +37,7 @@ _TYPES = {
 _NAMES = {"i1": "MET_CHAR", "u1": "MET_UCHAR", "i2": "MET_SHORT", "u2": "MET_USHORT", "i4": "MET_INT",
           "f4": "MET_FLOAT", "f8": "MET_DOUBLE"}
 
-# MetaImage cannot say that voxels are names of regions, nor what is in its data file; a comment, which every reader
+# MetaImage has no field for voxels that are names of regions, nor for a checksum; a comment, which every reader
 # keeps or ignores, can.
 _LABELS = "deformnb labels"
 _MOST_SKIPPED = 2**26
@@ -148,7 +148,7 @@ def _geometry(path: Path, fields: dict[str, str], dimension: int) -> tuple[Float
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write MetaImage: one file with plain voxels, or for .mhd a header and ``<name>.mhd.<check sum>.raw``.
 
-    Not compressed: the header would have to know the compressed size before the voxels are packed.
+    Not compressed: the header would need the compressed size before the voxels are packed.
     """
     if path.suffix.lower() == ".mhd":
         write_pair(volume, path, partial(_header_text, volume), lambda header: _fields(header)[0]["elementdatafile"],

@@ -20,14 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Image
+from deformnb.checks import finite_number, shown_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
 from deformnb.io.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
-from deformnb.io.headers import fail, shown
+from deformnb.io.headers import as_path, fail, shown
 
 FrameProgress = Callable[[int, int], None]
 
 _FASTEST_GIF = 50.0  # frames a second: what is shown for less than 0.02 s browsers show for 0.1 s
-_LEVELS = 64  # of each of red, green and blue, told apart when the colours of a GIF are chosen
+_LEVELS = 64  # of each of red, green and blue, distinguished when the colours of a GIF are chosen
 _FULL = ("No space left", "Disk quota", "File too large")  # in the words of the system
 _FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -45,9 +46,9 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     frames : (height, width, 3) uint8, all of one size, one after the other; never all in memory.
     fps : frames a second.
     overwrite : whether an existing file may be replaced; numbered pictures are never mixed with others.
-    progress : called as ``progress(done, total)`` after each frame; total is 0 where the frames do not tell how many
-        they are. May raise :class:`~deformnb.errors.Cancelled`.
-    cancel : asked before each frame, such as ``threading.Event().is_set``; True raises Cancelled.
+    progress : called as ``progress(done, total)`` after each frame; total is 0 where the number of frames is
+        not known. May raise :class:`~deformnb.errors.Cancelled`.
+    cancel : called before each frame, such as ``threading.Event().is_set``; True raises Cancelled.
 
     Returns
     -------
@@ -69,13 +70,16 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     >>> write_movie(folder / "shades.gif", shades, fps=10).stat().st_size > 0
     True
     """
-    place = Path(path).expanduser()
+    place = as_path(path)
     kind = "" if place.is_dir() or str(path).endswith(("/", os.sep)) else place.suffix.lower()
     if kind not in MOVIES:
         raise DeformError(f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, not as "
                           f"{shown(place.name)!r}.")
-    if not (np.isfinite(fps) and 0.01 <= fps <= 1000):
-        raise DeformError(f"a movie has between 0.01 and 1000 frames a second, got {fps}.")
+    wanted = "a movie has between 0.01 and 1000 frames a second"
+    if not 0.01 <= finite_number(fps, wanted) <= 1000:
+        raise DeformError(f"{wanted}, got {fps}.")
+    if not isinstance(frames, Iterable):
+        raise DeformError(f"a movie is made of pictures, one after the other, got {shown_value(frames)}.")
     total = length_hint(frames, 0)
     try:
         if kind not in ("", ".png"):
@@ -90,7 +94,7 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
 
 def _watched(frames: Iterable[Image], total: int, progress: FrameProgress | None,
              cancel: Callable[[], bool] | None) -> Iterator[Image]:
-    """The frames, checked one by one; says after each that it is done."""
+    """The frames, checked one by one; reports after each that it is done."""
     source, shape, done = iter(frames), None, 0
     while True:
         if cancel is not None and cancel():
@@ -232,7 +236,7 @@ def _write_mp4(path: Path, frames: Iterator[Image], fps: float) -> None:
         encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=words)
         assert encoder.stdin is not None
         try:
-            with suppress(BrokenPipeError):  # it has ended early and says why below
+            with suppress(BrokenPipeError):  # it has ended early; its error is read below
                 encoder.stdin.write(first.tobytes())
                 for image in frames:
                     encoder.stdin.write(_even(image).tobytes())
@@ -250,7 +254,7 @@ def _write_mp4(path: Path, frames: Iterator[Image], fps: float) -> None:
 
 def _encoder_error(path: Path, words: str, code: int) -> Exception:
     if any(full in words for full in _FULL):
-        return OSError(errno.ENOSPC, "no space left")  # atomic_write says it
+        return OSError(errno.ENOSPC, "no space left")  # atomic_write reports it
     lines = words.strip().splitlines()
     return fail(path, f"was not written, the encoder ended with {code}: {shown(lines[-1] if lines else 'no message')}")
 
@@ -292,7 +296,7 @@ def _write_series(path: Path, frames: Iterator[Image], fps: float) -> None:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
             raise
         full = "the disk (or your share of it) is full"
-        why = full if error.errno in _FULL_ERRORS else f"the system says: {error.strerror or error}"
+        why = full if error.errno in _FULL_ERRORS else f"the system reports: {error.strerror or error}"
         raise fail(folder, f"the series was not written, {why}; nothing of it is left.") from error
     finally:
         for picture in moved:

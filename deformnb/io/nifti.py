@@ -61,7 +61,7 @@ def _fields(path: Path, data: bytes) -> _Fields:
         if size == 348 and len(data) >= 352:
             if data[344:347] not in (b"n+1", b"ni1"):
                 raise fail(path, "this is Analyze 7.5 or a damaged NIfTI file (no NIfTI mark at byte 344); "
-                                 "Analyze does not say which side is left. Convert it to NIfTI first.")
+                                 "Analyze does not state which side is left. Convert it to NIfTI first.")
             if data[344:347] == b"ni1":
                 raise fail(path, "this is the header of a pair .hdr and .img; save both as one .nii file.")
             return _Fields(at("8h", 40), at("8f", 76), at("h", 70)[0], at("f", 108)[0], at("2f", 112), at("2h", 252),
@@ -115,7 +115,7 @@ def _offset(path: Path, offset: float) -> int:
 
 def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float]:
     slope, intercept = scaling
-    if slope == 0 or math.isnan(slope):  # the standard's way, and nibabel's way, to say "not scaled"
+    if slope == 0 or math.isnan(slope):  # "not scaled" in the standard, and in nibabel
         return 1.0, 0.0
     if not (math.isfinite(slope) and math.isfinite(intercept)):
         raise fail(path, f"the fields 'scl_slope' and 'scl_inter' are {slope} and {intercept}; they must be finite.")
@@ -128,7 +128,7 @@ def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tu
     if sform_code <= 0:
         if qform_code > 0:
             return None, ()
-        return None, ("the file does not say where the volume lies: its axes were taken as right, anterior, superior",)
+        return None, ("the file states no place of the volume: its axes were taken as right, anterior, superior",)
     affine = np.vstack([np.reshape(fields.srow, (3, 4)), [0, 0, 0, 1]]).astype(np.float64)
     if not np.isfinite(affine).all():
         raise fail(path, f"the sform (srow_x, srow_y, srow_z) is not finite: {affine[:3].tolist()}.")

@@ -59,7 +59,7 @@ _SPACES = {
 # Axes of these kinds are places; an axis of any other kind (colours, vectors, tensors, time) is none.
 _PLACES = {"domain", "space", "???", "none"}
 
-_LABELS_KEY = "deformnb_labels"  # NRRD cannot say that voxels are names of regions; a key of our own can
+_LABELS_KEY = "deformnb_labels"  # NRRD has no field for voxels that are names of regions; hence a key of our own
 _MOST_SKIPPED = 2**26
 
 

@@ -109,7 +109,7 @@ def read_raw_header(path: Path) -> Header:
     side = _side_path(path)
     fields = _side_file(path)
     if fields is None:
-        raise fail(path, f"raw voxels need a file {shown(side.name)} next to them that says what they are, "
+        raise fail(path, f"raw voxels need a file {shown(side.name)} next to them that describes them, "
                          f"for example {_EXAMPLE}.")
     sizes = _shape(side, fields)[::-1]
     name, order = fields.get("dtype"), fields.get("byte_order")
@@ -160,7 +160,7 @@ def read_npy_header(path: Path) -> Header:
         return header
     side = _side_path(path)
     if "shape" in fields and _shape(side, fields) != list(shape):
-        raise fail(path, f"it has shape {shape} but its side file {shown(side.name)} says {_shape(side, fields)}. "
+        raise fail(path, f"it has shape {shape} but its side file {shown(side.name)} has {_shape(side, fields)}. "
                          "Remove the side file if the array is new.")
     return replace(header, blocks=_checked(path, fields, blocks), **_geometry(side, fields))
 

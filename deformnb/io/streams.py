@@ -51,7 +51,7 @@ class Inflate:
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
-        self._decoder = zlib.decompressobj(wbits=47)  # zlib or gzip, whichever its first bytes say
+        self._decoder = zlib.decompressobj(wbits=47)  # zlib or gzip, by its first bytes
         self._input = b""
         self._waiting = False  # the decoder still has output for input that it took
 
@@ -176,10 +176,10 @@ class Source:
         present = self.path.stat().st_size - self.offset - (self.skip if self.encoding == "raw" else 0)
         if self.encoding == "raw" and present != expected:
             counts = " x ".join(map(str, shape[::-1]))
-            raise fail(self.path, f"the header asks for {expected} bytes of voxels ({counts} of {dtype.name}) but "
+            raise fail(self.path, f"the header needs {expected} bytes of voxels ({counts} of {dtype.name}) but "
                                   f" the file has {max(0, present)}: it is cut short or damaged.")
         if self.encoding == "gzip" and expected > _DEFLATE_MOST * max(0, present) + _CHUNK:
-            raise fail(self.path, f"the header asks for {expected} bytes of voxels, more than the {max(0, present)} "
+            raise fail(self.path, f"the header needs {expected} bytes of voxels, more than the {max(0, present)} "
                                   "compressed bytes of the file can hold: it is cut short or damaged.")
         return lambda: stream_blocks(self.path, self.open, shape, dtype)
 
@@ -196,11 +196,11 @@ def stream_blocks(path: Path, open_stream: Callable[[], Stream], shape: tuple[in
             data = take(stream, count * slice_bytes)
             if len(data) < count * slice_bytes:
                 got = start * slice_bytes + len(data)
-                raise fail(path, f"the header asks for {nz * slice_bytes} bytes of voxels but the file holds {got}: "
+                raise fail(path, f"the header needs {nz * slice_bytes} bytes of voxels but the file holds {got}: "
                                  "it is cut short or damaged.")
             yield np.frombuffer(data, dtype).reshape(count, ny, nx)
         if stream.read(1):  # also reads the check sum at the very end
-            raise fail(path, f"the header asks for {nz * slice_bytes} bytes of voxels but the file holds more: "
+            raise fail(path, f"the header needs {nz * slice_bytes} bytes of voxels but the file holds more: "
                              "the sizes in its header are wrong.")
 
 
@@ -219,7 +219,7 @@ def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exceptio
 
 def checked_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[Any], crc32: int | None,
                    header: Path) -> Blocks:
-    """The blocks of a detached data file, which must be the one that its header was written for, if that says so."""
+    """The blocks of a detached data file, which must have the checksum in its header, if there is one."""
     blocks = source.blocks(shape, dtype)
     if crc32 is None:
         return blocks
@@ -234,7 +234,7 @@ def checked_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[
 LEVEL = 1
 
 # Compressed voxels seldom take more than this share of their size; noise may take all of it, and then the disk's own
-# "full" ends the writing cleanly. Asking for all of it would refuse most files that fit.
+# "full" ends the writing cleanly. Requiring all of it would refuse most files that fit.
 _PACKED_SHARE = 0.25
 
 _SLAB = 2**22
@@ -247,7 +247,7 @@ def stored_dtype(volume: Volume) -> np.dtype[Any]:
 
 def slabs_of_bytes(values: NDArray[Any], dtype: np.dtype[Any],
                    progress: Progress | None = None) -> Iterator[memoryview]:
-    """The voxels in order as little-endian bytes, some slices at a time; progress is told after each."""
+    """The voxels in order as little-endian bytes, some slices at a time; progress is reported after each."""
     nz = values.shape[0]
     rows = max(1, _SLAB // max(1, values[0].size * dtype.itemsize))
     for start in range(0, nz, rows):

@@ -178,7 +178,7 @@ def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], s
     height, width = first.shape
     shape, _ = volume_shape(path, [width, height, count], first.dtype.itemsize)
     if spacing is None:
-        notes += ("the file does not say how far slices are apart; spacing 1 was taken",)
+        notes += ("the file does not state the distance of slices; spacing 1 was taken",)
     if first.photometric == 0:
         notes += ("the file shows small values as white; the values are kept as they are",)
     if first.photometric == 3:

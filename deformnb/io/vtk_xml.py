@@ -199,7 +199,7 @@ class StoredArray:
             raise
 
     def _wrong(self, present: int | str) -> Exception:
-        return fail(self.file.path, f"the header asks for {self.size} bytes of numbers but the array has {present}: it "
+        return fail(self.file.path, f"the header needs {self.size} bytes of numbers but the array has {present}: it "
                                     "is cut short or damaged.")
 
     def _pieces(self, file: BinaryIO) -> Iterator[bytes]:

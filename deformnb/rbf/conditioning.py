@@ -121,7 +121,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
     targets, displacements, weights, first, notes = _merge(active, radius, smoothing)
     origin = targets.mean(axis=0) if len(targets) else np.zeros(points.dim)
     span, where = _span(targets - origin, displacements)
-    name, remark = _bearable(trend, kernel, len(targets), span.basis.shape[1], where)
+    name, remark = _determined_trend(trend, kernel, len(targets), span.basis.shape[1], where)
     return PreparedPoints(targets, displacements, weights, origin, radius, span, name,
                           tuple(active.ids[k] for k in first), (*limited, *notes, *remark),
                           _closest(active, targets, first),
@@ -135,7 +135,7 @@ def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float 
     if radius is None:
         if len(active) and trend.linear is None:
             raise DeformError(
-                f"{active.label(0)} is alone and there is no trend, so nothing tells how far it reaches; give a "
+                f"{active.label(0)} is alone and there is no trend, so nothing determines its range; give a "
                 "support radius."
             )
         radius = 1.0  # a translation does not depend on it
@@ -183,7 +183,7 @@ def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float)
             for a in (points.target[i], points.displacement[i], points.displacement[j])
         )
         raise DeformError(
-            f"{points.label(i)} and {points.label(j)} are at the same place {place} but ask for different "
+            f"{points.label(i)} and {points.label(j)} are at the same place {place} but require different "
             f"displacements {one} and {two}; move or delete one, or turn smoothing on."
         )
 
@@ -213,7 +213,8 @@ def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> st
     return f"on one line, along ({text})" if wide == 1 else f"in one plane, across ({text})"
 
 
-def _bearable(trend: Trend, kernel: type[AbstractKernel], n: int, rank: int, where: str) -> tuple[str, tuple[str, ...]]:
+def _determined_trend(trend: Trend, kernel: type[AbstractKernel], n: int, rank: int,
+                      where: str) -> tuple[str, tuple[str, ...]]:
     """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one requested."""
     if n == 0 or trend.name in ("none", "translation"):
         return trend.name, ()

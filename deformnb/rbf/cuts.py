@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -42,7 +42,6 @@ MOST_CUTS = 8
 # Coverages add up to 1 but for the rounding of float32 pixels; what is opaque must stay so bit by bit.
 _OPAQUE = 1 - 1e-4
 
-_Field = TypeVar("_Field", bound=AbstractField)
 
 Sides = tuple[bool, ...]
 """A region: for every cut whether it is its inside."""
@@ -75,24 +74,13 @@ def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np
 
 
 def points_of_regions(points: ControlPoints, regions: Sequence[AbstractRegion]) -> dict[Sides, ControlPoints]:
-    """Active points of every region that has some, by the region of their sources."""
+    """Active points of every region that has some, by the region of their sources (Eq. 7)."""
     chosen = np.flatnonzero(points.active).tolist()
     if not chosen:
         return {}
     sides = [tuple(row) for row in sides_of(regions, points.source[chosen]).tolist()]
     return {region: points.take([k for k, s in zip(chosen, sides, strict=True) if s == region])
             for region in sorted(set(sides))}
-
-
-def decoupled_fits(points: ControlPoints, regions: Sequence[AbstractRegion],
-                   fit: Callable[[ControlPoints], _Field]) -> dict[Sides, _Field]:
-    """The fit of every region that has active points, by the region of their sources (Eq. 7).
-
-    Parameters
-    ----------
-    fit : makes a field of some of the points.
-    """
-    return {sides: fit(own) for sides, own in points_of_regions(points, regions).items()}
 
 
 # ---- the rules -------------------------------------------------------------------------------------------------------
@@ -123,7 +111,7 @@ def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any
 
 
 def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
-    """Whatever has been brought here: the region of x first, else what covers most of the voxel."""
+    """The rule "source": the tissue brought here, of the region of x first, else of the region that covers most."""
     count = len(there)
     choice, best, total = xp.full(still.shape, count), still, still
     for k in range(count):
@@ -193,12 +181,11 @@ class Decoupled(AbstractField):
 
     Examples
     --------
-    >>> from deformnb.rbf.fitting import fit_rbf
+    >>> from deformnb.rbf.fit_settings import FitSettings
     >>> from deformnb.rbf.regions import Line
     >>> pull = ControlPoints.from_arrays([[2, 0], [8, 0]], [[1, 0], [9, 0]])  # both sides one away from the middle
     >>> cut = Line([(5, 9), (5, 0)])
-    >>> fits = decoupled_fits(pull, [cut], fit_rbf)
-    >>> field = Decoupled(tuple(fits.values()), tuple(fits), (cut,), softness=0.5)
+    >>> field = FitSettings().fit(pull, cuts=[cut], softness=0.5)
     >>> x = [[3.0, 0.0], [4.5, 0.0], [5.5, 0.0], [7.0, 0.0]]
     >>> field.displacement(x).round(9)[:, 0].tolist(), field.opacity(x).round(9).tolist()
     ([1.0, 1.0, -1.0, -1.0], [1.0, 0.0, 0.0, 1.0])
@@ -254,7 +241,7 @@ class Decoupled(AbstractField):
         return total, np.asarray(opacity)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
-        """That of the field which is seen at each point; it says nothing of the jump across a cut."""
+        """The Jacobian of the field seen at each point; it does not contain the jump across a cut."""
         x = np.asarray(points, dtype=np.float64)
         choice, _ = self._decided(x, [f.displacement(x) for f in self.fields], np)
         out = np.zeros((*x.shape, self.dim))

@@ -68,7 +68,7 @@ def evaluate(text: str, z: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     DeformError
-        If the text is anything else, or gives a value that is not finite, saying at which z.
+        If the text is anything else, or gives a value that is not finite; the message names the z.
 
     Examples
     --------
@@ -395,7 +395,7 @@ def _axis_along(plane: Plane, grid: Grid, sine: float) -> int | None:
 
 
 def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> frozenset[int]:
-    """The array axes of ``grid`` along which a field in space is certainly the same: one slice then tells all.
+    """The array axes of ``grid`` along which a field in space is certainly the same, so that one slice stands for all.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ class AbstractField(ABC):
 
 
 class HasField(Protocol):
-    """What has a field: a :class:`~deformnb.document.deformation.Deformation` for each grid, an inverse its own."""
+    """An object with a field: :class:`~deformnb.document.deformation.Deformation` for each grid, an inverse its own."""
 
     @property
     def field(self) -> Any:
@@ -166,7 +166,7 @@ def as_field(given: AbstractField | HasField, grid: Grid | Volume | None = None)
         raise DeformError(f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
                           "Deformation.on_picture(volume, view, points) make one of control points.")
     if grid is None:
-        raise DeformError(f"a {type(given).__name__} has a field for each grid; say which: grid=volume (or its Grid).")
+        raise DeformError(f"a {type(given).__name__} has a field for each grid; give one: grid=volume (or its Grid).")
     lattice = as_grid(grid)
     translated = getattr(given, "own_grid", as_grid)(lattice)
     if translated != lattice:

@@ -1,14 +1,14 @@
 """Settings of a fit of control points, and the fit that they make.
 
-One value holds all that a step of a document, an editor and a view that follows it say of a fit besides points, rigid
-parts and cuts. To copy, store or send settings go through :data:`SETTINGS`: a new one is then a field here, and one of
-:class:`~deformnb.document.deformation.Step`.
+One value holds all that a step of a document, an editor and a view that follows it have of a fit besides points,
+rigid parts and cuts. To copy, store, send or show settings go through :data:`SETTINGS`: a new one is then one field
+of :class:`AbstractFitSettings`, which a step has too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any
 
 from deformnb.checks import is_finite, shown_value
@@ -24,9 +24,9 @@ from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, ch
 from deformnb.rbf.trends import trend_named
 
 
-@dataclass(frozen=True)
-class FitSettings:
-    """Settings of the fit of a set of control points.
+@dataclass(frozen=True, kw_only=True)
+class AbstractFitSettings:
+    """Fields that both :class:`FitSettings` and a :class:`~deformnb.document.deformation.Step` have.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ class FitSettings:
         takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
         before 2.0 do.
     smoothing : lambda of the fit, 0 interpolates.
-    strength : how far the points and the rigid parts are moved: 1 as they are, 0 not at all, 2 twice, -1 the opposite
-        way.
-    stages : in how many equal parts the points go their way, one map after the other; see :mod:`deformnb.rbf.stages`.
+    strength : factor of the displacement of the points and the rigid parts: 0 not at all, 1 as they are, -1 the
+        opposite way.
+    stages : number of equal parts of the points' way, one map after the other; see :mod:`deformnb.rbf.stages`.
     chosen_support : what :func:`~deformnb.rbf.interpolant.choose_support` found while ``support`` is None, and for
         which kernel; that of another kernel is dropped.
 
@@ -45,16 +45,10 @@ class FitSettings:
     ------
     DeformError
         Naming the setting that is wrong.
-
-    Examples
-    --------
-    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[1, 0], [9, 2], [0, 9]])
-    >>> FitSettings(strength=0.5).fit(points).displacement([0.5, 0.0]).round(9).tolist()
-    [-0.5, 0.0]
     """
 
     kernel: str = "wendland_c2"
-    support: float | str | None = None
+    support: float | str | None = field(default=None, metadata={"label": "support radius"})
     trend: str = "affine"
     smoothing: float = 0.0
     strength: float = 1.0
@@ -82,6 +76,42 @@ class FitSettings:
         check_support(kept.radius)
         return kept if self.support is None and kept.kernel == self.kernel else None
 
+    def support_for(self, points: ControlPoints) -> float | None:
+        """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
+        chosen, or the usual one. None for points at one place, which do not determine it.
+        """
+        if isinstance(self.support, str):
+            return SUPPORT_RULES[self.support](points)
+        chosen = self.chosen_support and self.chosen_support.radius
+        return self.support or chosen or usual_support(points, kernel_named(self.kernel))
+
+
+SETTINGS = tuple(setting.name for setting in fields(AbstractFitSettings))
+"""Names of the settings of a fit."""
+
+
+def label_of(setting: Field[Any]) -> str:
+    """The name of a field of the settings, or of a step, in plain English: its ``label``, or that of the code.
+
+    Examples
+    --------
+    >>> [label_of(setting) for setting in fields(FitSettings)][:3]
+    ['kernel', 'support radius', 'trend']
+    """
+    return str(setting.metadata.get("label", setting.name.replace("_", " ")))
+
+
+@dataclass(frozen=True)
+class FitSettings(AbstractFitSettings):
+    """Settings of the fit of a set of control points; their meaning is that of :class:`AbstractFitSettings`.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[1, 0], [9, 2], [0, 9]])
+    >>> FitSettings(strength=0.5).fit(points).displacement([0.5, 0.0]).round(9).tolist()
+    [-0.5, 0.0]
+    """
+
     @classmethod
     def of(cls, holder: Any) -> FitSettings:
         """The settings of what has them as attributes, such as a step."""
@@ -103,21 +133,12 @@ class FitSettings:
         radius = choose_support(sets, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
         return replace(self, chosen_support=None if radius is None else ChosenSupport(radius, self.kernel))
 
-    def support_for(self, points: ControlPoints) -> float | None:
-        """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
-        chosen, or the usual one. None for points at one place that say nothing of it.
-        """
-        if isinstance(self.support, str):
-            return SUPPORT_RULES[self.support](points)
-        chosen = self.chosen_support and self.chosen_support.radius
-        return self.support or chosen or usual_support(points, kernel_named(self.kernel))
-
     def arguments(self, points: ControlPoints, lone: float | None = None) -> dict[str, Any]:
         """Keyword arguments of :func:`~deformnb.rbf.interpolant.fit_rbf` for a set of points.
 
         Parameters
         ----------
-        lone : support radius where the points say nothing of it, such as :func:`lone_support`.
+        lone : support radius where the points do not determine it, such as :func:`lone_support`.
         """
         return {"kernel": self.kernel, "support": self.support_for(points) or lone, "trend": self.trend,
                 "smoothing": self.smoothing}
@@ -131,7 +152,7 @@ class FitSettings:
         points : as they were dragged; ``strength`` is applied here, to the parts too.
         parts : of which those that are switched on count.
         cuts : regions of the cuts that are switched on.
-        lone : support radius where the points say nothing of it.
+        lone : support radius where the points do not determine it.
         previous : the fits before these, by the same regions, while points are dragged.
 
         Raises
@@ -143,7 +164,7 @@ class FitSettings:
         before = dict(previous or {})
 
         def fit(sides: Sides, own: ControlPoints) -> Fit:
-            dragged = own if self.strength == 1 else own.blended(self.strength)
+            dragged = own if self.strength == 1 else own.scaled(self.strength)
             return fit_points(dragged, moved, stages=self.stages, previous=before.get(sides),
                               **self.arguments(own, lone))
 
@@ -170,7 +191,3 @@ class FitSettings:
         if not cuts:
             return found[()]
         return Decoupled(tuple(found.values()), tuple(found), tuple(cuts), rule=cut_rule, softness=softness)
-
-
-SETTINGS = tuple(field.name for field in fields(FitSettings))
-"""Names of the settings of a fit."""

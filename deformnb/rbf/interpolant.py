@@ -6,9 +6,9 @@ are centred and divided by the support radius R before anything else, so that ne
 digits, and evaluation can run in float32. The linear part A, t is the trend; :mod:`deformnb.rbf.trends` has the
 correction of Eq. 5.
 
-Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so nothing is
-known of its definiteness and there is no energy to make least: the trend is that of least squares (all points count
-alike), what is left is solved by elimination, and a system that comes out nearly singular is refused.
+Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so it need
+not be definite and there is no energy to make least: the trend is that of least squares (all points count alike),
+what is left is solved by elimination, and a system that comes out nearly singular is refused.
 
 Evaluation of the sum at many points is compiled: it is the inner loop of everything interactive. It runs in a loop over
 the centres with the accumulators in registers, tile by tile: writing it as one reduction over (points x centres) took
@@ -267,7 +267,7 @@ class RBFInterpolant(AbstractField):
     def _predicts_poorly(self) -> bool:
         """Check whether points predict each other worse than the affine trend alone does, by leave-one-out.
 
-        Asked of sets most of which are dragged; one drag among points that are held still predicts nothing.
+        Defined for sets most of which are dragged; one drag among points that are held still predicts nothing.
         """
         n = int(self.count)
         x, alpha = (np.asarray(a, dtype=np.float64)[:n] for a in (self.centers, self.coefficients))
@@ -473,7 +473,7 @@ _COLLAPSES = {
 
 
 def _warnings(ready: PreparedPoints, kernel: type[AbstractKernel], map_linear: NDArray[np.float64]) -> tuple[str, ...]:
-    """Notes on a fit that is right but hardly wanted: collapsed trends and crossing points."""
+    """Notes on a fit that is valid but probably a mistake: collapsed trends and crossing points."""
     torn = torn_pairs(ready)
     crossed = [pair for pair in crossing_pairs(ready, map_linear) if pair not in torn]
     notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"

@@ -28,7 +28,7 @@ class ControlPoints:
     source, target : (N, dim) float64, physical coordinates: (a, b) of a picture's plane or (x, y, z).
     ids : N different integers, stable for the life of the set.
     names : N texts, free and not necessarily different.
-    active : (N,) bool; a point that is switched off keeps its place but has no say.
+    active : (N,) bool; a point that is switched off keeps its place but takes no part in the fit.
     weight : (N,) positive; how much a point counts when smoothing is on (inverse variance).
     next_id : the id of the next point; grows only, so that the id of a removed point never comes back.
     locked : (N,) bool; editors, brushes and fits leave such a point where it is. Code may move it.
@@ -223,13 +223,13 @@ class ControlPoints:
         """The points at these positions, in this order."""
         k = _of_each(_listed(positions, "positions"), np.int64, "positions").tolist()
         if k and not -len(self) <= min(k) <= max(k) < len(self):
-            raise DeformError(f"there are {len(self)} control points, and positions {min(k)} to {max(k)} asked for.")
+            raise DeformError(f"there are {len(self)} control points; positions {min(k)} to {max(k)} were requested.")
         return ControlPoints(
             self.source[k], self.target[k], tuple(self.ids[p] for p in k), tuple(self.names[p] for p in k),
             self.active[k], self.weight[k], self.next_id, self.locked[k], self.radius[k],
         )
 
-    def blended(self, strength: float) -> ControlPoints:
+    def scaled(self, strength: float) -> ControlPoints:
         """The same points dragged ``strength`` times as far: 0 not at all, 1 as now, 2 exaggerated, -1 opposite."""
         if not is_finite(strength):
             raise DeformError(f"strength must be a finite number, got {shown_value(strength)}.")

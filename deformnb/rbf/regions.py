@@ -70,7 +70,7 @@ def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDAr
 @jax.tree_util.register_pytree_node_class
 @dataclass(frozen=True)
 class HalfSpace(AbstractRegion):
-    """All on one side of a straight line in a picture, or of a plane in space: ``(x - point) . normal < 0``.
+    """The places on one side of a straight line in a picture, or of a plane in space: ``(x - point) . normal < 0``.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class HalfSpace(AbstractRegion):
 
     @classmethod
     def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> HalfSpace:
-        """The same again, of what JAX has made of it; nothing is checked."""
+        """The object rebuilt from the leaves that JAX returns; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "point", leaves[0])
         object.__setattr__(made, "normal", leaves[1])
@@ -125,7 +125,7 @@ def _cross(p: Any, q: Any) -> Any:
     return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
 
 
-class _Drawn(AbstractRegion):
+class _Outline(AbstractRegion):
     """Base of the regions bounded by straight edges on a picture."""
 
     vertices: Any
@@ -174,7 +174,7 @@ class _Drawn(AbstractRegion):
     def _side(self, p: Any, v: Any, nearest: Any, place: Any, xp: Any) -> Any:
         """Negative inside, from the number of the nearest edge and the place on it.
 
-        Where that is a corner, the sum of the normals of both its edges tells the side, at any angle.
+        Where that is a corner, the sum of the normals of both its edges decides, at any angle.
         """
         _, edge, low, high = self._edges(v, xp)
         normal = xp.stack([-edge[:, 1], edge[:, 0]], axis=-1) / xp.sqrt((edge ** 2).sum(-1, keepdims=True))
@@ -193,7 +193,7 @@ class _Drawn(AbstractRegion):
 
     @classmethod
     def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> Any:
-        """The same again, of what JAX has made of it; nothing is checked."""
+        """The object rebuilt from the leaves that JAX returns; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "vertices", leaves[0])
         return made
@@ -201,7 +201,7 @@ class _Drawn(AbstractRegion):
 
 @jax.tree_util.register_pytree_node_class
 @dataclass(frozen=True)
-class Polygon(_Drawn):
+class Polygon(_Outline):
     """The inside of a closed line on a picture, drawn either way round.
 
     Parameters
@@ -232,13 +232,13 @@ class Polygon(_Drawn):
 
 @jax.tree_util.register_pytree_node_class
 @dataclass(frozen=True)
-class Line(_Drawn):
+class Line(_Outline):
     """One side of an open line on a picture, whose first and last edge go on straight for ever.
 
     Parameters
     ----------
-    vertices : two or more places (a, b). Inside is what lies on the left hand of someone who walks along the line on a
-        picture whose b points down.
+    vertices : two or more places (a, b). Inside is the left side of the line, followed from its first vertex to its
+        last, on a picture whose b points down.
 
     Raises
     ------
@@ -356,11 +356,11 @@ class Mask(AbstractRegion):
         DeformError
             If no voxel has one of them; the message names the labels there are.
         """
-        wanted = [labels] if isinstance(labels, int | np.integer) else labels
-        values = volume.values != 0 if wanted is None else np.isin(volume.values, list(wanted))
+        chosen = [labels] if isinstance(labels, int | np.integer) else labels
+        values = volume.values != 0 if chosen is None else np.isin(volume.values, list(chosen))
         if not values.any():
             present = np.unique(volume.values)[:20].tolist()
-            raise DeformError(f"no voxel of {volume.name or 'the volume'} has a label of {wanted}; it has {present}.")
+            raise DeformError(f"no voxel of {volume.name or 'the volume'} has a label of {chosen}; it has {present}.")
         return cls(values, volume.grid)
 
     def silhouette(self, plane: Plane) -> Mask:
@@ -434,7 +434,7 @@ class Mask(AbstractRegion):
 
     @classmethod
     def tree_unflatten(cls, aux: Any, leaves: tuple[Any, ...]) -> Mask:
-        """The same again, of what JAX has made of it; nothing is checked."""
+        """The object rebuilt from the leaves that JAX returns; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "lattice", aux[0])
         made.__dict__["_measured"] = (leaves[0], aux[0])

@@ -124,7 +124,7 @@ class RigidMotion:
 
     @property
     def inverse(self) -> RigidMotion:
-        """The way back."""
+        """The inverse motion."""
         m = np.asarray(self.matrix).T
         return RigidMotion(tuple(map(tuple, m.tolist())), tuple((-m @ np.asarray(self.shift)).tolist()))
 
@@ -135,7 +135,7 @@ class RigidMotion:
     def power(self, t: float) -> RigidMotion:
         """The motion done t times, along one screw: half of it for 0.5, its inverse for -1.
 
-        A matrix does not tell 200 degrees one way from 160 the other; the shorter way is taken.
+        The matrix of 200 degrees one way is that of 160 the other; the shorter way is taken.
         """
         if t == 1:
             return self
@@ -193,7 +193,7 @@ _WEIGHT_SLOPES: dict[str, Callable[[Any], Any]] = {
 """The derivatives of :data:`WEIGHTS`."""
 
 
-def blended(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...],
+def drift_and_weight(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...],
             xp: Any) -> tuple[Any, Any]:
     """L(x) - x and w(x) from every part's motion and distance."""
     weight = weight_of(distances, scales, weights, xp)
@@ -270,7 +270,7 @@ _keeping = threading.Lock()
 def kept_distances(region: AbstractRegion, matrix: NDArray[np.float64], shift: NDArray[np.float64],
                    rows: NDArray[np.float64], columns: NDArray[np.float64],
                    places: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Distances on a lattice, from the last edit if they are the same: a drag moves points, and no parts."""
+    """Distances on a lattice, cached from the last edit if they are the same: a drag moves points, and no parts."""
     return _remembered((region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes()),
                        lambda: np.maximum(region.signed_distance(places), 0.0))
 
@@ -299,7 +299,7 @@ def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np
     return found
 
 
-# A point that asks, inside a part, for what the part does anyway may miss it by this share of the box of all points.
+# A point inside a part that requires what the part does anyway may miss it by this share of the box of all points.
 SAME_MOTION = 1e-6
 
 
@@ -312,7 +312,7 @@ class RigidPart:
     region : where the part lies before the deformation; a :class:`Line` has no inside to be a part.
     motion : how it moves; None if it is fixed.
     weight : a name of :data:`WEIGHTS`.
-    reach : distance at which the part is no longer felt at the latest; None leaves that to the nearest control point.
+    reach : distance from the part beyond which it has no effect; None leaves that to the nearest control point.
     name : shown to people.
     enabled : a part that is switched off stays in the list.
     """
@@ -390,7 +390,7 @@ class RigidInterpolant(AbstractField):
         x = jnp.asarray(points)
         back = [x @ jnp.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
         distances = [jnp.maximum(r(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
-        moved, weight = blended(x, back, distances, self.scales, self.weights, jnp)
+        moved, weight = drift_and_weight(x, back, distances, self.scales, self.weights, jnp)
         return moved + weight[..., None] * self.base(x)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -432,7 +432,7 @@ class RigidInterpolant(AbstractField):
         """L(x) - x, (..., dim), and w(x), (...), at points."""
         back = [x @ np.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
         distances = [np.maximum(r.signed_distance(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
-        return blended(x, back, distances, self.scales, self.weights, np)
+        return drift_and_weight(x, back, distances, self.scales, self.weights, np)
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
@@ -447,7 +447,7 @@ class RigidInterpolant(AbstractField):
             all_still &= still
         if all_still:  # the common case, without the drift that is zero everywhere
             return np.asarray(weight_of(distances, self.scales, self.weights, np), dtype=np.float32) * base
-        moved, weight = blended(places, back, distances, self.scales, self.weights, np)
+        moved, weight = drift_and_weight(places, back, distances, self.scales, self.weights, np)
         return np.asarray(np.moveaxis(moved, -1, 0) + weight * base, dtype=np.float32)
 
 
@@ -501,10 +501,11 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
         support = choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
     scales = np.array([_scale(p, d[free]) for p, d in zip(chosen, distances, strict=True)])
     weights = tuple(p.weight for p in chosen)
-    drift, weight = blended(x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np)
+    drift, weight = drift_and_weight(x[free], [y[free] for y in moved], [d[free] for d in distances], scales,
+                                     weights, np)
     rest = points.take(np.flatnonzero(free))
-    asked = (rest.displacement - drift) / weight[:, None]
-    base = fit_rbf(replace(rest, source=rest.target + asked, weight=rest.weight * weight**2), kernel=kernel,
+    required = (rest.displacement - drift) / weight[:, None]
+    base = fit_rbf(replace(rest, source=rest.target + required, weight=rest.weight * weight**2), kernel=kernel,
                    support=support, trend="none" if raw else trend, smoothing=smoothing)
     return RigidInterpolant(base, tuple(p.region for p in chosen), np.stack(back), np.stack(shifts), scales, weights,
                             (*notes, *base.remarks))
@@ -544,10 +545,10 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
             continue
         back = points.target if part.motion is None else part.motion.inverse(points.target)
         size = _size_of(points)
-        asks = points.active & (part.region.signed_distance(back) <= 0)
-        asks &= np.linalg.norm(points.source - back, axis=1) > SAME_MOTION * size
+        differs = points.active & (part.region.signed_distance(back) <= 0)
+        differs &= np.linalg.norm(points.source - back, axis=1) > SAME_MOTION * size
         carried = points.source if part.motion is None else part.motion(points.source)
-        for k in np.flatnonzero(asks).tolist():
+        for k in np.flatnonzero(differs).tolist():
             points = points.edit(points.ids[k], **({"target": carried[k]} if held == "carry" else {"active": False}))
     return points
 
@@ -579,8 +580,8 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
     for k in np.flatnonzero(points.active).tolist():
         holders = np.flatnonzero(distances[:, k] <= 0).tolist()
         for h in holders:
-            asked, done = points.source[k], moved[h][k]
-            if np.linalg.norm(asked - done) > SAME_MOTION * size:
+            required, done = points.source[k], moved[h][k]
+            if np.linalg.norm(required - done) > SAME_MOTION * size:
                 held = "is fixed" if parts[h].motion is None else "has a motion of its own"
                 raise DeformError(f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
                                   "point, or change the part.")
@@ -591,7 +592,7 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
             continue
         torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
         if torn is not None:
-            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its matter is seen "
+            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its tissue is seen "
                          "twice")
     return free, notes
 

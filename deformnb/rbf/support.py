@@ -28,7 +28,7 @@ SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagon
 
 
 def lone_support(grid: Grid) -> float:
-    """The support radius of points that say nothing of it themselves, such as one point without trend.
+    """The support radius of points that do not determine one, such as one point without trend.
 
     A quarter of the volume's diagonal is a bump that one can see and grab.
     """
@@ -47,7 +47,7 @@ CHOOSE_SUPPORT = frozenset({"kernel", "trend", "smoothing", "support"})
 
 
 def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float:
-    """The longest support that may be chosen for control points at several places: limited where they are thin.
+    """The longest support that may be chosen for control points at several places: limited in thin directions.
 
     A wide kernel extrapolates across a row of points (in space: across a flat set too) more wildly the more points
     the row has; half of its length keeps the map beside it calm, and for smooth kernels a number of gaps.
@@ -61,7 +61,7 @@ def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> floa
 
 
 def usual_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float | None:
-    """The support of points that say nothing of it themselves: a fixed share of their box; None for one place."""
+    """The usual support of points: a fixed share of their box; None for points at one place."""
     size = box_diagonal(points)
     return size and min(kernel.shares[len(kernel.shares) // 2] * size, longest_support(points, kernel))
 
@@ -75,8 +75,8 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     differences ("one standard error rule"), if the map does not fold between the points. The choice belongs to the
     moment when points are added or removed: chosen anew during a drag, the map would jump.
 
-    With dim + 2 dragged points or fewer it is a fixed share of the diagonal: one drag among points that are held tells
-    nothing of how far it reaches, and the errors of so few with an affine trend are the same for every support. Points
+    With dim + 2 dragged points or fewer it is a fixed share of the diagonal: one drag among points that are held gives
+    no evidence of its range, and the errors of so few with an affine trend are the same for every support. Points
     in a row (in space: in a flat set too) get no more than half of it, see
     :func:`longest_support`.
 
@@ -105,16 +105,16 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     limit = min(longest_support(points, kind) for points in used)
     usual = min(kind.shares[len(kind.shares) // 2] * max(sizes), limit)
     radii = [share * max(sizes) for share in kind.shares if share * max(sizes) <= limit]
-    telling = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > points.dim + 2]
-    if len(radii) < 2 or not telling:
+    informative = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > points.dim + 2]
+    if len(radii) < 2 or not informative:
         return usual
     errors = {}
     if current is not None and current <= limit:
         radii.append(current)
     for radius in radii:
-        with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself says what is wrong
+        with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself raises the error
             errors[radius] = np.concatenate([_squared_errors(points, radius, kind, trend, smoothing)
-                                             for points in telling])
+                                             for points in informative])
     if not errors:
         return usual
     best = min(errors, key=lambda radius: float(errors[radius].mean()))
@@ -124,7 +124,7 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     for radius in sorted(near, key=lambda radius: (radius == current, radius), reverse=True):
         with contextlib.suppress(DeformError):
             fits = (solve_prepared(prepare(points, kind, radius, trend_named(trend), smoothing), kind, smoothing, None)
-                    for points in telling)
+                    for points in informative)
             if not any(fit.folds_between_points() for fit in fits):
                 return radius
     return max(near)

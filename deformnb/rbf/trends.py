@@ -89,8 +89,8 @@ def _affine(s: Any, h: Any, span: Span, previous: Any) -> Any:
 def _held_about_a_row(h: Any, size: Any, ridge: Any) -> Any:
     """H with the smallest turn of a row of points in space added, as much as the row is thin.
 
-    The turn about a row is told by the small offsets of its points alone: a point dragged across the row would turn
-    all that lies beside it by half a turn.
+    The turn about a row is determined by the small offsets of its points alone: a point dragged across the row would
+    turn all that lies beside it by half a turn.
     """
     if h.shape[0] == 2:
         return h
@@ -164,7 +164,7 @@ def thin_directions(xx: NDArray[np.float64], yy: NDArray[np.float64], yx: NDArra
     u[..., :, -1] *= np.sign(np.linalg.det(u @ vt))[..., None]
     rotation = u @ vt
     a, b = _relative_moments(xx), _relative_moments(np.swapaxes(rotation, -1, -2) @ yy @ rotation)
-    b = np.where(np.asarray(yy.any(axis=(-2, -1)))[..., None, None], b, a)  # one place tells nothing of directions
+    b = np.where(np.asarray(yy.any(axis=(-2, -1)))[..., None, None], b, a)  # one place determines no direction
     tiny = 1e-12 * np.eye(dim)  # both may be flat in one direction
     both = 2 * (a + tiny) @ np.linalg.solve(a + b + 2 * tiny, b + tiny)
     values, vectors = np.linalg.eigh((both + np.swapaxes(both, -1, -2)) / 2)
@@ -256,7 +256,7 @@ def _polar_rotation_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any,
 def complete(images: Any, basis: Any) -> Any:
     """The linear map that sends the columns of ``basis`` (dim, rank) to those of ``images`` and is natural across them.
 
-    Points on a line or in a plane of space say nothing about the direction across. Taking no displacement there (the
+    Points on a line or in a plane of space do not determine the direction across. Taking no displacement there (the
     least norm) flattens a row of points turned by 90 degrees to nothing; instead the cross direction turns and scales
     along with the span, so that similarities of the points come out as similarities of space.
     """

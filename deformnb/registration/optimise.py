@@ -4,8 +4,8 @@ Both take two pictures, a moving one that the points deform and a fixed one that
 coordinates; or two volumes, for points in space. The result is ordinary control points. Pictures and volumes are
 compared as grey values that can be sampled anywhere.
 
-The multiscale fit ascends a measure of similarity, coarse to fine: at each level it makes scenes of two pictures and
-keeps the best targets so far.
+The multiscale fit maximises a measure of similarity, coarse to fine: at each level it makes a objective of the two
+pictures and keeps the best targets so far.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from deformnb.registration.similarity import (
     BLOCK,
     Fitting,
     Measure,
-    Readable,
-    Scene,
+    Objective,
+    SampledImage,
     Value,
     least_det,
     measure_named,
@@ -129,7 +129,7 @@ _LATTICE, _CHECKED = {2: 64, 3: 16}, {2: 128, 3: 32}
 _REACH, _LEAST_SHARED = 0.25, 0.01
 # Stands for a loss that is no number: two targets on one place.
 _IMPOSSIBLE = 1e10
-# An iteration that gains less likeness than this is the last of its level.
+# An iteration that gains less similarity than this is the last of its level.
 _ENOUGH = 1e-7
 
 
@@ -148,10 +148,10 @@ class MultiscaleFit:
 
     Attributes
     ----------
-    history : (level, likeness) of every iteration.
+    history : (level, similarity) of every iteration.
     """
 
-    first: Scene
+    first: Objective
     origin: NDArray[np.float64]
     support: float
     moving: GreyImage
@@ -163,7 +163,7 @@ class MultiscaleFit:
     _alike: float = 0.0
 
     def run(self, levels: Sequence[int]) -> tuple[NDArray[np.float64], float, float, float]:
-        """The best relative targets, the likeness before and after, and the smallest det J."""
+        """The best relative targets, the similarity before and after, and the smallest det J."""
         checked = self._lattice(_CHECKED)
         finest = self.level(levels[-1])
         start = self.first.x
@@ -171,17 +171,17 @@ class MultiscaleFit:
         floor = min(self.least, least_det(start, self.first.fitting, checked))
         x, found = start, [(before, start)]
         for k, factor in enumerate(levels):
-            scene = replace(finest if factor == levels[-1] else self.level(factor), x=x)
-            x = self._unfolded(x, self._climbed(scene, factor, k / len(levels), 1 / len(levels)), checked, floor)
+            objective = replace(finest if factor == levels[-1] else self.level(factor), x=x)
+            x = self._unfolded(x, self._maximised(objective, factor, k / len(levels), 1 / len(levels)), checked, floor)
             found.append((_valued_at(x, finest), x))
         after, x = min((f for f in found if f[0].alike >= before.alike), key=lambda f: f[0].loss)
         least = least_det(x, self.first.fitting, checked)
         self.progress(1.0)
         return x, before.alike, after.alike, least
 
-    # -- scenes --------------------------------------------------------------------------------------------------------
+    # -- comparisons ---------------------------------------------------------------------------------------------------
 
-    def level(self, factor: int) -> Scene:
+    def level(self, factor: int) -> Objective:
         """Both pictures smoothed, and compared at every ``factor``-th pixel of the moving one.
 
         Coarse levels are stiffer by the same factor: targets that slide along something smooth there (a bone was seen
@@ -197,10 +197,10 @@ class MultiscaleFit:
             raise DeformError("the two pictures do not overlap: they must lie in the same coordinates.")
         blocks = self._blocks(places)
         pad = (0, blocks.shape[0] * BLOCK - len(places))
-        readable = Readable(np.pad(moving.values, 1), moving.matrix * self.support,
-                            moving.matrix @ self.origin + moving.offset + 1)
-        readable, read, weights = _on_device([readable, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
-        return replace(self.first, moving=readable, places=_on_device(blocks), fixed=read, weights=weights,
+        sampled = SampledImage(np.pad(moving.values, 1), moving.matrix * self.support,
+                               moving.matrix @ self.origin + moving.offset + 1)
+        sampled, read, weights = _on_device([sampled, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
+        return replace(self.first, moving=sampled, places=_on_device(blocks), fixed=read, weights=weights,
                        lattice=self._lattice(_LATTICE), energy=self.first.energy * factor,
                        unit=factor * pixel / self.support)
 
@@ -216,10 +216,10 @@ class MultiscaleFit:
 
     # -- one level -----------------------------------------------------------------------------------------------------
 
-    def _climbed(self, scene: Scene, factor: int, done: float, share: float) -> NDArray[np.float64]:
+    def _maximised(self, objective: Objective, factor: int, done: float, share: float) -> NDArray[np.float64]:
         """The best targets that one level finds."""
-        movable = scene.free[:, 0] > 0
-        shape, most = scene.x.shape, 2 * self.iterations
+        movable = objective.free[:, 0] > 0
+        shape, most = objective.x.shape, 2 * self.iterations
         best, at, calls = np.inf, np.zeros(shape), 0
 
         def descend(flat: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -228,7 +228,7 @@ class MultiscaleFit:
             calls += 1
             moves = np.zeros(shape)
             moves[movable] = flat.reshape(-1, shape[1])
-            value = valued(moves, scene)
+            value = valued(moves, objective)
             if not (np.isfinite(value.loss) and np.isfinite(value.slope).all()):
                 return _IMPOSSIBLE, np.zeros_like(flat)
             if value.loss < best and value.least > 0:
@@ -236,12 +236,12 @@ class MultiscaleFit:
                 self._alike = value.alike
             return value.loss, value.slope[movable].ravel()
 
-        reach = _REACH * self.moving.diagonal / self.support / scene.unit
+        reach = _REACH * self.moving.diagonal / self.support / objective.unit
         size = int(movable.sum()) * shape[1]
         optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
                           callback=lambda _: self.history.append((factor, self._alike)),
                           options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
-        return scene.x + at * scene.unit
+        return objective.x + at * objective.unit
 
     def _unfolded(self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any],
                   floor: float) -> NDArray[np.float64]:
@@ -253,8 +253,8 @@ class MultiscaleFit:
         return before
 
 
-def _valued_at(x: NDArray[np.float64], scene: Scene) -> Value:
-    return valued(np.zeros(x.shape), replace(scene, x=x))
+def _valued_at(x: NDArray[np.float64], objective: Objective) -> Value:
+    return valued(np.zeros(x.shape), replace(objective, x=x))
 
 
 def _on_device(parts: Any) -> list[Any]:
@@ -284,8 +284,8 @@ class Fitted:
     Parameters
     ----------
     points : with the targets that were found; the ones given, if nothing better was found.
-    score_before, score_after : likeness of the pictures at the finest level, larger is better.
-    history : (level, likeness) of every iteration.
+    score_before, score_after : similarity of the pictures at the finest level, larger is better.
+    history : (level, similarity) of every iteration.
     least : the smallest det J of the map on a lattice over the picture; above 0 nothing is folded.
     """
 
@@ -302,8 +302,8 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
                 least: float = 0.05, progress: Progress | None = None) -> Fitted:
     """Move all targets so that the deformed moving picture looks like the fixed one.
 
-    The likeness is differentiated through the fit and maximised by L-BFGS-B, coarse to fine. The energy of the fit
-    holds it back where the pictures say nothing, and a barrier where det J nears zero, so that the map does not fold.
+    The similarity is differentiated through the fit and maximised by L-BFGS-B, coarse to fine. The energy of the fit
+    regularises it where the pictures are even, and a barrier where det J nears zero, so that the map does not fold.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     moving, fixed : two pictures in one plane, or two volumes for points in space.
     kernel, support, trend, smoothing, stages : of the fit, as in :class:`~deformnb.document.deformation.Step`.
     measure : a name of :data:`~deformnb.registration.similarity.MEASURES`.
-    energy : how much the energy of the fit counts against the likeness, n times at level n; 0 not at all.
+    energy : how much the energy of the fit counts against the similarity, n times at level n; 0 not at all.
     levels : each level compares every n-th pixel of pictures smoothed accordingly, coarse to fine.
     iterations : of each level, at most.
     least : det J that the map keeps everywhere (or what it has now, if that is less).
@@ -337,14 +337,14 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     """
     alike = measure_named(measure)
     check_stages(stages, ())
-    _check_climb(energy, iterations, least)
+    _check_options(energy, iterations, least)
     pair = grey_pair(points, moving, fixed)
     start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
-    scene = first_scene(points, start, smoothing, energy, alike, stages)
-    search = MultiscaleFit(scene, np.asarray(start.origin), float(start.support), *pair, iterations, least,
+    objective = initial_objective(points, start, smoothing, energy, alike, stages)
+    search = MultiscaleFit(objective, np.asarray(start.origin), float(start.support), *pair, iterations, least,
                            progress or (lambda share: None))
     x, before, after, smallest = search.run(_checked_levels(levels, pair[0].values.size, points.dim))
-    if x is not scene.x:
+    if x is not objective.x:
         at = _positions(points, start)
         free = ~points.locked[at]
         target = points.target.copy()
@@ -353,7 +353,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     return Fitted(points, before, after, tuple(search.history), smallest)
 
 
-def _check_climb(energy: float, iterations: int, least: float) -> None:
+def _check_options(energy: float, iterations: int, least: float) -> None:
     if not (isinstance(iterations, int | np.integer) and iterations >= 1):
         raise DeformError(f"the iterations of a fit must be a whole number from 1 on, got {iterations!r}.")
     if not (np.isfinite(energy) and energy >= 0):
@@ -381,8 +381,8 @@ def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64
     return at
 
 
-def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
-                stages: int) -> Scene:
+def initial_objective(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
+                stages: int) -> Objective:
     """Targets, sources and settings of a fit, relative to its origin and support; without pictures."""
     at = _positions(points, start)
     n, size = len(at), len(start.centers)
@@ -393,7 +393,7 @@ def first_scene(points: ControlPoints, start: RBFInterpolant, smoothing: float, 
     nugget[:n] = smoothing / points.weight[at]
     fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, _span(x[:n], source[:n], start),
                       np.eye(points.dim), start.kernel, start.trend, stages)
-    return Scene(x, free, fitting, (), float(energy), alike)
+    return Objective(x, free, fitting, (), float(energy), alike)
 
 
 def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpolant) -> Span:
@@ -421,7 +421,7 @@ class Snapped:
     ids : of the points that were requested.
     score : the best correlation of each, NaN where none was looked for.
     shift : (n, dim) how each target was moved; 0 where it was left.
-    left : why a point was left, by its id.
+    left : the reason why a point was left, by its id.
     """
 
     points: ControlPoints
@@ -437,7 +437,7 @@ def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pict
     """Move the target of each point to where the fixed picture looks most like what is at the target now.
 
     What is at the target is the neighbourhood of the source in the moving picture, deformed as it is now. The
-    likeness is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search at
+    similarity is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search at
     once by FFT, with a quadratic through the best and its neighbours. Every point is found on its own, from the map
     as it is now. A point is left where its neighbourhood is even, where nothing looks like it (correlation below
     0.6), where the best place lies at the rim of the search, and where another place looks nearly the same.
@@ -521,7 +521,7 @@ class _Window:
         away = self._inside & (np.linalg.norm(self._shifts - found, axis=-1) >= self._radius / 2)
         if (alike[away] > score - _AMBIGUOUS).any():
             return score, nothing, "several places look like it"
-        return score, found + self._step * _summit(alike[around]), ""
+        return score, found + self._step * _peak(alike[around]), ""
 
     def _correlation(self, pattern: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
         def sums(values: NDArray[np.float64], weights: NDArray[np.float64]) -> Any:
@@ -534,11 +534,11 @@ class _Window:
         return np.where(some, sums(image, pattern) / size, 0.0)
 
 
-def _summit(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _peak(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Maximum of the least-squares quadratic through 3 x 3 (x 3) values, from the middle; at most 1 away.
 
     >>> a, b = np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij")
-    >>> _summit(1 - (a - 0.2) ** 2 - 2 * (b + 0.3) ** 2).round(6).tolist()
+    >>> _peak(1 - (a - 0.2) ** 2 - 2 * (b + 0.3) ** 2).round(6).tolist()
     [0.2, -0.3]
     """
     dim = values.ndim

@@ -113,7 +113,7 @@ def area(line: ArrayLike) -> float:
 
 
 class Curve:
-    """A polyline (n, 2), closed unless said otherwise, walked by arc length."""
+    """A polyline (n, 2), closed by default, parameterised by arc length."""
 
     def __init__(self, line: ArrayLike, closed: bool = True) -> None:
         try:
@@ -343,7 +343,7 @@ def bending_matrix(source: ArrayLike) -> Floats:
     square = ((x[:, None] - x[None]) ** 2).sum(axis=-1)
     kernel = 0.5 * square * np.log(np.where(square > 0, square, 1.0))
     p = np.concatenate([np.ones((n, 1)), x], axis=1)
-    # On what no affine map reaches the kernel is definite, so one half of a factor tells whether there is a spline.
+    # On what no affine map reaches the kernel is definite, so one half of a factor decides whether there is a spline.
     free = scipy.linalg.null_space(p.T)
     inner = free.T @ kernel @ free
     values = np.linalg.eigvalsh(inner) if n > 3 else np.ones(1)

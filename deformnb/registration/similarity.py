@@ -2,7 +2,7 @@
 
 All of it is pure JAX and works in the plane and in space alike: the fit (:func:`solve`), the displacement
 it makes, the moving picture sampled there, a measure of similarity, the energy of the fit, and det J on a lattice. The
-targets are the variables. The scenes of pictures and the optimiser are in :mod:`deformnb.registration.optimise`.
+targets are the variables. The comparisons of pictures and the optimiser are in :mod:`deformnb.registration.optimise`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BLOCK = 4096
 """Places whose displacements are computed at once: with 64 points 2 MiB for each intermediate, within the cache."""
 
 Measure = Callable[[Any, Any, Any], Any]
-"""(values of the deformed picture, of the other one, weights), all of one shape -> likeness, larger is better."""
+"""(values of the deformed picture, of the other one, weights), all of one shape -> similarity, larger is better."""
 
 # Squares below this are no structure: grey values lie in [0, 1], and a step of 8 bits has a square of 1.5e-5.
 _FLAT = 1e-10
@@ -87,7 +87,7 @@ def _entropy(shares: Any) -> Any:
 
 
 MEASURES: dict[str, Measure] = {"ncc": correlation, "ssd": squared_difference, "mi": mutual_information}
-"""All measures of likeness by name; the first is the default. One more row is one more measure."""
+"""All measures of similarity by name; the first is the default. One more row is one more measure."""
 
 
 def measure_named(name: str) -> Measure:
@@ -95,7 +95,7 @@ def measure_named(name: str) -> Measure:
     try:
         return MEASURES[name]
     except KeyError:
-        raise DeformError(f"unknown measure of likeness {name!r}; choose one of {', '.join(MEASURES)}.") from None
+        raise DeformError(f"unknown measure of similarity {name!r}; choose one of {', '.join(MEASURES)}.") from None
 
 
 @partial(
@@ -127,7 +127,7 @@ class Fitting:
 
 @partial(jax.tree_util.register_dataclass, data_fields=["values", "matrix", "offset"], meta_fields=[])
 @dataclass(frozen=True, eq=False)
-class Readable:
+class SampledImage:
     """The moving picture: values with a rim of background, and the way from relative places to their indices."""
 
     values: Any
@@ -136,7 +136,7 @@ class Readable:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Objective:
     """Two pictures to be made alike at one level.
 
     Parameters
@@ -145,7 +145,7 @@ class Scene:
     fitting, moving : how they become a fit, and what that deforms.
     places : (B, BLOCK, dim) where the pictures are compared; fixed, weights : (B * BLOCK,) the other picture there.
     lattice : (B, BLOCK, dim) where the map must not fold.
-    measure : of likeness; energy : how much the energy of the fit counts; unit : relative length of one variable.
+    measure : of similarity; energy : how much the energy of the fit counts; unit : relative length of one variable.
     """
 
     x: NDArray[np.float64]
@@ -154,7 +154,7 @@ class Scene:
     lattice: Any
     energy: float
     measure: Measure
-    moving: Readable | None = None
+    moving: SampledImage | None = None
     places: Any = ()
     fixed: Any = None
     weights: Any = None
@@ -162,7 +162,7 @@ class Scene:
 
 
 class Value(NamedTuple):
-    """A loss, its slope (C, dim) by the moves, and what it consists of: likeness, energy, the smallest det J."""
+    """A loss, its slope (C, dim) by the moves, and what it consists of: similarity, energy, the smallest det J."""
 
     loss: float
     slope: NDArray[np.float64]
@@ -171,29 +171,30 @@ class Value(NamedTuple):
     least: float
 
 
-def valued(moves: Any, scene: Scene) -> Value:
+def valued(moves: Any, objective: Objective) -> Value:
     """Value and gradient of the function to minimise, for ``moves`` (C, dim) of the targets in units.
 
     The chain rule is written out by hand: blocks of one size are compiled once for all levels and pictures of a size,
     where the whole in one piece took five times as long to compile. What needs no slope is left out.
     """
     with float64():
-        x = jnp.asarray(scene.x + scene.free * moves * scene.unit)
-        fits, energy = _fit(x, scene.fitting)
-        seen = [_see(p, fits, scene.fitting, scene.moving) for p in scene.places]
-        det = [_determine(p, fits, scene.fitting) for p in scene.lattice]
-        alike, slopes = _compare(jnp.concatenate(seen), scene.fixed, scene.weights, measure=scene.measure)
+        x = jnp.asarray(objective.x + objective.free * moves * objective.unit)
+        fits, energy = _fit(x, objective.fitting)
+        seen = [_see(p, fits, objective.fitting, objective.moving) for p in objective.places]
+        det = [_determine(p, fits, objective.fitting) for p in objective.lattice]
+        alike, slopes = _compare(jnp.concatenate(seen), objective.fixed, objective.weights,
+                                 measure=objective.measure)
         rows = np.asarray(slopes).reshape(-1, BLOCK)
-        back = [_see_back(p, fits, scene.fitting, scene.moving, -row)
-                for p, row in zip(scene.places, rows, strict=True)]
+        back = [_see_back(p, fits, objective.fitting, objective.moving, -row)
+                for p, row in zip(objective.places, rows, strict=True)]
         det = [np.asarray(d) for d in det]
         walls = [_barrier(d) for d in det]
-        back += [_determine_back(p, fits, scene.fitting, slope)
-                 for p, (_, slope) in zip(scene.lattice, walls, strict=True) if slope.any()]
+        back += [_determine_back(p, fits, objective.fitting, slope)
+                 for p, (_, slope) in zip(objective.lattice, walls, strict=True) if slope.any()]
         total = jax.tree.map(lambda *parts: np.sum(parts, axis=0), *back)
-        slope = np.asarray(_fit_back(x, scene.fitting, total, np.float64(scene.energy)))
-    loss = scene.energy * float(energy) + sum(height for height, _ in walls) - float(alike)
-    return Value(loss, slope * scene.free * scene.unit, float(alike), float(energy),
+        slope = np.asarray(_fit_back(x, objective.fitting, total, np.float64(objective.energy)))
+    loss = objective.energy * float(energy) + sum(height for height, _ in walls) - float(alike)
+    return Value(loss, slope * objective.free * objective.unit, float(alike), float(energy),
                  float(np.min(det)))
 
 
@@ -232,7 +233,7 @@ def _displaced(p: Any, fit: Any, fitting: Fitting) -> Any:
     return p + p @ linear.T + constant + fitting.kernel.of_square(_squares(p, centers, fitting.scales)) @ alpha
 
 
-def _seen(p: Any, fits: Any, fitting: Fitting, moving: Readable) -> Any:
+def _seen(p: Any, fits: Any, fitting: Fitting, moving: SampledImage) -> Any:
     """The moving picture at the places that the backward map sends p to."""
     p, _ = lax.scan(lambda q, fit: (_displaced(q, fit, fitting), None), p, fits)
     return read_linear(moving.values, p @ moving.matrix.T + moving.offset)

@@ -1,4 +1,4 @@
-"""Session of one person with one volume: edits, undo, autosave, recovery, exports, batch replay."""
+"""Session of one user with one volume: edits, undo, autosave, recovery, exports, batch replay."""
 
 import lazy_loader
 

@@ -175,7 +175,7 @@ class _Job:
         return threading.current_thread() is self.thread
 
     def start(self) -> None:
-        """Have a thread, unless the end has come."""
+        """Start the thread unless it runs or the end has come."""
         with self.changed:
             if self.thread is None and not self.is_done:
                 self.thread = threading.Thread(target=_run, args=(self,), name="deformnb-autosave", daemon=True)
@@ -183,7 +183,7 @@ class _Job:
                     self.thread.start()
                 except RuntimeError as error:  # there are too many; the next edit tries again
                     self.thread = None
-                    _safely(lambda error=error: self.say(error))  # type: ignore[misc]
+                    _safely(lambda error=error: self.report(error))  # type: ignore[misc]
 
     def note(self, change: Any) -> None:
         """An edit was made, another step chosen, or the session saved; this takes microseconds."""
@@ -262,8 +262,8 @@ class _Job:
         while self.replaced:
             mark(self.replaced.pop(), "restored")
         if self.on_written is not None:
-            told, entry = self.on_written, self.entry
-            _safely(lambda: told(entry))
+            on_written, entry = self.on_written, self.entry
+            _safely(lambda: on_written(entry))
 
     def _begin(self) -> None:
         """Make the file that is held while the session runs."""
@@ -300,7 +300,7 @@ class _Job:
             sweep(self.entry.held)
         self.held = None
 
-    def say(self, error: Exception) -> None:
+    def report(self, error: Exception) -> None:
         """Report a failure once."""
         if self.has_trouble:
             return
@@ -325,11 +325,11 @@ def _run(job: _Job) -> None:
                     prune(job.folder)
             except Exception as error:  # a full disk, a folder that is gone or read-only
                 job.unwritten = snapshot
-                _safely(lambda error=error: job.say(error))  # type: ignore[misc]
+                _safely(lambda error=error: job.report(error))  # type: ignore[misc]
             del snapshot
     except Exception as error:  # the volume cannot be read for its checksum
         _LOG.exception("a session is not written by itself")
-        _safely(lambda error=error: job.say(error))  # type: ignore[misc]
+        _safely(lambda error=error: job.report(error))  # type: ignore[misc]
     finally:
         if job.is_here:  # else the thread was given up, and another may be at work by now
             _safely(job.leave)
@@ -343,7 +343,7 @@ def _safely(action: Callable[[], Any]) -> None:
 
 
 def _bare(deformation: Deformation) -> Deformation:
-    """Without its volume, which does not count when documents are compared."""
+    """The document without its volume, which does not count when documents are compared."""
     return replace(deformation, volume=None)
 
 
@@ -373,7 +373,7 @@ def _end_all() -> None:
 
 
 def _let_go() -> None:
-    """In a copy of the process: the files belong to the original, and so do the threads, whatever they have locked."""
+    """Release all files in a copy of the process: files, threads and their locks belong to the original."""
     for descriptor in _HELD:
         os.close(descriptor)
     for job in _OPEN:
@@ -397,7 +397,7 @@ class Recovery:
     Parameters
     ----------
     session : what is edited.
-    say : receives failures, and notes on a document that was made on another volume.
+    report : receives failures, and notes on a document that was made on another volume.
     changed : called when there is another offer, or something was written; from any thread.
     options : of :class:`~deformnb.session.autosave.Autosave`.
 
@@ -417,19 +417,19 @@ class Recovery:
     >>> recovery.close()
     """
 
-    def __init__(self, session: Session, say: Callable[[str], object] = str, changed: Callable[[], object] = bool,
+    def __init__(self, session: Session, report: Callable[[str], object] = str, changed: Callable[[], object] = bool,
                  **options: Any) -> None:
         self.session = session
         self.lost: list[SavedSession] = []
         self.earlier: list[SavedSession] = []
         self.written = ""
-        self._say, self._changed = say, changed
+        self._report, self._changed = report, changed
         self._ready = threading.Event()
         self._differs = session.deformation if session.deformation.volume is not None else None
         self._folder = Path(options.pop("folder", None) or state_folder())
         self.autosave = Autosave(session, self._folder,
-                                 on_ready=weakly(self, Recovery._look), on_written=weakly(self, Recovery._note),
-                                 on_trouble=say, **options)
+                                 on_ready=weakly(self, Recovery._find_lost), on_written=weakly(self, Recovery._note),
+                                 on_trouble=report, **options)
 
     @property
     def offer(self) -> str:
@@ -458,7 +458,7 @@ class Recovery:
         try:
             if command == "restore":
                 self._restore(entry)
-                self.lost.clear()  # the others are offered the next time: this is what is wanted now
+                self.lost.clear()  # the others are offered the next time: this is the answer for now
             else:
                 (skip if command == "skip" else delete)(entry)
         finally:
@@ -486,14 +486,14 @@ class Recovery:
         self.session.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
 
     def wait(self, timeout: float = 60.0) -> bool:
-        """Until it is known what was lost; for scripts and tests."""
+        """Wait until the lost sessions are known; for scripts and tests."""
         return self._ready.wait(timeout)
 
     def close(self) -> None:
         """End; see :meth:`Autosave.close <deformnb.session.autosave.Autosave.close>`."""
         self.autosave.close()
 
-    def _look(self, reference: VolumeReference) -> None:
+    def _find_lost(self, reference: VolumeReference) -> None:
         try:
             found = saved_sessions(reference, self._folder, every=True)
             self.lost = [entry for entry in found if entry.is_lost]
@@ -501,7 +501,7 @@ class Recovery:
             if self._differs is not None:
                 difference, self._differs = self.session.difference(self._differs), None
                 if difference:
-                    self._say(difference)
+                    self._report(difference)
         finally:
             self._ready.set()
         if self.lost or self.earlier:

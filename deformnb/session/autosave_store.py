@@ -29,7 +29,7 @@ STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
 """Of a session; "open" is lost when its process has gone, and the others are kept a while.
 
 A session that ends with edits that are in no file is "closed", whoever has closed it; it stays "open" only if its
-process had no time to say so.
+process had no time to record it.
 """
 
 MOST_PER_VOLUME, MOST, MOST_BYTES = 20, 200, 200 * 2**20
@@ -65,7 +65,7 @@ class SavedSession:
     state : one of :data:`STATES`.
     points, steps : how many there are.
     index, key : which step, and which of its sets of points, was edited.
-    number : higher than that of any session that was there when this one began, whatever the clock says.
+    number : higher than that of any session that was there when this one began, whatever the clock shows.
     """
 
     path: Path

@@ -18,13 +18,13 @@ from typing import Any
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
-from deformnb.document.transplant import placed
+from deformnb.document.transplant import transplanted
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.formats import format_of, read_volume, write_volume
 from deformnb.io.landmarks import is_landmarks
 from deformnb.io.meshes import is_mesh
-from deformnb.session.view_state import without_look
+from deformnb.session.view_state import without_view_state
 
 RECORD = "deformnb-replay.json"
 _FORMAT, _VERSION = "deformnb-replay", 1
@@ -122,13 +122,13 @@ def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], fold
     outputs = [target / _renamed(path, suffix) for path in files]
     _check_outputs(files, outputs)
     target.mkdir(parents=True, exist_ok=True)
-    what_is_done = replace(without_look(deformation), volume=None)
+    what_is_done = replace(without_view_state(deformation), volume=None)
     made_of = {"document": _digest(to_json(what_is_done)), "options": dict(options or {})}
     record, results = _read_record(target / RECORD), []
-    tell = progress or (lambda _name, _share: None)
+    report = progress or (lambda _name, _share: None)
     for path, output in zip(files, outputs, strict=True):
         done = _one(deformation, path, output, made_of, record, work or _warp_volume, overwrite,
-                    partial(tell, path.name))
+                    partial(report, path.name))
         results.append(done)
         if done.state == "done":
             _write_record(target / RECORD, record)
@@ -172,7 +172,7 @@ def _one(deformation: Deformation, path: Path, target: Path, made_of: dict[str, 
 def _warp_volume(deformation: Deformation, path: Path, target: Path,
                  progress: Callable[[float], None]) -> Mapping[str, Any]:
     volume = read_volume(path)
-    write_volume(placed(deformation, volume.grid).apply(volume, progress=progress), target)
+    write_volume(transplanted(deformation, volume.grid).apply(volume, progress=progress), target)
     return {}
 
 

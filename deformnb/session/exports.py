@@ -24,18 +24,17 @@ from deformnb.imaging.projection import project
 from deformnb.imaging.render import render_volume
 from deformnb.io.atomic import KnownFiles, atomic_write, check_target
 from deformnb.io.formats import write_volume
+from deformnb.io.memory import check_room
 from deformnb.rbf.fields import AbstractField, Identity
-from deformnb.session.session import Session, check_room
+from deformnb.session.session import Session
 from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 
-"""Called with the finished share from 0 to 1; raises :class:`~deformnb.errors.Cancelled` to stop."""
-
 _RENDERING = (1600, 1200)
-_BAND = 64  # rows of a picture between two looks at whether it is still wanted
+_BAND = 64  # rows of a picture between two checks for cancellation
 _FRAME = (640, 480)
 _FRAMES = 48
 _FPS = 24.0
@@ -46,7 +45,7 @@ LARGEST_PICTURE = 8192
 """Pixels along a side of a rendering at most."""
 
 
-class Scene(Protocol):
+class ViewRenderer(Protocol):
     """Renderer of a volume as a view shows it; used and closed by one thread."""
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
@@ -81,8 +80,8 @@ class Seen:
     background: str = "dark"
     clip: Clip = WHOLE
     show_folds: bool = False
-    scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
-    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], Scene] | None = None
+    scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
+    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
 
     @classmethod
     def of(cls, given: Seen | Mapping[str, Any] | None) -> Seen:
@@ -154,7 +153,7 @@ class Frozen:
         check_room(self.volume, self.output)
         return warp(self.volume, self.field, output=self.output, progress=progress)
 
-    def scene(self, size: tuple[int, int], *, once: bool = False) -> Scene | None:
+    def scene(self, size: tuple[int, int], *, once: bool = False) -> ViewRenderer | None:
         """Renderer of the volume as it is seen, many times or once; None where only a camera is known."""
         make = (self.seen.still if once else None) or self.seen.scene
         return None if make is None else make(self.volume, self.transfer, size, self.seen)
@@ -220,7 +219,7 @@ def _as_seen(it: Frozen, progress: Progress) -> Image:
         scene.set_field(it.field, it.output)
         progress(0.1)
         image = scene.render(bands=max(1, size[1] // _BAND), progress=lambda share: progress(0.1 + 0.75 * share))
-        assert image is not None  # only what is asked to stop stops
+        assert image is not None  # only a picture that is cancelled is None
         return image
     finally:
         scene.close()
@@ -267,7 +266,7 @@ def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
             return animation_frames(it.volume, animation, fps=rate, **looks)
         return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
     moments = swing(_FRAMES) if animation is None else animation.times(rate)
-    make = it.deformation.blended if animation is None else animation.at
+    make = it.deformation.scaled if animation is None else animation.at
     return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume.grid), size), len(moments))
 
 
@@ -326,7 +325,7 @@ def export_for(path: str | PathLike[str]) -> Export:
         if name.endswith(export.suffixes):
             return export
     known = "; ".join(f"{e.title.lower()} {', '.join(e.suffixes[:3])}" for e in EXPORTS.values())
-    raise DeformError(f"the end of {Path(path).name!r} says no kind of file; write one of: {known}.")
+    raise DeformError(f"the suffix of {Path(path).name!r} belongs to no kind of file; write one of: {known}.")
 
 
 def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapping[str, Any] | None = None,
@@ -337,7 +336,7 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     Parameters
     ----------
     camera : direction and up of renderings and movies, as a view's ``camera``.
-    seen : all that a view shows instead, as its method ``seen`` says it.
+    seen : all that a view shows instead, as its method ``seen`` returns it.
     size : (width, height) of renderings and movies in pixels; default is 1600 x 1200, and 640 x 480 for movies.
     fps : pictures a second of movies.
     overwrite : replace any file; else only one that holds what the session has opened or written.
@@ -345,7 +344,7 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     Raises
     ------
     DeformError
-        If the suffix says nothing, or the file cannot be written or must not be replaced; it is untouched then.
+        If the suffix is unknown, or the file cannot be written or must not be replaced; it is untouched then.
     Cancelled
         If ``progress`` raises it.
     """
@@ -361,4 +360,4 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
 
 
 def _silent(_share: float) -> None:
-    """Nobody watches."""
+    """Progress that is not shown."""

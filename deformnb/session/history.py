@@ -81,7 +81,7 @@ class History:
     Parameters
     ----------
     most : states that can be gone to; most_bytes : what they may weigh.
-    weigh : says what a state is made of.
+    weigh : returns the parts of a state.
 
     Examples
     --------
@@ -288,7 +288,7 @@ class _Ledger:
 
 
 def weigh_part(part: Any) -> tuple[int, tuple[Any, ...]]:
-    """About how many bytes a part of a document takes by itself, and the parts in it.
+    """The approximate bytes of a part of a document by itself, and the parts in it.
 
     Control points, masks and arrays count as their numbers; everything else as some dozens of bytes for each object.
 

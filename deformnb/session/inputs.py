@@ -3,31 +3,57 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deformnb._typing import Progress
+from deformnb._typing import Float3, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import without_surrogates
+from deformnb.errors import DeformError
 from deformnb.io.documents import read_deformation
-from deformnb.io.formats import read_volume
+from deformnb.io.formats import describe_file, read_volume
 from deformnb.io.meshes import is_mesh, read_mesh
 from deformnb.volume.transfer import levels
-from deformnb.volume.volume import Volume
-from deformnb.warping.mesh import Mesh, filled, signed_distance
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.mesh import Mesh, filled, grid_around, signed_distance
 
 
-def as_volume(given: Any) -> Volume:
-    """A volume from a volume, an array [z, y, x], a mesh, or the path of a file of a volume or a mesh."""
+def volume_from(given: Any, *, spacing: Sequence[float] | None = None, is_labels: bool | None = None,
+                progress: Progress | None = None) -> Volume:
+    """A volume from a volume, an array [z, y, x], a mesh, or the path of a file of a volume or a mesh.
+
+    Parameters
+    ----------
+    spacing : true voxel size (x, y, z), where a file says a wrong one.
+    is_labels : whether the voxels of a file are labels; None as the file says.
+    """
     if isinstance(given, Volume):
         return given
     if isinstance(given, Mesh):
-        return body_of(given)
-    if isinstance(given, str | PathLike):
-        return body_of(read_mesh(given)) if is_mesh(given) else read_volume(given)
-    return Volume.from_array(np.asarray(given))
+        return body_of(given, progress)
+    if not isinstance(given, str | PathLike):
+        return Volume.from_array(np.asarray(given))
+    if not is_mesh(given):
+        return read_volume(given, spacing=_three(spacing), is_labels=is_labels, progress=progress)
+    if spacing is not None:
+        raise DeformError(f"a spacing is for volumes, and {Path(given).name} is a mesh.")
+    return body_of(read_mesh(given), progress)
+
+
+def grid_of_file(path: str | PathLike[str], spacing: Sequence[float] | None = None) -> Grid:
+    """Grid of a volume, from the header of its file; of a mesh, the grid of the volume that is made of it."""
+    grid = grid_around(read_mesh(path)) if is_mesh(path) else describe_file(path).grid
+    true = _three(spacing)
+    return grid if true is None else replace(grid, spacing=true)
+
+
+def _three(spacing: Sequence[float] | None) -> Float3 | None:
+    return None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
 
 
 def body_of(mesh: Mesh, progress: Progress | None = None) -> Volume:

@@ -1,6 +1,6 @@
-"""Session of one person with one volume: the edited document, its history, and the view state.
+"""Session of one user with one volume: the edited document, its history, and the view state.
 
-A session knows no widget and no thread: the notebook's studio and the application are thin front ends of it. Every
+A session has no widget and no thread: the notebook's studio and the application are thin front ends of it. Every
 edit makes the next immutable document, or raises and leaves everything as it was; undo is a tree of old documents.
 It may be called from any thread; observers are called in the thread of the edit.
 """
@@ -20,8 +20,16 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike
 
-from deformnb.analysis.extent import MOST, Foreground, field_of_view, foreground_of, grown, landed, sides_left
-from deformnb.document.deformation import Deformation, LazyReference, Step
+from deformnb.analysis.extent import (
+    MOST,
+    Foreground,
+    exceeded_sides,
+    field_of_view,
+    foreground_of,
+    padded,
+    reached_places,
+)
+from deformnb.document.deformation import STEP_LABELS, Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
 from deformnb.document.transplant import with_true_spacing
@@ -29,22 +37,16 @@ from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.imaging.projection import PROJECTIONS, project
 from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_document, write_deformation
-from deformnb.io.headers import human_bytes, shown
-from deformnb.io.memory import available_memory
+from deformnb.io.memory import check_room
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, without_conflicts
 from deformnb.session.history import History, HistoryNode
-from deformnb.session.view_state import Look, without_look
+from deformnb.session.view_state import ViewState, without_view_state
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-
-_NAMES = {"kernel": "kernel", "support": "support radius", "trend": "trend", "smoothing": "smoothing",
-          "extrusion": "extrusion", "curve": "curve", "knots": "keys", "strength": "strength", "enabled": "switch",
-          "maps": "points", "plane": "plane", "name": "name", "cuts": "cuts", "parts": "rigid parts",
-          "cut_rule": "rule of the cuts", "stages": "stages"}
 
 
 class _State(NamedTuple):
@@ -74,7 +76,7 @@ class Session(traitlets.HasTraits):
     depth : where a "slice" lies along the normal, from the middle of the volume.
     transfer : colours and opacities, a :class:`~deformnb.volume.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
-    notice : the last thing worth saying, such as a trend that was changed along with a kernel; first the notes of the
+    notice : the last message to the user, such as a trend that was changed along with a kernel; first the notes of the
         volume.
     saved : the document that is safe in a file of its user's, as it was last written or opened; None if none is.
     output : the grid of the result, which is what can be seen of it too (the field of view); None is the volume's own.
@@ -117,7 +119,7 @@ class Session(traitlets.HasTraits):
 
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
                  output: Grid | None = None, **traits: Any) -> None:
-        deformation, look = Look.parted(deformation or Deformation())
+        deformation, view_state = ViewState.split(deformation or Deformation())
         deformation, laid = with_true_spacing(deformation, volume.grid)
         if output is not None:
             deformation = replace(deformation, output=output)
@@ -139,7 +141,8 @@ class Session(traitlets.HasTraits):
         self._show(_State(first, len(first.steps) - 1, 0))
         self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in (*volume.notes, laid) if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
-        self._look_as(look, besides=traits, is_other=made_on is not None and made_on.shape != volume.shape)
+        self._restore_view_state(view_state, besides=traits,
+                                 is_other=made_on is not None and made_on.shape != volume.shape)
 
     # -- the step that is edited ---------------------------------------------------------------------------------------
 
@@ -227,7 +230,7 @@ class Session(traitlets.HasTraits):
         """
         with self._lock:
             notice = complete_change(self.step, self.points, fields)
-            label = label or "change " + " and ".join(_NAMES.get(name, name) for name in list(fields)[:1])
+            label = label or "change " + " and ".join(STEP_LABELS.get(name, name) for name in list(fields)[:1])
             step = replace(self.step, **fields)
             self._become(self.deformation.with_step(self.index, step), label, kind, slides=slides)
             self.notice = notice
@@ -244,7 +247,7 @@ class Session(traitlets.HasTraits):
         ----------
         made : what the edit made. If something else is shown by now, or an older state, nothing happens.
         better : what shall be shown instead; undo takes back the edit with it.
-        notice : what to say of it.
+        notice : the message to the user.
 
         Returns
         -------
@@ -384,10 +387,6 @@ class Session(traitlets.HasTraits):
             parts = (*self.step.parts, part)
             self.edit_parts(parts, label or f"add {part.label}", points=without_conflicts(self.points, parts, held))
 
-    def set_cut_rule(self, rule: str) -> None:
-        """Set the rule for the visible region beside a cut: a name of :data:`~deformnb.rbf.cuts.CUT_RULES`."""
-        self.change(cut_rule=rule)
-
     def edit_keys(self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None,
                   selected: int = 0) -> None:
         """Move, add or remove key pictures of the rule "interpolate".
@@ -476,7 +475,7 @@ class Session(traitlets.HasTraits):
         after = _State(deformation, at, min(before.key if key is None else key, last_key))
         if after == before:
             return
-        self.notice = ""  # what was said of the edit before
+        self.notice = ""  # the notice of the edit before
         where = f"{before.step}, {before.key}: {kind}"  # a slider of another step is another slider
         self._history.record(before, label, kind and where, slides=slides)
         self._show(after)
@@ -534,7 +533,7 @@ class Session(traitlets.HasTraits):
         return next((v for v in VIEWS if Plane.along(self.volume.grid, v) == plane), None)
 
     def set_view(self, view: str | Plane) -> None:
-        """Look from another side: back at the step made from there, or else on a new one after all others.
+        """ViewState from another side: back at the step made from there, or else on a new one after all others.
 
         So the volume is deformed on one picture, turned, and deformed on another (section 4.3 of the paper); the new
         picture shows what the steps before have made. A step as it began is turned instead of kept.
@@ -555,9 +554,9 @@ class Session(traitlets.HasTraits):
     def transfer_function(self) -> TransferFunction:
         """Colours and opacities, a preset fitted to the volume."""
         with self._lock:
-            wanted = self.transfer
-            if self._transfer is None or self._transfer[0] != wanted:
-                self._transfer = (wanted, preset(wanted, self.volume) if isinstance(wanted, str) else wanted)
+            chosen = self.transfer
+            if self._transfer is None or self._transfer[0] != chosen:
+                self._transfer = (chosen, preset(chosen, self.volume) if isinstance(chosen, str) else chosen)
             return self._transfer[1]
 
     @traitlets.validate("transfer")
@@ -570,14 +569,14 @@ class Session(traitlets.HasTraits):
         return value
 
     @property
-    def look(self) -> Look:
+    def view_state(self) -> ViewState:
         """View state at this moment; the depth only where it is the slice of the last step."""
         is_slice = self.method == "slice" and self.index == len(self.deformation.steps) - 1
-        return Look(self.transfer, self.method, self.depth if is_slice else None)
+        return ViewState(self.transfer, self.method, self.depth if is_slice else None)
 
-    def _look_as(self, look: Look, *, besides: Container[str] = (), is_other: bool = False) -> None:
+    def _restore_view_state(self, stored: ViewState, *, besides: Container[str] = (), is_other: bool = False) -> None:
         """Take over the view state of a document, as far as it is stored."""
-        for name, value in look.traits(is_other=is_other).items():
+        for name, value in stored.traits(is_other=is_other).items():
             if name not in besides:
                 setattr(self, name, float(np.clip(value, *self.depth_range)) if name == "depth" else value)
 
@@ -606,18 +605,18 @@ class Session(traitlets.HasTraits):
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
         """The picture that is being edited, before the step that is edited; kept until something else is requested."""
         with self._drawing:  # one thread after the other, each for the document of one moment
-            asked = self._asked()
+            settings = self._picture_settings()
             kept = self._picture
-            if kept is not None and kept[0] == asked:
+            if kept is not None and kept[0] == settings:
                 return kept[1]
-            earlier, plane, method, depth, colours = asked
+            earlier, plane, method, depth, colours = settings
             made = project(self._base_of(earlier), plane, method, transfer=colours,
                            depth=depth if method == "slice" else None, progress=progress)
-            if asked == self._asked():  # else another one is wanted by now
-                self._picture = (asked, made)
+            if settings == self._picture_settings():  # else another one is requested by now
+                self._picture = (settings, made)
             return made
 
-    def _asked(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None]:
+    def _picture_settings(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None]:
         """The settings on which the picture depends."""
         with self._lock:
             colours = self.transfer_function if self.method in ("composite", "shaded") else None
@@ -637,7 +636,7 @@ class Session(traitlets.HasTraits):
 
     @traitlets.observe("output")
     def _output_taken_back(self, change: Any) -> None:
-        if change["new"] is None:  # traitlets has nobody validate None
+        if change["new"] is None:  # traitlets validates no None
             self._set_output(None)
 
     def _set_output(self, grid: Grid | None) -> None:
@@ -657,7 +656,7 @@ class Session(traitlets.HasTraits):
         ----------
         margin : a length or (x, y, z), rounded up to whole voxels; 0 is the volume's own box again, negative crops.
         """
-        grid = grown(self.volume.grid, margin)
+        grid = padded(self.volume.grid, margin)
         self.output = None if grid == self.volume.grid else grid
 
     def fit_output(self, *, most: float = MOST, joins: bool = False) -> bool:
@@ -686,11 +685,11 @@ class Session(traitlets.HasTraits):
                            "is cut off.")
         return not found.is_limited
 
-    def sides_left(self) -> tuple[str, ...]:
+    def exceeded_sides(self) -> tuple[str, ...]:
         """The sides on which dragged foreground leaves the box of the result, in words; takes a moment."""
         if not _moves(self.deformation):
             return ()
-        return sides_left(landed(self.foreground(), self.field()), self.box)
+        return exceeded_sides(reached_places(self.foreground(), self.field()), self.box)
 
     def foreground(self) -> Foreground:
         """Foreground of the volume; looked up once."""
@@ -701,8 +700,8 @@ class Session(traitlets.HasTraits):
 
     @traitlets.validate("saved")
     def _valid_saved(self, proposal: Any) -> Deformation | None:
-        """Without its look: what has other colours only is not unsaved."""
-        return None if proposal["value"] is None else without_look(proposal["value"])
+        """Without its view state: a document with other colours only is not unsaved."""
+        return None if proposal["value"] is None else without_view_state(proposal["value"])
 
     # -- results -------------------------------------------------------------------------------------------------------
 
@@ -719,7 +718,7 @@ class Session(traitlets.HasTraits):
         points, step = self.points, self.step
         place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
         moved = points.add(place, [c + 0.01 * self.volume.grid.diagonal for c in place])
-        with contextlib.suppress(DeformError):  # the first edit will say it
+        with contextlib.suppress(DeformError):  # the first edit will report it
             replace(step, maps=(moved,) * len(step.maps)).field(self.volume.grid)
 
     def notes(self) -> tuple[str, ...]:
@@ -734,8 +733,8 @@ class Session(traitlets.HasTraits):
         return warp(self.volume, field, output=output, progress=progress)
 
     def document(self) -> Deformation:
-        """The deformation, how it is looked at, and the checksum of its volume, as it is saved."""
-        return self.look.added_to(replace(self.deformation, volume=self.reference()))
+        """The deformation, its view state, and the checksum of its volume, as it is saved."""
+        return self.view_state.added_to(replace(self.deformation, volume=self.reference()))
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False, document: Deformation | None = None) -> None:
         """Write the document as JSON.
@@ -748,7 +747,7 @@ class Session(traitlets.HasTraits):
         Raises
         ------
         FileChangedError
-            If the file was there before, or somebody else has changed it; nothing is written.
+            If the file was there before, or another program has changed it; nothing is written.
         """
         document = document or self.document()
         write_deformation(document, path, known=self.files, overwrite=overwrite)
@@ -778,7 +777,7 @@ class Session(traitlets.HasTraits):
 
         See :meth:`open`.
         """
-        deformation, look = Look.parted(deformation)
+        deformation, view_state = ViewState.split(deformation)
         laid = ""
         try:
             deformation, laid = with_true_spacing(deformation, self.volume.grid)
@@ -791,28 +790,13 @@ class Session(traitlets.HasTraits):
         with self._lock:
             self._become(deformation, label, index=max(0, len(deformation.steps) - 1), key=0)
             self.file, self.saved = None, None if laid else self.deformation
-        self._look_as(look, is_other=bool(difference))
+        self._restore_view_state(view_state, is_other=bool(difference))
         if difference or laid:
             self.notice = difference or laid
 
     def difference(self, deformation: Deformation) -> str:
-        """Warning about a document that was made on another volume; empty if it was made on this one.
-
-        Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
-        """
-        made_on = deformation.volume
-        if made_on is None:
-            return ""
-        if made_on.shape == self.volume.shape and (
-                made_on.sha256 == self.reference().sha256 or made_on.has_labels(self.volume)):
-            here = self.volume.grid
-            if (made_on.grid or replace(here, spacing=made_on.spacing)).is_like(here):  # before 1.2 it told no place
-                return ""
-            then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made_on.spacing, here.spacing))
-            return ("This document was made on the same voxels at another place or of another size "
-                    f"({then} then, {now} now); its points may lie elsewhere.")
-        return (f"This document was made on another volume ({shown(made_on.name) or 'without a name'}, "
-                f"{' x '.join(str(n) for n in made_on.shape[::-1])} voxels); its points may lie elsewhere.")
+        """Warning about a document that was made on another volume; empty if it was made on this one."""
+        return deformation.difference(self.volume, self.reference)
 
     def code(self, volume: str = "") -> str:
         """The document as a Python script; see :func:`deformnb.document.script.as_python`.
@@ -835,22 +819,6 @@ def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
         if i in maps[k].ids:
             maps[k] = maps[k].edit(i, name=names[i])
     return replace(step, maps=tuple(maps))
-
-
-def check_room(volume: Volume, output: Grid | None) -> None:
-    """Refuse a result that there is no memory for: else the system would end the process, and the session with it.
-
-    Raises
-    ------
-    DeformError
-        With what it takes and what is free.
-    """
-    grid = output or volume.grid
-    needed, free = grid.size * volume.dtype.itemsize, available_memory()
-    if needed > free:
-        remedy = "choose a smaller result box" if grid.size > volume.grid.size else "read the volume with a stride"
-        raise DeformError(f"the deformed volume takes {human_bytes(needed)} and {human_bytes(free)} are free; "
-                          f"close something else, or {remedy}.")
 
 
 def _moves(deformation: Deformation) -> bool:

@@ -21,7 +21,7 @@ MOST_NODES = 1024
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewState:
     """View state of a volume; None for settings that are not in the document.
 
     Parameters
@@ -36,18 +36,18 @@ class Look:
     depth: float | None = None
 
     def added_to(self, deformation: Deformation) -> Deformation:
-        """A document with this look."""
+        """A document with this view state."""
         transfer: Any = self.transfer
         if isinstance(transfer, TransferFunction):
             transfer = {"colors": [list(row) for row in transfer.colors], "unit": transfer.unit,
                         "opacities": [list(row) for row in transfer.opacities]}
-        told = {"transfer": transfer, "method": self.method, "depth": self.depth}
-        data = {key: value for key, value in told.items() if value is not None}
+        settings = {"transfer": transfer, "method": self.method, "depth": self.depth}
+        data = {key: value for key, value in settings.items() if value is not None}
         return replace(deformation, extra={**deformation.extra, FIELD: data})
 
     @classmethod
-    def parted(cls, deformation: Deformation) -> tuple[Deformation, Look]:
-        """A document without its look, and that.
+    def split(cls, deformation: Deformation) -> tuple[Deformation, ViewState]:
+        """A document without its view state, and that.
 
         Names of presets and projections that a later version may have are passed over.
 
@@ -61,27 +61,27 @@ class Look:
         r = Reader(deformation.extra[FIELD], f"document.{FIELD}")
         method = r.text("method", "")
         depth = r.number("depth") if "depth" in r.data else None
-        look = cls(_transfer(r), method if method in PROJECTIONS else None, depth)
-        return without_look(deformation), look
+        state = cls(_transfer(r), method if method in PROJECTIONS else None, depth)
+        return without_view_state(deformation), state
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
         """Settings that a session takes over; colours at the values of another volume would not fit."""
-        told = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
+        settings = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
                 "method": self.method, "depth": None if is_other else self.depth}
-        return {key: value for key, value in told.items() if value is not None}
+        return {key: value for key, value in settings.items() if value is not None}
 
 
-def without_look(deformation: Deformation) -> Deformation:
-    """A document without its look, whatever that is."""
+def without_view_state(deformation: Deformation) -> Deformation:
+    """A document without its view state, whatever that is."""
     if FIELD not in deformation.extra:
         return deformation
     return replace(deformation, extra={key: value for key, value in deformation.extra.items() if key != FIELD})
 
 
 def _transfer(r: Reader) -> str | TransferFunction | None:
-    wanted = r.value("transfer", (str, dict), "")
-    if isinstance(wanted, str):
-        return wanted if wanted in PRESETS else None
+    named = r.value("transfer", (str, dict), "")
+    if isinstance(named, str):
+        return named if named in PRESETS else None
     part = r.part("transfer")
     try:
         return TransferFunction(_nodes(part, "colors", 4), _nodes(part, "opacities", 2), part.number("unit"))

@@ -45,7 +45,7 @@ class KnownSpacing:
     @property
     def note(self) -> str:
         """Note for a volume that got its true spacing."""
-        return (f"this is the {self.title}: its file says a spacing of {_shown(self.header_spacing)}, which is wrong; "
+        return (f"this is the {self.title}: its file has a spacing of {_shown(self.header_spacing)}, which is wrong; "
                 f"{_shown(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)")
 
     @property
@@ -94,9 +94,9 @@ def known_spacing(grid: Grid, dtype: Any, checksum: Callable[[], str]) -> KnownS
 
     Parameters
     ----------
-    grid : as the file says.
+    grid : as in the file.
     dtype : of the voxels.
-    checksum : gives :func:`deformnb.volume.volume.voxel_checksum`; asked only where all the rest agrees.
+    checksum : gives :func:`deformnb.volume.volume.voxel_checksum`; called only where all the rest agrees.
     """
     likely = [row for row in known_spacings() if row.shape == grid.shape and row.dtype == np.dtype(dtype).name
               and np.allclose(row.header_spacing, grid.spacing, rtol=1e-5, atol=0)]

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Float3
+from deformnb.checks import finite_array
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume, as_grid
 
@@ -26,10 +27,8 @@ _UP = {"x": (0.0, 0.0, 1.0), "y": (0.0, 0.0, 1.0), "z": (0.0, -1.0, 0.0)}
 
 
 def _triple(value: ArrayLike, what: str) -> Float3:
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise DeformError(f"{what} must be three finite numbers (x, y, z), got {value!r}.")
-    return (float(array[0]), float(array[1]), float(array[2]))
+    x, y, z = finite_array(value, (3,), f"{what} must be three finite numbers (x, y, z)").tolist()
+    return x, y, z
 
 
 @dataclass(frozen=True)

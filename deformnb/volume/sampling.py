@@ -148,10 +148,10 @@ def cubic(axis: Axis) -> Taps:
 
 @dataclass(frozen=True)
 class Method:
-    """One way to read between voxels.
+    """An interpolation method.
 
-    ``taps`` gives the voxels and weights along one axis. ``blends`` says whether values can come out that are in no
-    voxel, ``is_spline`` whether it reads B-spline coefficients (:func:`spline_coefficients`) instead of voxels.
+    ``taps`` gives the voxels and weights along one axis. ``blends``: whether values can come out that are in no
+    voxel; ``is_spline``: whether it reads B-spline coefficients (:func:`spline_coefficients`) instead of voxels.
     """
 
     taps: Callable[[Axis], Taps]

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume, as_volume
 
@@ -433,6 +434,22 @@ PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
     "specimen": specimen, "bone": bone, "muscle": muscle, "surface": surface, "xray": xray,
 }
 """Transfer functions that fit themselves to a volume, by name; the first is the default."""
+
+
+def as_transfer(given: TransferFunction | str | None, volume: Volume) -> TransferFunction:
+    """A transfer function itself, or the preset of a name for a volume; None is the preset "specimen".
+
+    Raises
+    ------
+    DeformError
+        For anything else.
+    """
+    if given is None or isinstance(given, str):
+        return preset("specimen" if given is None else given, volume)
+    if not isinstance(given, TransferFunction):
+        raise DeformError(f"a TransferFunction is needed, or the name of a preset ({', '.join(PRESETS)}), got "
+                          f"{shown_value(given)}.")
+    return given
 
 
 def preset(name: str, volume: Volume) -> TransferFunction:

@@ -56,7 +56,7 @@ def three_axes(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
     Raises
     ------
     DeformError
-        If the array has no voxels, or axes that are not z, y or x; the message says how to pick.
+        If the array has no voxels, or axes that are not z, y or x; the message names the remedy.
     """
     notes: tuple[str, ...] = ()
     if array.ndim == 2:
@@ -66,7 +66,7 @@ def three_axes(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
     if array.size == 0:
         raise DeformError(f"the array has no voxels: its shape is {array.shape}; every axis needs at least one.")
     if array.dtype == np.uint8 and array.shape[-1] in (3, 4) and min(array.shape[:2]) >= 16:
-        # One cannot tell a colour picture from a volume three voxels wide, so say it instead of refusing either.
+        # A colour picture looks like a volume three voxels wide: note it instead of refusing either.
         notes += (f"the x axis has {array.shape[-1]} voxels: if these are colours, pass one channel: array[..., 0]",)
     return array, notes
 
@@ -165,21 +165,21 @@ def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
             else "1 voxel is not finite, shown as background",)
 
 
-# What tells labels from amounts: the share of equal neighbours along x, averaged over the values, and among the others
-# the share that differs by 1. Measured: atlases of knee and abdomen 0.93 and 0.88, 0.01 and 0.04; phantoms of labels
-# from 0.78 on, up to 0.43; CT and MR below 0.08; CT in only 16 grey values up to 0.57, from 0.81 on.
+# The criterion for labels against amounts: the share of equal neighbours along x, averaged over the values, and among
+# the others the share that differs by 1. Measured: atlases of knee and abdomen 0.93 and 0.88, 0.01 and 0.04; phantoms
+# of labels from 0.78 on, up to 0.43; CT and MR below 0.08; CT in only 16 grey values up to 0.57, from 0.81 on.
 _LEAST_EQUAL, _MOST_UNIT_STEPS = 0.6, 0.6
 _MOST_LABELS = 1000
-_FEWEST_PAIRS = 1000  # fewer say nothing
+_FEWEST_PAIRS = 1000  # fewer are no evidence
 _SAMPLED_VOXELS = 2**18
 
 
 def label_note(array: NDArray[Any]) -> tuple[str, ...]:
-    """A note that asks, if an array [z, y, x] of whole numbers looks like the labels of a segmentation.
+    """A note for an array [z, y, x] of whole numbers that looks like the labels of a segmentation.
 
-    Labels are few and lie in regions of one value each, whose numbers say nothing of their neighbours'; amounts vary
-    within a region, or step by step from one to the next. Two values alone are no question: between 0 and 1 there is
-    no third one to be made up.
+    Labels are few and lie in regions of one value each, whose numbers are unrelated to their neighbours'; amounts vary
+    within a region, or step by step from one to the next. Two values alone are no question: between 0 and 1 there is no
+    third one to be made up.
     """
     if array.dtype.kind not in "iu" or array.shape[2] < 2:
         return ()
@@ -201,7 +201,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     if equal.mean() < _LEAST_EQUAL or not steps.size or np.mean(steps == 1) > _MOST_UNIT_STEPS:
         return ()
     note = (f"the voxels look like labels ({len(values)} whole numbers in regions of one value each) but are not "
-            "declared as such: deforming makes up values between them; say is_labels=True (--labels in a command) to "
+            "declared as such: deforming makes up values between them; set is_labels=True (--labels in a command) to "
             "keep each as it is, or is_labels=False if they are amounts")
     return (note,)
 
@@ -325,7 +325,7 @@ pictures and other programs compute it. In metres this reaches below an atom, in
 # Sizes are Python integers, and NumPy counts voxels in 63 bits; no machine has memory for as many.
 _MOST_VOXELS = 2**60
 
-# From LPS to RAS and back: x and y change sign. NIfTI and nibabel speak RAS.
+# From LPS to RAS and back: x and y change sign. NIfTI and nibabel use RAS.
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -439,11 +439,6 @@ class Grid:
     def size(self) -> int:
         """Number of voxels."""
         return self.shape[0] * self.shape[1] * self.shape[2]
-
-    @property
-    def is_axis_aligned(self) -> bool:
-        """True if every index axis is parallel to x, y or z of space (flips and swaps count as aligned)."""
-        return bool(np.isclose(np.abs(np.asarray(self.direction)).max(axis=0), 1.0, atol=1e-9).all())
 
     def is_like(self, other: Grid) -> bool:
         """True if the voxels of both lie at the same places, as far as files keep digits."""
@@ -602,7 +597,7 @@ class Volume:
 
     def __repr__(self) -> str:
         (nz, ny, nx), spacing = self.shape, self.grid.spacing
-        unit = "" if spacing == (1.0, 1.0, 1.0) else " mm"  # which says nothing else
+        unit = "" if spacing == (1.0, 1.0, 1.0) else " mm"  # a spacing of 1 may be no unit at all
         kind = f"{self.dtype.name} labels" if self.is_labels and self.dtype != np.bool_ else self.dtype.name
         name = f" {self.name[:60]!r}" if self.name else ""
         return (f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
@@ -610,10 +605,10 @@ class Volume:
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """The voxels [z, y, x], for ``np.asarray(volume)``; not copied where their type may stay."""
-        wanted = np.dtype(dtype) if dtype is not None else self.dtype
-        if copy is False and wanted != self.dtype:
-            raise ValueError(f"voxels of type {self.dtype} do not become {wanted} without a copy.")
-        return np.array(self.values, dtype=wanted) if copy else np.asarray(self.values, dtype=wanted)
+        target = np.dtype(dtype) if dtype is not None else self.dtype
+        if copy is False and target != self.dtype:
+            raise ValueError(f"voxels of type {self.dtype} do not become {target} without a copy.")
+        return np.array(self.values, dtype=target) if copy else np.asarray(self.values, dtype=target)
 
     @classmethod
     def from_array(cls, array: ArrayLike, spacing: Float3 = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
@@ -629,8 +624,8 @@ class Volume:
         array : [z, y, x] or [y, x].
         spacing, origin, direction : see :class:`Grid`.
         name : shown to people.
-        is_labels : voxels are names, not amounts; by default only bool voxels are, and a note asks where whole numbers
-            look like labels.
+        is_labels : voxels are names, not amounts; by default only bool voxels are, and a note is added where whole
+            numbers look like labels.
 
         Raises
         ------

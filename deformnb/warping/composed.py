@@ -34,7 +34,7 @@ from deformnb.warping.planning import seen
 _TABLE_ERROR = 2e-3
 _MOST_NODES = 3_000_000
 
-# How far beyond the volume's box the tables reach, as a share of it; what is led farther is asked of the field itself.
+# How far beyond the volume's box the tables reach, as a share of it; beyond, the field itself is evaluated.
 _MARGIN = 0.1
 
 # Places at which a table is compared with its map.
@@ -44,12 +44,12 @@ Evaluator = Callable[[NDArray[np.float32], NDArray[np.float64]], tuple[Any, Any]
 """From places (3, n) relative to an origin, and that origin, to displacements (3, n) and opacity (n)."""
 
 
-class Chain:
+class ComposedEvaluator:
     """The steps of a composition, made ready for one output grid.
 
     Parameters
     ----------
-    field : any field in space; one that is no composition is a chain of one.
+    field : any field in space; one that is no composition has one step.
     grid : the output's grid.
     """
 
@@ -191,7 +191,7 @@ def _table(field: AbstractField, grid: Grid) -> _Table | None:
     low, high = at.min(axis=0) - _MARGIN * size.max(), at.max(axis=0) + _MARGIN * size.max()
     along = np.abs(first.plane.frame[:2] @ np.asarray(grid.direction)) ** 2  # [u v, axis x y z], rows add up to 1
     pixel = along @ np.asarray(grid.spacing)
-    wanted, step = _TABLE_ERROR * float(pixel.min()), pixel.copy()
+    allowed, step = _TABLE_ERROR * float(pixel.min()), pixel.copy()
     for _ in range(4):
         counts = np.ceil((high - low) / step).astype(int) + 1
         if counts.prod() * len(fields) * len(first.maps) > _MOST_NODES:
@@ -200,9 +200,9 @@ def _table(field: AbstractField, grid: Grid) -> _Table | None:
         raster = Raster((rows, columns), (du, dv), (a, b))
         maps = np.stack([[m.on_raster(raster) for m in f.maps] for f in fields])  # type: ignore[attr-defined]
         error = _error(fields, maps, raster)
-        if error <= wanted:
+        if error <= allowed:
             break
-        step *= max(0.3, 0.9 * float(np.sqrt(wanted / error)))
+        step *= max(0.3, 0.9 * float(np.sqrt(allowed / error)))
     else:
         return None
     regions = cut.regions if cut is not None else ()

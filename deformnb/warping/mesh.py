@@ -284,8 +284,8 @@ def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> 
 def warp_mesh(mesh: Mesh, field: AbstractField | HasField, *, grid: Grid | Volume | None = None) -> Mesh:
     """The mesh in the deformed volume: every corner goes where the field takes it, and the faces stay.
 
-    Corners without a place in the result (where the map folds, or beyond a cut) follow their neighbours; a note says
-    how many there are.
+    Corners without a place in the result (where the map folds, or beyond a cut) follow their neighbours; a note has
+    their number.
 
     Parameters
     ----------

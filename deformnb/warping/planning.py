@@ -28,7 +28,8 @@ from deformnb.volume.volume import Grid
 
 _Part = TypeVar("_Part")
 
-# Fractions of a voxel that float32 cannot tell from a whole number; geometry computed in two ways differs by 1e-13.
+# Fractions of a voxel that float32 cannot distinguish from a whole number; geometry computed in two ways differs by
+# 1e-13.
 _WHOLE = 1e-7
 
 # Direction cosines from files are rounded to float32 (1e-7). Axes this close count as parallel: over 1000 voxels the
@@ -258,7 +259,7 @@ def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side.
 
-    A field that is evaluated is asked at every ``step``-th node along x only, and interpolated linearly in between.
+    A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.
     """
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
@@ -364,8 +365,8 @@ def _starts(n: int, length: int, step: int) -> list[int]:
     return sorted({min(start, last) for start in range(0, n, length)})
 
 
-def share(parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
-    """Do all parts, on as many threads as this process may use: XLA runs the loops of one call on one thread only."""
+def run_parts(parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
+    """Run the work for all parts, on as many threads as this process may use: XLA runs one call on one thread."""
     threads = min(len(parts), processors())
     done = 0.0
     if threads == 1:

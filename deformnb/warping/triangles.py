@@ -18,7 +18,7 @@ from scipy import ndimage
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
-from deformnb.warping.planning import share
+from deformnb.warping.planning import run_parts
 
 Array = NDArray[Any]
 
@@ -102,7 +102,7 @@ def _near(triangles: Array, grid: Grid, progress: Progress | None) -> tuple[Arra
         with lock:
             np.minimum.at(keys, (k * shape[1] + j) * shape[0] + i, key)
 
-    share(list(_chunks(size.prod(axis=1))), work, progress)
+    run_parts(list(_chunks(size.prod(axis=1))), work, progress)
     return small, keys
 
 
@@ -218,7 +218,7 @@ def _spread(near: Array, closest: Array, grid: Grid, progress: Progress | None) 
         squared = (x - point[..., 0]) ** 2 + (y - point[..., 1]) ** 2 + (height - point[..., 2]) ** 2
         np.sqrt(squared, out=out[z])
 
-    share(range(nz), work, progress)
+    run_parts(range(nz), work, progress)
     return out
 
 

@@ -27,11 +27,11 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
-from deformnb.warping.composed import Chain
+from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
 
 
-def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
+def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
     """``fill + A (value - fill)``; what has nothing in between is shown from A = 1/2 on: labels, bool, a fill of NaN.
 
     Parameters
@@ -43,7 +43,7 @@ def faded(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: b
 
     Examples
     --------
-    >>> faded(np.array([10, 20, 30], np.uint8), np.array([1.0, 0.5, 0.0]), np.uint8(1), discrete=False).tolist()
+    >>> apply_opacity(np.array([10, 20, 30], np.uint8), np.array([1.0, 0.5, 0.0]), np.uint8(1), discrete=False).tolist()
     [10, 11, 1]
     """
     at = np.nonzero(opacity < 1)  # along the cuts only
@@ -158,7 +158,7 @@ class Warper:
             plan = planning.extruded(field, self.volume.grid, self.output, self._compute)
             cut = None if plan else plan_cut(field, self.volume.grid, self.output, self._compute)
         try:
-            values = self._beside(cut, progress) if cut else self._planned(plan, field, progress)
+            values = self._near_cuts(cut, progress) if cut else self._planned(plan, field, progress)
         except MemoryError:
             nz, ny, nx = self.output.shape
             raise DeformError(f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
@@ -185,7 +185,7 @@ class Warper:
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
 
-        Costs one copy of the volume; for x only where its memory does not start as JAX wants it.
+        Costs one copy of the volume; for x only where its memory is not aligned as JAX requires.
         """
         if axis not in self._tables:
             rows = np.moveaxis(self._voxels, axis, 2)
@@ -203,7 +203,7 @@ class Warper:
             _ = self.volume.values
             work(part)
 
-        planning.share(parts, checked, progress)
+        planning.run_parts(parts, checked, progress)
 
     def _is_whole(self, axis: int) -> bool:
         return self.output.shape[axis] == self.volume.shape[axis]
@@ -220,7 +220,7 @@ class Warper:
         return sampling.on_device(values, (-1,))
 
     def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
-        return faded(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
+        return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
     def _settings(self) -> dict[str, Any]:
         return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index}
@@ -232,7 +232,7 @@ class Warper:
             flat = self._flat
         step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
 
-        chain = Chain(field, grid)
+        chain = ComposedEvaluator(field, grid)
 
         def work(block: tuple[slice, slice]) -> None:
             nodes = planning.lattice(grid, block, step)
@@ -248,7 +248,7 @@ class Warper:
         self._share(planning.blocks(grid.shape, step), work, progress)
         return out
 
-    def _beside(self, cut: CutPlan, progress: Progress | None) -> NDArray[Any]:
+    def _near_cuts(self, cut: CutPlan, progress: Progress | None) -> NDArray[Any]:
         """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
         out = self._planned(cut.apart, Identity(3), None)
         with self._arithmetic():
@@ -343,7 +343,7 @@ def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill
     def work(chunk: slice) -> None:
         out[chunk] = moved(chunk)
 
-    planning.share(chunks, work, progress)
+    planning.run_parts(chunks, work, progress)
     return out
 
 
@@ -393,7 +393,7 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
     d, opacity = planning.seen_on_raster(field, output)
     result = _moved_rows(table, d, at, lowest, settings)
     if opacity is not None:
-        result = faded(result, opacity, lowest, discrete=not METHODS[method].blends)
+        result = apply_opacity(result, opacity, lowest, discrete=not METHODS[method].blends)
     return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])
 
 

@@ -1,4 +1,4 @@
-"""Widgets for notebooks: each is an anywidget whose browser side is plain text files, without a build step.
+"""Widgets for notebooks: each is an anywidget whose front end is a bundled ES module.
 
 They load on first use, so that ``import deformnb`` and the command line never pay for them.
 """

@@ -15,6 +15,9 @@ from pathlib import Path
 SOURCES = Path(__file__).parent / "js"
 """The modules, in a checkout."""
 
+SHADERS = Path(__file__).parent / "glsl"
+"""Text of shaders that the modules share with VTK's, in a checkout and in a wheel."""
+
 BUNDLES = Path(__file__).parent / "static"
 
 STAMP = BUNDLES / "sources.sha256"
@@ -42,7 +45,7 @@ def _text(name: str) -> str:
 
 @cache
 def _check_fresh() -> None:
-    """At the import of the first widget, so that no widget runs what its sources no longer say."""
+    """Check the bundles at the import of the first widget, so that no widget runs one of older sources."""
     if not STAMP.exists():
         raise RuntimeError(f"the JavaScript of the widgets has not been bundled: {_CURE}.")
     if SOURCES.is_dir() and is_stale():
@@ -50,14 +53,14 @@ def _check_fresh() -> None:
 
 
 def is_stale() -> bool:
-    """Whether the bundles are missing or were made of other sources than those of this checkout."""
+    """Check whether the bundles are missing or were made of other sources than those of this checkout."""
     return not STAMP.exists() or STAMP.read_text(encoding="utf-8") != digest()
 
 
 def digest() -> str:
     """SHA-256 of the names and the text of all sources."""
     found = hashlib.sha256()
-    for path in sorted(SOURCES.rglob("*")):
-        if path.suffix in (".js", ".mjs", ".css"):
-            found.update(f"{path.relative_to(SOURCES).as_posix()}\n".encode() + path.read_bytes() + b"\0")
+    for path in sorted([*SOURCES.rglob("*"), *SHADERS.rglob("*")]):
+        if path.suffix in (".js", ".mjs", ".css", ".glsl"):
+            found.update(f"{path.relative_to(SOURCES.parent).as_posix()}\n".encode() + path.read_bytes() + b"\0")
     return found.hexdigest()

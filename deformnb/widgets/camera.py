@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
+from deformnb.imaging.camera import Camera
 from deformnb.volume.clip import WHOLE, Clip, checked_clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
@@ -114,13 +116,6 @@ def checked_camera(value: Any) -> dict[str, Any]:
     return {**whole, "perspective": True} if given.get("perspective") else whole
 
 
-def known(name: str, names: tuple[str, ...], what: str) -> str:
-    """A name that must be one of ``names``; DeformError names them if it is none."""
-    if name not in names:
-        raise DeformError(f"unknown {what} {name!r}; choose one of {', '.join(names)}.")
-    return name
-
-
 def turned(camera: Mapping[str, Any], direction: ArrayLike | None = None, up: ArrayLike | None = None,
            zoom: float | None = None, perspective: bool | None = None) -> dict[str, Any]:
     """A camera with what is not None changed; another direction looks at the middle again.
@@ -160,6 +155,22 @@ def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float 
     far = grid.diagonal / 2
     tall = max(corners[:, 1].max(), corners[:, 0].max() / aspect, _SMALLEST_SHARE * far * min(1.0, 1 / aspect))
     return float(2 * _AIR * tall / zoom)
+
+
+def camera_of(view: Mapping[str, Any], box: Grid, aspect: float) -> Camera:
+    """The camera of a picture, from a view's ``camera``.
+
+    Parameters
+    ----------
+    box : grid whose box is shown.
+    aspect : width of the picture by its height.
+    """
+    sides = view["direction"], view.get("up")
+    height = seen_height(box, *sides, aspect, float(view.get("zoom") or 1.0))
+    plane = Plane.through(box.center, *sides)
+    right, above = view.get("pan") or (0.0, 0.0)
+    plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
+    return Camera(plane, height, STANDOFF * height if view.get("perspective") else None)
 
 
 def within(progress: Progress | None, first: float, last: float) -> Progress | None:

@@ -20,7 +20,7 @@ import ipywidgets as ipw
 
 _LOG = logging.getLogger(__name__)
 
-_MAKING = threading.RLock()  # ipywidgets tells one listener of what is made
+_MAKING = threading.RLock()  # ipywidgets notifies one listener of what is made
 
 # By the cell's id and the name of the class, for anywidget makes a class of each widget: the run they were made in, and
 # the widgets of that run.
@@ -40,7 +40,7 @@ def parts_of_another() -> Iterator[None]:
 
 
 def leave_to_another(widget: Any) -> None:
-    """A widget that a cell has made belongs to another one from now on, which closes it."""
+    """Transfer a widget that a cell has made to another one, which closes it."""
     for cell, (run, shown) in _SHOWN.items():
         _SHOWN[cell] = (run, [reference for reference in shown if reference() is not widget])
 
@@ -48,7 +48,7 @@ def leave_to_another(widget: Any) -> None:
 def close_earlier_of_this_cell(widget: Any) -> None:
     """Close the widgets of this class that earlier runs of the running cell have made, and remember this one.
 
-    Call it when nothing can fail any more: who cannot have a new widget keeps the one of before.
+    Call it when nothing can fail any more: where there is no new widget, the earlier one stays.
     """
     place = None if _IS_PART.get() else _cell_and_run()
     if place is None:

@@ -1,15 +1,461 @@
-"""Messages between the widgets and their front ends: one table, from which ``docs/messages.md`` is written.
+"""Messages between the widgets and their front ends: a type for each, from which ``docs/messages.md`` is written.
 
-Most of a widget's state is synced traits. Messages are what must arrive in order, once, or with binary data. Whatever a
-front end sends is checked by :mod:`deformnb.widgets.protocol` or by the widget itself before anything is done with it.
+Most of a widget's state is synced traits. Messages are what must arrive in order, once, or with binary data. Python
+makes each message that it sends as one of these types, which mypy checks; whatever a front end sends is checked by
+:mod:`deformnb.widgets.protocol` or by the widget itself before anything is done with it.
 ``python -m deformnb.widgets.messages`` prints the page of the documentation.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NotRequired,
+    TypeAlias,
+    TypedDict,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 TO_PYTHON, TO_FRONT_END = "to Python", "to the front end"
+
+Window: TypeAlias = Annotated[str, "id of the window"]
+Counted: TypeAlias = Annotated[int, "number of the message, counted by the sender"]
+View: TypeAlias = Annotated[str, "id of the front end"]
+Views: TypeAlias = Annotated[str | None, "id of the one front end, or null for all"]
+Phase: TypeAlias = Literal["move", "end"]
+Shade: TypeAlias = Literal["dark", "light"]
+
+
+class PointData(TypedDict):
+    """A control point, with two coordinates on a picture and three in space; a radius of null is the one of all."""
+
+    id: int
+    name: NotRequired[str]
+    source: list[float]
+    target: list[float]
+    active: NotRequired[bool]
+    weight: NotRequired[float]
+    locked: NotRequired[bool]
+    radius: NotRequired[float | None]
+
+
+# ---- editors ---------------------------------------------------------------------------------------------------------
+
+
+class Greeting(TypedDict):
+    """A front end has opened; done answers it: Python listens."""
+
+    type: Literal["greet"]
+    sender: Window
+    seq: Counted
+
+
+class PointsEdit(TypedDict):
+    """Control points that are being dragged or were edited."""
+
+    type: Literal["edit"]
+    sender: Window
+    seq: Counted
+    phase: Phase
+    kind: Annotated[str, "what was done, one of protocol.KINDS"]
+    joins: Annotated[NotRequired[bool], "whether it goes on with the edit before it"]
+    next_id: Annotated[NotRequired[int], "least id that was never given"]
+    points: Annotated[list[PointData], "all points"]
+    drawn: Annotated[NotRequired[dict[str, float]],
+                     "hz, pictures per second of the drag, and ms, milliseconds to a picture"]
+
+
+class ShapesEdit(TypedDict):
+    """Cuts or rigid parts that were edited."""
+
+    type: Literal["shapes"]
+    sender: Window
+    seq: Counted
+    what: Literal["cuts", "parts"]
+    kind: Annotated[str, "what was done, in words"]
+    shapes: Annotated[list[dict[str, Any]], "all shapes of that sort, as documents hold them"]
+    points: Annotated[NotRequired[list[PointData]], "all points, where the edit has changed them too"]
+
+
+class ShapeChoice(TypedDict):
+    """A cut or rigid part that was chosen."""
+
+    type: Literal["choose"]
+    sender: Window
+    seq: Counted
+    what: Annotated[Literal["cuts", "parts"] | None, "null for none"]
+    index: Annotated[NotRequired[int], "place in the list"]
+    shape: Annotated[NotRequired[dict[str, Any]],
+                     "the shape without the pixels of a mask: its place may be another one by now"]
+
+
+class HistoryRequest(TypedDict):
+    """A request to undo or redo."""
+
+    type: Literal["history"]
+    sender: Window
+    seq: Counted
+    way: Literal["undo", "redo"]
+
+
+class EditDone(TypedDict):
+    """A message was taken in, and all callbacks have run."""
+
+    type: Literal["done"]
+    sender: Window
+    seq: Counted
+
+
+class EditRefused(TypedDict):
+    """Something was refused or has failed."""
+
+    type: Literal["error"]
+    message: Annotated[str, "why"]
+
+
+class DrawShape(TypedDict):
+    """Start drawing a shape."""
+
+    type: Literal["draw"]
+    tool: Literal["cut", "part", "ground"]
+
+
+class ShowPoint(TypedDict):
+    """Bring a point into the middle."""
+
+    type: Literal["look"]
+    id: Annotated[int, "of the point"]
+
+
+# ---- the editor in space ---------------------------------------------------------------------------------------------
+
+
+class PicturesWanted(TypedDict):
+    """A front end has opened and needs all pictures."""
+
+    type: Literal["hello"]
+    view: View
+
+
+class SlicesMoved(TypedDict):
+    """The place of the slices, or the projection, was changed."""
+
+    type: Literal["look"]
+    view: View
+    cursor: Annotated[NotRequired[list[float]], "(x, y, z)"]
+    projection: Annotated[NotRequired[str], "name of it"]
+
+
+class Seen(TypedDict):
+    """What has this number is shown."""
+
+    type: Literal["seen"]
+    view: View
+    seq: Annotated[int, "number"]
+
+
+class Pictures(TypedDict):
+    """The slices or projections that have changed."""
+
+    type: Literal["pictures"]
+    seq: Annotated[int, "number"]
+    view: Views
+    panes: Annotated[list[dict[str, Any]], "of each picture its index, raster, and which buffers it has"]
+    facts: Annotated[dict[str, Any], "notes, and the folds of the map when nothing moves"]
+
+
+# ---- inputs ----------------------------------------------------------------------------------------------------------
+
+
+class ValueEdit(TypedDict):
+    """A value that is being changed or was changed."""
+
+    type: Literal["edit"]
+    seq: Annotated[int, "number, counted by the front end"]
+    view: View
+    phase: Phase
+    value: Annotated[Any, "of the widget"]
+
+
+class ValueTaken(TypedDict):
+    """A value was taken in."""
+
+    type: Literal["done"]
+    seq: Annotated[int, "its number"]
+    view: View
+
+
+class ValueRefused(TypedDict):
+    """A value was refused."""
+
+    type: Literal["error"]
+    view: View
+    message: Annotated[str, "why"]
+
+
+class RowCommand(TypedDict):
+    """A command for a row."""
+
+    type: Literal["act"]
+    what: Annotated[str, "the command"]
+    index: Annotated[int, "of the row"]
+    value: Annotated[Any, "for it"]
+    version: Annotated[int, "of the rows"]
+
+
+class CommandDone(TypedDict):
+    """The command was done or refused."""
+
+    type: Literal["done"]
+
+
+class PointsCommand(TypedDict):
+    """A command for points, or an edit of a cell."""
+
+    type: Literal["act"]
+    view: View
+    seq: Annotated[int, "number"]
+    what: Annotated[str, "the command"]
+    ids: Annotated[list[int], "of the points"]
+    field: Annotated[NotRequired[str], "of the cell"]
+    axis: Annotated[NotRequired[int], "of the cell"]
+    value: Annotated[NotRequired[Any], "for it"]
+
+
+class PointsCommandDone(TypedDict):
+    """It was done or refused."""
+
+    type: Literal["done"]
+    view: View
+    seq: Annotated[int, "its number"]
+    ok: Annotated[bool, "whether it was done"]
+    text: Annotated[str, "why not"]
+
+
+class CopyText(TypedDict):
+    """Put a text on the clipboard."""
+
+    type: Literal["copy"]
+    text: str
+    note: Annotated[str, "what it is for"]
+
+
+class Download(TypedDict):
+    """Offer a file to the browser."""
+
+    type: Literal["download"]
+    name: Annotated[str, "of the file"]
+
+
+class RestoreCommand(TypedDict):
+    """A button was pressed."""
+
+    type: Literal["act"]
+    what: Annotated[str, "which"]
+    version: Annotated[int, "of what it showed"]
+
+
+class SaveRequest(TypedDict):
+    """The button was pressed."""
+
+    type: Literal["save"]
+
+
+# ---- the live view, which draws in the front end ---------------------------------------------------------------------
+
+
+class LiveHello(TypedDict):
+    """A front end has opened."""
+
+    type: Literal["hello"]
+    view: View
+    largest: Annotated[int, "side of the largest 3D texture"]
+    renderer: Annotated[str, "name of the GPU"]
+    software: Annotated[bool, "whether the CPU draws"]
+    background: Shade
+    voxels: Annotated[NotRequired[int], "that fit into its memory"]
+
+
+class ChunkRequest(TypedDict):
+    """A request for a piece of the volume."""
+
+    type: Literal["chunk"]
+    view: View
+    id: Annotated[str, "of the volume"]
+    index: Annotated[int, "of the piece"]
+
+
+class Chunk(TypedDict):
+    """A piece of the volume."""
+
+    type: Literal["chunk"]
+    view: View
+    id: Annotated[str, "of the volume"]
+    index: Annotated[int, "of the piece"]
+    start: Annotated[int, "its first voxel"]
+
+
+class FieldContent(TypedDict):
+    """A deformation as textures, without its message."""
+
+    box: Annotated[dict[str, list[float]], "of the result"]
+    planar: Annotated[dict[str, Any] | None, "shapes and places of the maps of an extrusion"]
+    space: Annotated[dict[str, Any] | None, "of a field in space"]
+    coarse: Annotated[bool, "whether it is coarser than it could be"]
+    frames: Annotated[NotRequired[dict[str, float]], "count and duration, of an animation"]
+    buffers: Annotated[list[str], "names of the buffers"]
+
+
+class FieldMaps(FieldContent):
+    """The deformation as textures."""
+
+    type: Literal["field"]
+    view: Views
+    seq: Annotated[int, "number"]
+    follow: Annotated[Any, "index of the map that an editor moves, and the points and shapes it is of"]
+
+
+class StoredFieldMaps(FieldContent):
+    """The deformation as textures, as an exported page holds it, where no Python sends any."""
+
+    type: Literal["field"]
+    seq: Annotated[int, "always 0"]
+    follow: Annotated[Any, "index of the map that the editor moves, without points"]
+
+
+class StillRequest(TypedDict):
+    """WebGL is missing: Python shall draw."""
+
+    type: Literal["still"]
+    view: View
+    background: Shade
+
+
+class DrawnByPython(TypedDict):
+    """Python draws for this front end."""
+
+    type: Literal["drawn"]
+    view: View
+    info: Annotated[dict[str, Any], "of the volume"]
+
+
+class ToServerRenderer(TypedDict):
+    """A message to Python's renderer."""
+
+    type: Literal["drawn"]
+    view: View
+    say: Annotated[dict[str, Any], "as of a VolumeView"]
+
+
+class VolumeInfo(TypedDict):
+    """Another volume is drawn by Python."""
+
+    type: Literal["info"]
+    info: Annotated[dict[str, Any], "of the volume"]
+
+
+class ScreenshotRequest(TypedDict):
+    """A request for the picture that is shown."""
+
+    type: Literal["screenshot"]
+    id: Annotated[int, "of the request"]
+
+
+class Screenshot(TypedDict):
+    """The picture."""
+
+    type: Literal["screenshot"]
+    view: View
+    id: Annotated[int, "of the request"]
+
+
+class Measurements(TypedDict):
+    """Measurements, named in protocol.MEASURED."""
+
+    type: Literal["stats"]
+    view: View
+
+
+# ---- the volume view, drawn by Python --------------------------------------------------------------------------------
+
+
+class ServedHello(TypedDict):
+    """A front end has opened."""
+
+    type: Literal["hello"]
+    view: View
+    width: Annotated[int, "pixels"]
+    height: Annotated[int, "pixels"]
+    background: Shade
+    origin: Annotated[NotRequired[str], "address of the page, where frames come from a server"]
+
+
+class Resized(TypedDict):
+    """The front end has another size."""
+
+    type: Literal["size"]
+    view: View
+    width: Annotated[int, "pixels"]
+    height: Annotated[int, "pixels"]
+
+
+class CameraMoved(TypedDict):
+    """The view was turned."""
+
+    type: Literal["camera"]
+    view: View
+    camera: Annotated[dict[str, Any], "as the trait"]
+    number: Annotated[int, "of the change"]
+
+
+class Closed(TypedDict):
+    """The front end was closed."""
+
+    type: Literal["bye"]
+    view: View
+
+
+class FrameSent(TypedDict):
+    """A picture."""
+
+    type: Literal["frame"]
+    seq: Annotated[int, "number"]
+    full: Annotated[bool, "whether in full resolution"]
+    camera: Annotated[int, "number of the change that it shows"]
+    by: Annotated[str, "id of the front end that made it"]
+
+
+class Notice(TypedDict):
+    """A text over the picture."""
+
+    type: Literal["notice"]
+    text: Annotated[str, "empty for none"]
+
+
+class Badge(TypedDict):
+    """A remark about folds."""
+
+    type: Literal["badge"]
+    text: Annotated[str, "empty for none"]
+
+
+class TrameAddress(TypedDict):
+    """Frames come from a server of trame."""
+
+    type: Literal["trame"]
+    view: View
+    url: Annotated[str, "of its page"]
+
+
+# ---- the table -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -18,117 +464,113 @@ class MessageKind:
 
     Parameters
     ----------
-    name : its ``type``.
+    shape : its type; the docstring says what it is for.
     way : :data:`TO_PYTHON` or :data:`TO_FRONT_END`.
     widgets : whose.
-    about : what it is for, in a sentence.
-    fields : of the object, by name, in words; a question mark behind a name means that it may be missing.
     buffers : what the binary buffers hold.
     """
 
-    name: str
+    shape: Any
     way: str
     widgets: str
-    about: str
-    fields: dict[str, str] = field(default_factory=dict)
     buffers: str = ""
 
+    @property
+    def name(self) -> str:
+        """Its ``type``."""
+        (name,) = get_args(get_type_hints(self.shape)["type"])
+        return str(name)
 
-_SENDER = {"sender": "id of the window", "seq": "number of the message, counted by the sender"}
-_VIEW = {"view": "id of the front end"}
+    @property
+    def about(self) -> str:
+        """What it is for, in a sentence."""
+        return str(self.shape.__doc__)
+
+    def fields(self) -> Iterator[tuple[str, str, str]]:
+        """Name, type and meaning of each entry; a question mark behind a name means that it may be missing."""
+        for name, hint in get_type_hints(self.shape, include_extras=True).items():
+            if name == "type":
+                continue
+            inner, *meaning = (hint.__origin__, *hint.__metadata__) if get_origin(hint) is Annotated else (hint,)
+            is_optional = get_origin(inner) is NotRequired
+            kind = get_args(inner)[0] if is_optional else inner
+            yield f"{name}?" if is_optional else name, type_words(kind), "".join(map(str, meaning))
+
+
+_WORDS = {str: "text", int: "whole number", float: "number", bool: "true or false", NoneType: "null", Any: "any JSON",
+          PointData: "points"}
+
+
+def type_words(hint: Any) -> str:
+    """A type of JSON in words.
+
+    Examples
+    --------
+    >>> type_words(Literal["move", "end"] | None), type_words(list[float]), type_words(dict[str, Any])
+    ('"move" or "end" or null', 'list of numbers', 'object')
+    """
+    kind, inner = get_origin(hint), get_args(hint)
+    if kind is Literal:
+        return " or ".join(f'"{value}"' for value in inner)
+    if kind in (Union, UnionType):
+        return " or ".join(map(type_words, inner))
+    if kind is list:
+        words = type_words(inner[0])
+        return f"list of {words}" if words.endswith("s") else f"list of {words}s"
+    return "object" if kind is dict else _WORDS[hint]
+
+
 _EDITORS, _INPUTS = "Editor, SpaceEditor", "CurveEditor, TransferEditor, DepthKeys"
-_ROWS, _LIVE, _SERVED = "ItemList", "LiveView", "VolumeView"
+_SPACE, _ROWS, _TABLE, _FILES, _RESTORE = "SpaceEditor", "ItemList", "PointsTable", "FileTransfer", "RestoreBar"
+_LIVE, _SERVED = "LiveView", "VolumeView"
 
 MESSAGES: tuple[MessageKind, ...] = (
-    # Editors
-    MessageKind("greet", TO_PYTHON, _EDITORS, "A front end has opened; done answers it: Python listens",
-                _SENDER),
-    MessageKind("edit", TO_PYTHON, _EDITORS, "Control points that are being dragged or were edited",
-                {**_SENDER, "phase": '"move" or "end"', "kind": "what was done, one of protocol.KINDS",
-                 "joins": "whether it goes on with the edit before it", "next_id?": "least id that was never given",
-                 "points": "all points", "drawn?": "pictures per second of the drag, and milliseconds to a picture"}),
-    MessageKind("shapes", TO_PYTHON, "Editor", "Cuts or rigid parts that were edited",
-                {**_SENDER, "what": '"cuts" or "parts"', "kind": "what was done, in words",
-                 "shapes": "all shapes of that sort, as documents hold them",
-                 "points?": "all points, where the edit has changed them too"}),
-    MessageKind("choose", TO_PYTHON, "Editor", "A cut or rigid part that was chosen",
-                {**_SENDER, "what": '"cuts", "parts" or null for none', "index": "place in the list",
-                 "shape": "the shape without the pixels of a mask: its place may be another one by now"}),
-    MessageKind("history", TO_PYTHON, _EDITORS, "A request to undo or redo", {**_SENDER, "way": '"undo" or "redo"'}),
-    MessageKind("done", TO_FRONT_END, _EDITORS, "A message was taken in, and all callbacks have run", _SENDER),
-    MessageKind("error", TO_FRONT_END, _EDITORS, "Something was refused or has failed", {"message": "why"}),
-    MessageKind("draw", TO_FRONT_END, "Editor", "Start drawing a shape", {"tool": '"cut", "part" or "ground"'}),
-    MessageKind("look", TO_FRONT_END, _EDITORS, "Bring a point into the middle", {"id": "of the point"}),
-    # The editor in space
-    MessageKind("hello", TO_PYTHON, "SpaceEditor", "A front end has opened and needs all pictures", _VIEW),
-    MessageKind("look", TO_PYTHON, "SpaceEditor", "The place of the slices, or the projection, was changed",
-                {**_VIEW, "cursor?": "(x, y, z)", "projection?": "name of it"}),
-    MessageKind("seen", TO_PYTHON, "SpaceEditor", "The pictures of this number are shown", {**_VIEW, "seq": "number"}),
-    MessageKind("pictures", TO_FRONT_END, "SpaceEditor", "The slices or projections that have changed",
-                {"seq": "number", "view": "id of the one front end, or null for all",
-                 "panes": "of each picture its index, raster, and which buffers it has",
-                 "facts": "notes, and the folds of the map when nothing moves"},
-                "of each pane its pixels, and depths and outlines where it has some"),
-    # Inputs
-    MessageKind("edit", TO_PYTHON, _INPUTS, "A value that is being changed or was changed",
-                {"seq": "number, counted by the front end", **_VIEW, "phase": '"move" or "end"',
-                 "value": "of the widget"}),
-    MessageKind("done", TO_FRONT_END, _INPUTS, "A value was taken in", {"seq": "its number", **_VIEW}),
-    MessageKind("error", TO_FRONT_END, _INPUTS, "A value was refused", {**_VIEW, "message": "why"}),
-    MessageKind("act", TO_PYTHON, _ROWS, "A command for a row",
-                {"what": "the command", "index": "of the row", "value": "for it", "version": "of the rows"}),
-    MessageKind("done", TO_FRONT_END, _ROWS, "The command was done or refused"),
-    MessageKind("act", TO_PYTHON, "PointsTable", "A command for points, or an edit of a cell",
-                {**_VIEW, "seq": "number", "what": "the command", "ids": "of the points", "field?": "of the cell",
-                 "axis?": "of the cell", "value?": "for it"}),
-    MessageKind("done", TO_FRONT_END, "PointsTable", "It was done or refused",
-                {**_VIEW, "seq": "its number", "ok": "whether it was done", "text": "why not"}),
-    MessageKind("copy", TO_FRONT_END, "FileTransfer", "Put a text on the clipboard",
-                {"text": "", "note": "what it is for"}),
-    MessageKind("download", TO_FRONT_END, "FileTransfer", "Offer a file to the browser",
-                {"name": "of the file"}, "the file"),
-    MessageKind("act", TO_PYTHON, "RestoreBar", "A button was pressed",
-                {"what": "which", "version": "of what it showed"}),
-    MessageKind("done", TO_FRONT_END, "RestoreBar", "It was done or refused"),
-    MessageKind("save", TO_PYTHON, "StudioHead", "The button was pressed"),
-    # The live view, which draws in the front end
-    MessageKind("hello", TO_PYTHON, _LIVE, "A front end has opened",
-                {**_VIEW, "largest": "side of the largest 3D texture", "renderer": "name of the GPU",
-                 "software": "whether the CPU draws", "background": '"dark" or "light"',
-                 "voxels?": "that fit into its memory"}),
-    MessageKind("chunk", TO_PYTHON, _LIVE, "A request for a piece of the volume", {**_VIEW, "id": "of the volume",
-                                                                                  "index": "of the piece"}),
-    MessageKind("chunk", TO_FRONT_END, _LIVE, "A piece of the volume",
-                {**_VIEW, "id": "of the volume", "index": "of the piece", "start": "its first voxel"}, "voxels, gzip"),
-    MessageKind("field", TO_FRONT_END, _LIVE, "The deformation as textures",
-                {"view": "id of the one front end, or null for all", "seq": "number",
-                 "follow": "index of the map that an editor moves, and the points and shapes it is of",
-                 "box": "of the result",
-                 "planar": "shapes and places of the maps of an extrusion", "space": "of a field in space",
-                 "coarse": "whether it is coarser than it could be", "buffers": "names of the buffers"},
-                "maps, weights, distances to cuts, samples in space"),
-    MessageKind("seen", TO_PYTHON, _LIVE, "The deformation of this number is shown", {**_VIEW, "seq": "number"}),
-    MessageKind("still", TO_PYTHON, _LIVE, "WebGL is missing: Python shall draw", {**_VIEW, "background": ""}),
-    MessageKind("drawn", TO_FRONT_END, _LIVE, "Python draws for this front end", {**_VIEW, "info": "of the volume"}),
-    MessageKind("drawn", TO_PYTHON, _LIVE, "A message to Python's renderer", {**_VIEW, "say": "as of a VolumeView"}),
-    MessageKind("info", TO_FRONT_END, _LIVE, "Another volume is drawn by Python", {"info": "of the volume"}),
-    MessageKind("screenshot", TO_FRONT_END, _LIVE, "A request for the picture that is shown", {"id": "of the request"}),
-    MessageKind("screenshot", TO_PYTHON, _LIVE, "The picture", {**_VIEW, "id": "of the request"}, "PNG"),
-    MessageKind("stats", TO_PYTHON, _LIVE, "Measurements, named in protocol.MEASURED", _VIEW),
-    # The volume view, drawn by Python
-    MessageKind("hello", TO_PYTHON, _SERVED, "A front end has opened", {**_VIEW, "width": "pixels", "height": "pixels",
-                                                                       "background": '"dark" or "light"'}),
-    MessageKind("size", TO_PYTHON, _SERVED, "The front end has another size", {**_VIEW, "width": "", "height": ""}),
-    MessageKind("camera", TO_PYTHON, _SERVED, "The view was turned",
-                {**_VIEW, "camera": "trait", "number": "of the change"}),
-    MessageKind("seen", TO_PYTHON, _SERVED, "The frame of this number is shown", {**_VIEW, "seq": "number"}),
-    MessageKind("bye", TO_PYTHON, _SERVED, "The front end was closed", _VIEW),
-    MessageKind("frame", TO_FRONT_END, _SERVED, "A picture", {"seq": "number", "full": "whether in full resolution",
-                                                             "camera": "number of the change that it shows",
-                                                             "by": "id of the front end that made it"}, "JPEG"),
-    MessageKind("notice", TO_FRONT_END, _SERVED, "A text over the picture", {"text": "empty for none"}),
-    MessageKind("badge", TO_FRONT_END, _SERVED, "A remark about folds", {"text": "empty for none"}),
-    MessageKind("trame", TO_FRONT_END, _SERVED, "Frames come from a server of trame", {"url": "of its page"}),
+    MessageKind(Greeting, TO_PYTHON, _EDITORS),
+    MessageKind(PointsEdit, TO_PYTHON, _EDITORS),
+    MessageKind(ShapesEdit, TO_PYTHON, "Editor"),
+    MessageKind(ShapeChoice, TO_PYTHON, "Editor"),
+    MessageKind(HistoryRequest, TO_PYTHON, _EDITORS),
+    MessageKind(EditDone, TO_FRONT_END, _EDITORS),
+    MessageKind(EditRefused, TO_FRONT_END, _EDITORS),
+    MessageKind(DrawShape, TO_FRONT_END, "Editor"),
+    MessageKind(ShowPoint, TO_FRONT_END, _EDITORS),
+    MessageKind(PicturesWanted, TO_PYTHON, _SPACE),
+    MessageKind(SlicesMoved, TO_PYTHON, _SPACE),
+    MessageKind(Seen, TO_PYTHON, _SPACE),
+    MessageKind(Pictures, TO_FRONT_END, _SPACE, "of each pane its pixels, and depths and outlines where it has some"),
+    MessageKind(ValueEdit, TO_PYTHON, _INPUTS),
+    MessageKind(ValueTaken, TO_FRONT_END, _INPUTS),
+    MessageKind(ValueRefused, TO_FRONT_END, _INPUTS),
+    MessageKind(RowCommand, TO_PYTHON, _ROWS),
+    MessageKind(CommandDone, TO_FRONT_END, _ROWS),
+    MessageKind(PointsCommand, TO_PYTHON, _TABLE),
+    MessageKind(PointsCommandDone, TO_FRONT_END, _TABLE),
+    MessageKind(CopyText, TO_FRONT_END, _FILES),
+    MessageKind(Download, TO_FRONT_END, _FILES, "the file"),
+    MessageKind(RestoreCommand, TO_PYTHON, _RESTORE),
+    MessageKind(CommandDone, TO_FRONT_END, _RESTORE),
+    MessageKind(SaveRequest, TO_PYTHON, "StudioHead"),
+    MessageKind(LiveHello, TO_PYTHON, _LIVE),
+    MessageKind(ChunkRequest, TO_PYTHON, _LIVE),
+    MessageKind(Chunk, TO_FRONT_END, _LIVE, "voxels, gzip"),
+    MessageKind(FieldMaps, TO_FRONT_END, _LIVE, "maps, weights, distances to cuts, samples in space"),
+    MessageKind(Seen, TO_PYTHON, _LIVE),
+    MessageKind(StillRequest, TO_PYTHON, _LIVE),
+    MessageKind(DrawnByPython, TO_FRONT_END, _LIVE),
+    MessageKind(ToServerRenderer, TO_PYTHON, _LIVE),
+    MessageKind(VolumeInfo, TO_FRONT_END, _LIVE),
+    MessageKind(ScreenshotRequest, TO_FRONT_END, _LIVE),
+    MessageKind(Screenshot, TO_PYTHON, _LIVE, "PNG"),
+    MessageKind(Measurements, TO_PYTHON, _LIVE),
+    MessageKind(ServedHello, TO_PYTHON, _SERVED),
+    MessageKind(Resized, TO_PYTHON, _SERVED),
+    MessageKind(CameraMoved, TO_PYTHON, _SERVED),
+    MessageKind(Seen, TO_PYTHON, _SERVED),
+    MessageKind(Closed, TO_PYTHON, _SERVED),
+    MessageKind(FrameSent, TO_FRONT_END, _SERVED, "JPEG"),
+    MessageKind(Notice, TO_FRONT_END, _SERVED),
+    MessageKind(Badge, TO_FRONT_END, _SERVED),
+    MessageKind(TrameAddress, TO_FRONT_END, _SERVED),
 )
 """All kinds of messages."""
 
@@ -137,12 +579,13 @@ def as_markdown() -> str:
     """The page of the documentation."""
     lines = ["# Messages between Python and the front ends", "",
              "JSON objects with a `type`, and binary buffers beside them. The rest of a widget is synced traits.",
+             "A question mark behind a name means that it may be missing.",
              "This page is written by `python -m deformnb.widgets.messages`.", ""]
     for widgets in dict.fromkeys(kind.widgets for kind in MESSAGES):
         lines += [f"## {widgets}", "", "| type | | fields | buffers |", "|---|---|---|---|"]
         for kind in (kind for kind in MESSAGES if kind.widgets == widgets):
-            told = "; ".join(f"`{name}` {words}".strip() for name, words in kind.fields.items())
-            lines.append(f"| `{kind.name}` | {kind.way}: {kind.about}. | {told} | {kind.buffers} |")
+            told = "; ".join(f"`{name}` ({words}) {meaning}".strip() for name, words, meaning in kind.fields())
+            lines.append(f"| `{kind.name}` | {kind.way}: {kind.about} | {told} | {kind.buffers} |")
         lines.append("")
     return "\n".join(lines)
 

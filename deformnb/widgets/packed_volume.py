@@ -146,7 +146,7 @@ class Pieces:
 
 
 def unit_of(grid: Grid) -> str:
-    """The unit of lengths: voxels where a spacing of 1 says nothing else, mm otherwise."""
+    """The unit of lengths: voxels where the spacing is 1, which may be no length, mm otherwise."""
     return "voxels" if grid.spacing == (1.0, 1.0, 1.0) else "mm"
 
 
@@ -227,7 +227,7 @@ def whole_window(volume: Volume) -> tuple[float, float]:
 
 
 def checked_window(window: tuple[float, float]) -> tuple[float, float]:
-    """Values that are told apart, lowest and highest; refused if they do not rise."""
+    """The window of values that are resolved, lowest and highest; refused if they do not rise."""
     low, high = (float(v) for v in window)
     if not (np.isfinite(low) and np.isfinite(high) and high > low):
         raise DeformError(f"the window must be two rising numbers, got {window!r}.")
@@ -254,7 +254,7 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> W
     Parameters
     ----------
     function : is constant outside of the part, so that no colour changes by leaving out the rest.
-    volume : whole numbers are not told apart more finely than they are.
+    volume : whole numbers are not resolved more finely than they are.
     coarse : the window that all values of interest lie in.
 
     Examples
@@ -263,7 +263,7 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> W
     >>> narrow = TransferFunction(((1000, 0, 0, 0), (1600, 1, 1, 1)), ((1000, 0), (1600, 1)))
     >>> fine_window(narrow, volume, (0.0, 4000.0))
     (970.0, 1630.0)
-    >>> fine_window(narrow, volume, (0.0, 2000.0)) is None  # well told apart as it is
+    >>> fine_window(narrow, volume, (0.0, 2000.0)) is None  # resolved well as it is
     True
     """
     whole = coarse[1] - coarse[0]
@@ -284,6 +284,6 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> W
 
 def is_fine_enough(function: TransferFunction, volume: Volume, window: Window, coarse: Window) -> bool:
     """Check whether a window in use will do: it leaves out nothing, and another one would not be much finer."""
-    wanted = fine_window(function, volume, coarse) or coarse
-    holds_all = window[0] <= wanted[0] and wanted[1] <= window[1]
-    return holds_all and (window == wanted or window[1] - window[0] < (wanted[1] - wanted[0]) / (2 * _SHARE))
+    needed = fine_window(function, volume, coarse) or coarse
+    holds_all = window[0] <= needed[0] and needed[1] <= window[1]
+    return holds_all and (window == needed or window[1] - window[0] < (needed[1] - needed[0]) / (2 * _SHARE))

@@ -12,11 +12,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from deformnb.document.deformation import MODES
+from deformnb.document.deformation import MODES, STEP_LABELS
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
+from deformnb.rbf.fit_settings import SETTINGS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
@@ -33,7 +34,7 @@ class AbstractParameter(ABC):
     Parameters
     ----------
     label : shown beside it.
-    tooltip : one sentence for who does not know it.
+    tooltip : one sentence that explains it.
     """
 
     label: str
@@ -41,7 +42,7 @@ class AbstractParameter(ABC):
 
     @abstractmethod
     def checked(self, value: Any) -> Any:
-        """The value as Python wants it.
+        """The value as Python requires it.
 
         Raises
         ------
@@ -104,7 +105,7 @@ class Number(AbstractParameter):
     low, high, step : range and step of a slider; of the decimal logarithm, if ``is_log``.
     unit : of the number, in words; "diagonal" means shares of the volume's diagonal, which :func:`parameters` makes
         lengths.
-    digits : behind the point.
+    digits : behind the point; a number without any is whole.
     """
 
     low: float = 0.0
@@ -120,7 +121,8 @@ class Number(AbstractParameter):
         slack = _ROUNDING * max(abs(self.low), abs(self.high))
         if not self.low - slack <= value <= self.high + slack:
             raise DeformError(f"{self.label} lies between {self.low:g} and {self.high:g}.")
-        return float(min(max(value, self.low), self.high))
+        within = min(max(value, self.low), self.high)
+        return round(within) if self.digits == 0 else float(within)
 
     @property
     def values(self) -> str:
@@ -150,6 +152,11 @@ class Action:
     tooltip: str
 
 
+def _label(name: str) -> str:
+    """Label of a field of a step: its name in plain English."""
+    return STEP_LABELS[name].capitalize()
+
+
 PARAMETERS: dict[str, AbstractParameter] = {
     # Picture
     "view": Choice("Side", "Where the picture is seen from; another side of a picture on which something was dragged "
@@ -165,19 +172,21 @@ PARAMETERS: dict[str, AbstractParameter] = {
                       {"folds": "Folds (red)", "area": "Area (green grows, purple shrinks)",
                        "strain": "Principal strains"}),
     # Interpolation
-    "kernel": Choice("Kernel", "How the influence of a point fades with distance; Wendland kernels end at the support "
-                     "radius", KERNELS),
-    "trend": Choice("Trend", "What all points do together (shift, turn, stretch), before the rest bends", TRENDS),
-    "support": Number("Support radius", "How far a point reaches", 0.02, 4.0, 0.01, "diagonal", 3, is_log=True),
+    "kernel": Choice(_label("kernel"), "How the influence of a point fades with distance; Wendland kernels end at the "
+                     "support radius", KERNELS),
+    "trend": Choice(_label("trend"), "What all points do together (shift, turn, stretch), before the rest bends",
+                    TRENDS),
+    "support": Number(_label("support"), "How far a point reaches", 0.02, 4.0, 0.01, "diagonal", 3, is_log=True),
     "automatic_support": Switch("Automatic", "The points choose the support radius"),
-    "smoothing": Number("Smoothing", "0 meets every point; more is smoother and lets them miss", 0.0, 2.0, 0.01),
-    "strength": Number("Strength", "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
-                       -1.0, 3.0, 0.01),
-    "stages": Number("Stages", "Small maps done one after the other; more fold later and take longer", 1,
+    "smoothing": Number(_label("smoothing"), "0 meets every point; more is smoother and lets them miss", 0.0,
+                        2.0, 0.01),
+    "strength": Number(_label("strength"), "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite "
+                       "way", -1.0, 3.0, 0.01),
+    "stages": Number(_label("stages"), "Small maps done one after the other; more fold later and take longer", 1,
                      MOST_STAGES, 1, digits=0),
     "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
     # In space
-    "extrusion": Choice("Extrusion", "What the displacement of the picture becomes in the depth", EXTRUSIONS,
+    "extrusion": Choice(_label("extrusion"), "What the displacement of the picture becomes in the depth", EXTRUSIONS,
                         {"replicate": "Replicate: same at all depths", "modulate": "Modulate: times a curve f(z)",
                          "interpolate": "Interpolate: between key pictures"}),
     "mode": Choice("Steps", "Composed in order each step deforms the result of those before; added up their "
@@ -192,6 +201,9 @@ PARAMETERS: dict[str, AbstractParameter] = {
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""
+
+OF_THE_FIT = tuple(name for name in PARAMETERS if name in SETTINGS)
+"""Settings of the fit that a user sets, in the order in which front ends show them."""
 
 ACTIONS: dict[str, Action] = {
     "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),

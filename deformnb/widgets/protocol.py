@@ -1,16 +1,7 @@
 """Messages about points and shapes between editors and their front ends: plain JSON, with everything checked.
 
-Control points are ``[{"id": 0, "name": "nose", "source": [a, b], "target": [a, b], "active": true, "weight": 1.0,
-"locked": false, "radius": null}, ...]``. Points in space have three coordinates each. A radius of null is the one that
-all points have.
-
-Cuts and rigid parts of a picture are plain data in an editor's traits and in the messages of its front end:
-
-- ``{"type": "shapes", "sender": id, "seq": n, "what": "cuts" | "parts", "kind": "add cut", "shapes": [...]}`` with all
-  the shapes of that sort, as :mod:`deformnb.document.json_format` writes them, and ``points`` where the same edit has
-  changed those too.
-- ``{"type": "choose", "sender": id, "seq": n, "what": "parts", "index": 1, "shape": {...}}`` when one is chosen there,
-  with the shape but for the pixels of a mask: its place may be another one by now. ``what`` is null for none.
+The types of the messages are in :mod:`deformnb.widgets.messages`; shapes are plain data as
+:mod:`deformnb.document.json_format` writes them.
 
 For views there are checks of single values of a message: each returns its argument, or raises ValueError.
 """
@@ -35,6 +26,7 @@ from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.cuts import MOST_CUTS, Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
+from deformnb.widgets.messages import PointData
 
 LONGEST_MESSAGE = 65536
 """Bytes of a trait that the front end sets at most."""
@@ -58,7 +50,7 @@ _LONGEST_SENDER = 40
 _COUNTS = {2: "two", 3: "three"}
 
 
-def points_to_json(points: ControlPoints) -> list[dict[str, Any]]:
+def points_to_json(points: ControlPoints) -> list[PointData]:
     """The list that the front end gets."""
     return [
         {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
@@ -244,7 +236,7 @@ def _check_trait(name: Any, value: Any, own: Mapping[str, Callable[[Any], None]]
             raise DeformError(f"there is no such overlay; choose one of {', '.join(OVERLAYS)}.")
     elif name in own:
         own[name](value)
-    elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, if asked to
+    elif name != "_view_count" or not (value is None or _is_id(value)):  # ipywidgets counts views, on request
         raise DeformError("the page does not own it.")
 
 
@@ -428,7 +420,7 @@ def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage
 
 _LOG = logging.getLogger(__name__)
 
-# A message of the front end says little; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
+# A message of the front end is small; only a screenshot is larger: 4096 x 4096 pixels of a noisy picture as PNG.
 LONGEST_TEXT = 200
 _LARGEST_PICTURE = 2**26
 
@@ -466,7 +458,7 @@ def measured(content: dict[str, Any]) -> dict[str, float]:
 
 @contextmanager
 def dropping(what: str) -> Iterator[None]:
-    """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
+    """Take a message of a front end: a mistake is logged and dropped, never raised into the front end's channel."""
     try:
         yield
     except (traitlets.TraitError, ValueError, TypeError, KeyError) as error:

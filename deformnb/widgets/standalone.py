@@ -3,7 +3,7 @@
 The file holds the front ends of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
 are, the packed voxels, and a script that sends to both the messages of Python (standalone.js). The front end fits and
 warps by itself, so nothing is missing but the kernel. A policy in the file forbids every access to the network, and
-knows each script by its digest: no text of a volume or a title can become one.
+allows each script by its digest: no text of a volume or a title can become one.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages import StoredFieldMaps
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
@@ -42,9 +43,9 @@ from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png, render_scene
 
 LIMIT = 128**3
-"""Voxels in a file at most, if nothing else is said: about a megabyte."""
+"""Voxels in a file at most, by default: about a megabyte."""
 
-# A GPU shows at least 256 along an axis, every one of today 1024; a file cannot ask.
+# A GPU shows at least 256 along an axis, every one of today 1024; a file cannot query it.
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 
@@ -68,7 +69,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         shows is kept; else the editor's displacement is replicated through the volume.
     title : of the page; default is the volume's name.
     about : a line under the title.
-    limit : voxels in the page at most; a larger volume is averaged and the page says so.
+    limit : voxels in the page at most; a larger volume is averaged, which the page reports.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
@@ -89,8 +90,8 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     >>> "<title>A &lt; B</title>" in page
     True
     """
-    tell = progress or _silent
-    part = None if view is None else _view_part(editor, view, _checked_limit(limit), tell)
+    report = progress or _silent
+    part = None if view is None else _view_part(editor, view, _checked_limit(limit), report)
     name = title or (part.volume.name if part else "") or "Deformation"
     data = {
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
@@ -104,7 +105,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     styles = [Editor._css, *([LiveView._css] if part else []), bundle("standalone.css")]
     texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
     page = _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
-    tell(1.0)
+    report(1.0)
     return page
 
 
@@ -115,7 +116,7 @@ def _checked_limit(limit: int) -> int:
 
 
 def _silent(_share: float) -> None:
-    """Nobody watches."""
+    """Progress that is not shown."""
 
 
 def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveView | None = None, *,
@@ -159,25 +160,25 @@ class _ViewPart:
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
 
-def _view_part(editor: Editor, view: LiveView, limit: int, tell: Progress) -> _ViewPart:
+def _view_part(editor: Editor, view: LiveView, limit: int, report: Progress) -> _ViewPart:
     volume = view._volume
     if volume is None:
         raise DeformError("the view shows no volume yet; call show(volume) first.")
     field, index = _linked(editor, view, volume)
-    tell(0.05)
+    report(0.05)
     seen = view._ready()  # the same bytes: the colours of the page are of them
     shown = packed_volume(volume, limit, _LARGEST, seen.window)
     shown = replace(shown, share=seen.share, id=_digest(shown))
-    tell(0.2)
+    report(0.2)
     maps = field_textures(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
     traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
     chunks = []
     for k in range(shown.chunks):
         chunks.append(_chunk(shown, k))
-        tell(0.2 + 0.5 * (k + 1) / shown.chunks)
+        report(0.2 + 0.5 * (k + 1) / shown.chunks)
     scene = replace(view._scene(), shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
-    tell(0.9)
+    report(0.9)
     return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
                      scene.background, still)
 
@@ -245,8 +246,8 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
     for name in ("space", "distances"):
         if name in buffers and name not in half:
             buffers[name] = _rounded(buffers[name], step)
-    content = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []}, "planar": planar,
-               "buffers": list(buffers)}
+    content: StoredFieldMaps = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []},
+                                "planar": planar, "buffers": list(buffers)}
     return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
 
 

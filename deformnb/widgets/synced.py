@@ -17,10 +17,10 @@ from typing import Any
 import anywidget
 from comm.base_comm import BaseComm
 
-__all__ = ["PageComm", "SyncedWidget"]
+__all__ = ["LocalComm", "SyncedWidget"]
 
 
-class PageComm(BaseComm):
+class LocalComm(BaseComm):
     """A comm without a kernel: what is sent is given to a function.
 
     Parameters
@@ -46,7 +46,7 @@ class SyncedWidget(anywidget.AnyWidget):
     --------
     >>> widget = SyncedWidget()
     >>> with widget.hold_sync():
-    ...     widget.tooltip = "told at the end"
+    ...     widget.tooltip = "sent at the end"
     >>> widget.close()
     """
 

@@ -31,6 +31,7 @@ from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
+from deformnb.widgets.messages import FieldContent
 from deformnb.widgets.packed_volume import PackedVolume
 
 MOST_REGIONS = 32
@@ -267,7 +268,7 @@ class FieldTextures:
     ``content["coarse"]`` is true where cuts of several earlier steps are smeared between samples in space.
     """
 
-    content: dict[str, Any]
+    content: FieldContent
     buffers: list[bytes]
 
     @property
@@ -295,15 +296,16 @@ def field_textures(field: AbstractField | None, shown: PackedVolume, output: Gri
     space_size : samples in space along the longest side.
     """
     grid = output or shown.original
-    content: dict[str, Any] = {"box": shown.box(grid), "planar": None, "space": None, "coarse": False}
+    content: FieldContent = {"box": shown.box(grid), "planar": None, "space": None, "coarse": False, "buffers": []}
     planar, rest = _parts(field, grid)
     buffers: dict[str, bytes] = {}
     if planar is not None:
         content["planar"], buffers = _planar(planar, shown, grid, map_size)
     if rest is not None:
-        content["space"], more = _space(rest, shown, grid, space_size, _reach(planar, grid, map_size))
+        space, more = _space(rest, shown, grid, space_size, _reach(planar, grid, map_size))
+        content["space"] = space
         buffers |= more
-        content["coarse"] = rest.has_cuts and ("cut" not in content["space"] or not chain_is_exact(rest))
+        content["coarse"] = rest.has_cuts and ("cut" not in space or not chain_is_exact(rest))
     return FieldTextures({**content, "buffers": list(buffers)}, list(buffers.values()))
 
 
@@ -443,6 +445,7 @@ def texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, map
     """
     first = field_textures(maps.field(0.0), shown, output, map_size, map_size)
     planar = first.content["planar"]
+    assert planar is not None
     (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
     raster = Raster((rows, columns), (da, db), (a, b))
     frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])

@@ -171,14 +171,14 @@ class _Queue:
             self.rest = None
             self.changed.notify_all()
 
-    def tell(self, error: Exception) -> None:
+    def report_failure(self, error: Exception) -> None:
         """Report that a job has failed; not when nobody is there any more."""
         if self.failed is None or self.closed:
             return
         try:
             self.failed(error)
         except Exception:
-            _LOG.exception("the failure of a job could not be told")
+            _LOG.exception("the failure of a job could not be reported")
 
     def take(self) -> Callable[[], None] | None:
         """The next thing to do, waiting for it; None at the end, and when nothing has come for a while."""
@@ -210,7 +210,7 @@ def _work(queue: _Queue, before: threading.Thread | None) -> None:
         except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
             if not _ENDING.is_set():  # at the end of the process JAX has put away what a job still needs
                 _LOG.exception("a job of a worker failed")
-                queue.tell(error)
+                queue.report_failure(error)
         del work  # else the thread holds the owner of its last job while it waits
     if queue.at_end is not None:
         try:

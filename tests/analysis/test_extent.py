@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from deformnb.analysis.extent import field_of_view, foreground_of, grown, landed, sides_left
+from deformnb.analysis.extent import exceeded_sides, field_of_view, foreground_of, padded, reached_places
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
@@ -153,8 +153,8 @@ def test_sides_are_told_as_those_of_the_body() -> None:
     for (a, b), sides in moved.items():
         points = ControlPoints.from_arrays([[0.0, 0.0]], [[a, b]])
         field = Deformation.on_picture(volume.grid, "+y", points, trend="translation").field(volume.grid)
-        assert sides_left(landed(foreground, field), volume.grid) == sides
-        assert sides_left(landed(foreground, field), field_of_view(foreground, field).grid) == ()
+        assert exceeded_sides(reached_places(foreground, field), volume.grid) == sides
+        assert exceeded_sides(reached_places(foreground, field), field_of_view(foreground, field).grid) == ()
 
 
 def test_a_field_of_the_plane_is_refused() -> None:
@@ -165,11 +165,11 @@ def test_a_field_of_the_plane_is_refused() -> None:
 
 def test_a_margin_is_whole_voxels_on_every_side() -> None:
     grid = brick().grid
-    more = grown(grid, 3.0)
+    more = padded(grid, 3.0)
     assert more.shape == (20 + 2 * 2, 24 + 2 * 2, 28 + 2 * 3)
     np.testing.assert_allclose(grid.point_to_index(more.origin), (-3, -2, -2), atol=1e-9)
-    assert grown(grid, (2.0, 0.0, -1.5)).shape == (18, 24, 32)
-    assert grown(grid, 0.0) is grid
+    assert padded(grid, (2.0, 0.0, -1.5)).shape == (18, 24, 32)
+    assert padded(grid, 0.0) is grid
     for wrong, why in ((np.nan, "one length or three"), ((1.0, 2.0), "one length or three"), (-30.0, "leaves nothing")):
         with pytest.raises(DeformError, match=why):
-            grown(grid, wrong)
+            padded(grid, wrong)

@@ -16,7 +16,7 @@ from rbf.test_rigid_parts import BOX, TURN, WALL, points, within
 from warping.test_inverse import GRID, RASTER, RULES, TILTED, dragged, linear, nodes, turned
 from warping.test_warper import Wave
 
-from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_share
+from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_safe_share
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import extrude, modulate, replicate
@@ -97,7 +97,7 @@ def test_the_safe_part_of_a_drag() -> None:
     fine = Raster((81, 81), (0.5, 0.5), (20.0, 30.0))
     for share in (0.5, 0.9, 1.5, 4.0):
         length = share * 64 / 135 * radius
-        safe = largest_share(lambda t, d=length: folds_of(one_drag(t * d, radius), fine).least >= least)  # type: ignore[misc]
+        safe = largest_safe_share(lambda t, d=length: folds_of(one_drag(t * d, radius), fine).least >= least)  # type: ignore[misc]
         wanted = min(1.0, (1 - least) / share)
         assert wanted - 1 / 1024 - 1e-4 <= safe <= wanted + 1e-4
         assert folds_of(one_drag(safe * length, radius), fine).least >= least
@@ -110,9 +110,9 @@ def test_what_is_safe_from_the_start_only_counts() -> None:
     def make(t: float) -> AbstractField:
         return linear(np.diag([1.0, -1.0]), [0.0, 0], np.zeros(2)) if 0.3 < t < 0.6 else m
 
-    assert largest_share(lambda t: folds_of(make(t), RASTER).least > 0) == pytest.approx(0.3, abs=1 / 1024)
-    assert largest_share(lambda t: True) == 1
-    assert largest_share(lambda t: False) == 0
+    assert largest_safe_share(lambda t: folds_of(make(t), RASTER).least > 0) == pytest.approx(0.3, abs=1 / 1024)
+    assert largest_safe_share(lambda t: True) == 1
+    assert largest_safe_share(lambda t: False) == 0
 
 
 # ---- every kind of field ---------------------------------------------------------------------------------------------

@@ -95,9 +95,9 @@ def test_a_slice_goes_from_front_to_back(app: Application) -> None:
 
 
 def test_a_drag_in_the_page_is_an_edit_that_can_be_undone(app: Application) -> None:
-    from deformnb.widgets.synced import PageComm
+    from deformnb.widgets.synced import LocalComm
 
-    app.editor.comm = PageComm(lambda data, buffers: None)
+    app.editor.comm = LocalComm(lambda data, buffers: None)
     app.receive("editor", {"method": "custom", "content": edit_of(_dragged_points(app))})
     np.testing.assert_allclose(app.session.points.displacement[0], [-3.0, 0.0])
     assert app.state()["undo"]

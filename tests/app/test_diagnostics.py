@@ -101,56 +101,23 @@ def test_the_figures_follow_the_edits(app: Application) -> None:
     assert state["folded"]
 
 
-def test_unfolding_keeps_the_points_and_can_be_undone(app: Application) -> None:
-    drag(app, FAR)
-    points = app.session.points
-    state = act(app, "unfold")
-    assert least(app) > 0
-    assert state["stages"] == app.editor.stages == app.session.step.stages > 1
-    assert state["notice"] == f"Done in {state['stages']} stages: nothing folds."
-    assert app.session.points == points
-    assert not state["folded"]
-    assert act(app, "undo")["folded"]
-    state = put(app, "stages", 16.0)
-    assert (state["stages"], type(app.session.step.stages)) == (16, int)
-    assert not state["folded"]
-
-
-def test_a_drag_is_taken_back_as_far_as_it_folds(app: Application) -> None:
+@pytest.mark.parametrize(("make", "undo"), [
+    (lambda app: act(app, "unfold"), "unfold by stages"), (lambda app: act(app, "take_back"), "largest safe drag"),
+    (lambda app: put(app, "keep_free", True), "unfold by stages")], ids=["unfold", "take back", "keep free"])
+def test_what_folds_is_made_fold_free_and_undo_brings_it_back(app: Application, make: Callable[[Application], Any],
+                                                              undo: str) -> None:
     drag(app, 2.0)
-    state = drag(app, FAR)
-    assert state["folded"]
-    far = app.session.points.target[4] - app.session.points.source[4]
-    state = act(app, "take_back")
-    assert not state["folded"]
-    assert state["undo"] == "largest safe drag"
-    way = app.session.points.target[4] - app.session.points.source[4]
-    assert 2.0 < way[0] < far[0]
+    assert drag(app, FAR)["folded"]
+    state = make(app)
+    assert least(app) > 0
+    assert (state["folded"], state["undo"]) == (False, undo)
+    assert state["stages"] == app.editor.stages == app.session.step.stages
     assert np.array_equal(app.editor.points.target, app.session.points.target)
+    assert act(app, "undo")["folded"]
 
 
-def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(app: Application) -> None:
-    put(app, "keep_free", True)
-    state = drag(app, FAR)
-    assert not state["folded"]
-    assert state["stages"] == app.editor.stages > 1
-    assert state["undo"] == "a drag"
-    assert act(app, "undo")["facts"].startswith("4 points, 0 moved")
-
-
-def test_switching_it_on_unfolds_what_folds(app: Application) -> None:
-    drag(app, FAR)
-    assert not put(app, "keep_free", True)["folded"]
-    assert app.session.step.stages > 1
-
-
-def test_what_cannot_be_unfolded_is_said(app: Application) -> None:
-    middle = app.session.points.target.mean(axis=0)
-    swapped = app.session.points.add(middle - 4, middle + 4).add(middle + 4, middle - 4)
-    app.thread.call(lambda: app._try(lambda: app.session.edit_points(swapped))).result(PATIENCE)
-    state = act(app, "unfold")
-    assert "through one another" in state["error"]
-    assert state["stages"] == 1
+def test_stages_are_a_whole_number(app: Application) -> None:
+    assert (put(app, "stages", 16.0)["stages"], type(app.session.step.stages)) == (16, int)
 
 
 def test_points_that_disagree_are_marked_and_found(app: Application) -> None:
@@ -180,7 +147,7 @@ def test_what_leaves_the_box_is_warned_of_and_the_button_makes_it_larger(app: Ap
     state = drag(app, 40.0)
     assert state["cut_off"].startswith("Tissue leaves the box at the ")
     state = act(app, "fit_box")
-    assert (state["cut_off"], app.session.sides_left()) == ("", ())
+    assert (state["cut_off"], app.session.exceeded_sides()) == ("", ())
     assert "Tissue leaves" in act(app, "own_box")["cut_off"]
     assert act(app, "reset")["cut_off"] == ""
 
@@ -220,7 +187,7 @@ def test_what_fails_unexpectedly_is_said(app: Application, monkeypatch: pytest.M
     def fail(keep_free: bool) -> Any:
         raise ZeroDivisionError("by nothing")
 
-    monkeypatch.setattr(app.diagnostics.fold_actions, "look", fail)
+    monkeypatch.setattr(app.diagnostics.model.fold_actions, "diagnose", fail)
     state = drag(app, 2.0)
     assert "could not be computed: ZeroDivisionError: by nothing" in state["notice"]
     assert (state["diagnostics"], state["verdict"]) == ("", "")

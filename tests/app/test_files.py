@@ -15,7 +15,7 @@ import pytest
 from running_app import PATIENCE, RunningApp, connected, heard, status_of
 
 from deformnb.app.application import REQUESTS, Application
-from deformnb.app.files import WANTED, suffix_of
+from deformnb.app.files import DOWNLOADS, suffix_of
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.io import read_volume
@@ -49,12 +49,12 @@ def written(app: Application, kind: str) -> Path:
     app.write(kind, "page")
     until(lambda: not app.files.state["busy"])
     path = app.files.path(app.files.state["key"])
-    assert path is not None, app.files.state["said"]
+    assert path is not None, app.files.state["message"]
     return path
 
 
 def test_what_can_be_asked_for_is_what_can_be_exported() -> None:
-    assert set(WANTED) - {"page"} == set(EXPORTS) - {"document"}
+    assert set(DOWNLOADS) - {"page"} == set(EXPORTS) - {"document"}
     assert suffix_of("page") == ".html"
     assert {"stop_file", "take_anyway", "forget_file"} < set(REQUESTS)
 
@@ -78,21 +78,21 @@ def test_each_kind_is_written(app: Application, kind: str, begins: bytes) -> Non
 def test_what_went_well_is_said_for_a_while_or_until_something_else_is(app: Application, monkeypatch: pytest.MonkeyPatch
                                                                        ) -> None:
     written(app, "script")
-    assert "goes to the downloads" in app.files.state["said"]
+    assert "goes to the downloads" in app.files.state["message"]
     app.set("kernel", "gaussian")
-    assert app.state()["files"]["said"] == ""
+    assert app.state()["files"]["message"] == ""
     assert app.files.state["key"]  # it can still be fetched
     monkeypatch.setattr("deformnb.app.files._BRIEFLY", 0.1)
     written(app, "script")
-    until(lambda: not app.files.state["said"])
+    until(lambda: not app.files.state["message"])
     app.open(app.document())
-    until(lambda: not app.files.state["said"])
+    until(lambda: not app.files.state["message"])
     monkeypatch.setattr("deformnb.app.files.export", lambda *given, **options: 1 / 0)
     app.write("script", "page")
     until(lambda: not app.files.state["busy"])
     time.sleep(0.3)
     app.set("kernel", "cubic")
-    assert "could not be written" in app.files.state["said"]  # that is for its user to close
+    assert "could not be written" in app.files.state["message"]  # that is for its user to close
 
 
 def test_one_file_at_a_time_and_the_next_takes_it_away(app: Application, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,7 +118,7 @@ def test_one_file_at_a_time_and_the_next_takes_it_away(app: Application, monkeyp
     app.act("stop_file")
     go.set()
     until(lambda: not app.files.state["busy"])
-    assert app.files.state["said"] == "Stopped; bar_phantom.gif was not written."
+    assert app.files.state["message"] == "Stopped; bar_phantom.gif was not written."
     assert app.files.state["key"] == ""
 
 
@@ -129,10 +129,10 @@ def test_what_goes_wrong_is_said(app: Application, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("deformnb.app.files.export", fail)
     app.write("volume", "page")
     until(lambda: not app.files.state["busy"])
-    assert app.files.state["said"] == "bar_phantom_deformed.nii.gz could not be written: OSError: no room left"
+    assert app.files.state["message"] == "bar_phantom_deformed.nii.gz could not be written: OSError: no room left"
     assert app.state()["latency"] == ""  # it was no edit
     app.act("forget_file")
-    assert app.state()["files"]["said"] == ""
+    assert app.state()["files"]["message"] == ""
 
 
 def test_nothing_is_left_behind(app: Application) -> None:
@@ -230,10 +230,10 @@ def test_two_that_speak_at_once_do_not_take_back_each_others_words(app: Applicat
             return super().__iter__()
 
     app.files.state = Slow(app.files.state)
-    writer = threading.Thread(target=lambda: app.files._say(share=0.5))
+    writer = threading.Thread(target=lambda: app.files._report(share=0.5))
     writer.start()
     assert has_begun.wait(PATIENCE)
-    app.files._say(doubt="?")
+    app.files._report(doubt="?")
     may_end.set()
     writer.join()
     assert (app.files.state["share"], app.files.state["doubt"]) == (0.5, "?")

@@ -16,7 +16,7 @@ from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.json_format import to_json
 from deformnb.session.session import Session
 from deformnb.volume.transfer import preset
-from deformnb.widgets.synced import PageComm
+from deformnb.widgets.synced import LocalComm
 
 TENT = [[0.0, 1.0], [0.5, 1.0], [1.0, 0.0]]
 
@@ -25,7 +25,7 @@ TENT = [[0.0, 1.0], [0.5, 1.0], [1.0, 0.0]]
 def app() -> Iterator[Application]:
     made = Application(Session(PHANTOMS["bar"].make((12, 16, 20)), view="+y"))
     for widget in made.widgets.values():
-        widget.comm = PageComm(lambda data, buffers: None)
+        widget.comm = LocalComm(lambda data, buffers: None)
     yield made
     made.close()
 
@@ -78,7 +78,7 @@ def test_a_curve_is_one_edit_and_the_volume_moves_before_it(app: Application) ->
 def test_a_formula_that_is_wrong_is_said_where_it_was_written_and_nothing_changes(app: Application) -> None:
     app.set("extrusion", "modulate")
     said: list[Any] = []
-    app.widgets["curve"].comm = PageComm(lambda data, buffers: said.append(data.get("content")))
+    app.widgets["curve"].comm = LocalComm(lambda data, buffers: said.append(data.get("content")))
     document = app.session.deformation
     edit(app, "curve", {"formula": "import os"})
     assert [m["type"] for m in said if m] == ["error", "done"]

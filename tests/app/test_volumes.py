@@ -14,7 +14,7 @@ from deformnb.app.application import Application
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.session.session import Session
 from deformnb.widgets.protocol import points_to_json
-from deformnb.widgets.synced import PageComm
+from deformnb.widgets.synced import LocalComm
 from deformnb.widgets.vtk.folds import Folding
 
 SIZE = {"w": 64, "h": 48, "p": 1}
@@ -51,7 +51,7 @@ def until(condition: Callable[[], Any]) -> None:
 @pytest.fixture
 def app() -> Iterator[Application]:
     made = Application(Session(PHANTOMS["bar"].make((12, 16, 20)), view="+y"))
-    made.editor.comm = PageComm(lambda data, buffers: None)
+    made.editor.comm = LocalComm(lambda data, buffers: None)
     yield made
     made.close()
 
@@ -173,7 +173,7 @@ def test_a_desk_that_closes_hears_no_hand(app: Application, scene: Scene) -> Non
 def test_a_drag_on_a_picture_that_is_being_replaced_is_no_edit_of_the_next_one(app: Application, scene: Scene) -> None:
     ask(app)
     told: list[Any] = []
-    app.editor.comm = PageComm(lambda data, buffers: told.append(data))
+    app.editor.comm = LocalComm(lambda data, buffers: told.append(data))
     before = app.pictures
     points = points_to_json(app.session.points)
     points[0]["target"] = [points[0]["target"][0] + 3.0, points[0]["target"][1]]

@@ -66,7 +66,8 @@ class Host:
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
         # The server's extension is enabled by the file that the package installs, also where it is not installed.
         own["DEFORMNB_STATE"] = str(self.folder / "state")  # what other servers have left is not offered here
-        inherited = {name: value for name, value in os.environ.items() if name != "JAX_DEBUG_NANS"}  # of the tests
+        of_tests = ("JAX_DEBUG_NANS", "XLA_FLAGS")
+        inherited = {name: value for name, value in os.environ.items() if name not in of_tests}
         return {**inherited, **own, "PATH": path, "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
                 "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config")}
 
@@ -259,7 +260,7 @@ def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
 AT_REST = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb;
   const loop = document.querySelector('.dnb-view')?.deformnb.loop;
-  return Boolean(editor && !editor.isMoving && !editor.frame && loop && !loop.wanted && !loop.rush
+  return Boolean(editor && !editor.isMoving && !editor.frame && loop && !loop.isRequested && !loop.rush
     && loop.drawn[loop.layer] === 'full');
 }"""
 """Whether picture and volume of a studio in a page are drawn in full."""

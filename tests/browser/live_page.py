@@ -8,6 +8,7 @@ import json
 from typing import Any
 
 import numpy as np
+from front_end import deliver
 from numpy.typing import NDArray
 
 _PAGE = """<!doctype html><meta charset="utf-8"><style>body { margin: 0; background: #888 }</style><div id="root"></div>
@@ -135,7 +136,7 @@ class LivePage:
             widget.set_state(content)
             self._echo = ""
         else:
-            widget._handle_custom_msg(content, [memoryview(base64.b64decode(b)) for b in buffers])
+            deliver(widget, content, [memoryview(base64.b64decode(b)) for b in buffers])
 
     def flush(self) -> None:
         """Delivers what the widgets have sent."""

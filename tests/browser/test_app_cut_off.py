@@ -49,7 +49,7 @@ def test_what_leaves_the_box_is_told_and_a_key_makes_it_larger(browser: Any, app
     tab.page.keyboard.press("Enter")
     line.wait_for(state="hidden", timeout=PATIENCE)
     assert session.output is not None
-    assert session.sides_left() == ()
+    assert session.exceeded_sides() == ()
     if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
         tab.drawn()
         tab.page.screenshot(path=str(Path(folder) / "app-larger.png"))

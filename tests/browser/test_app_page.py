@@ -287,10 +287,10 @@ def test_it_fits_a_small_projector_in_light_and_dark(browser: Any, fresh: Runnin
     back = tab.page.evaluate("getComputedStyle(document.querySelector('.v-application')).backgroundColor")
     shade = np.mean([float(n) for n in back.strip("rgba()").split(",")[:3]])
     assert shade > 200 if scheme == "light" else shade < 60
-    editor = tab.page.evaluate("document.querySelector('.dnb-editor').classList.contains('dnb-ed-dark')")
+    editor = tab.page.evaluate("document.querySelector('.dnb-editor').classList.contains('dnb-dark')")
     assert editor is (scheme == "dark")
     tab.page.get_by_role("button", name="Light or dark").click()
-    tab.page.wait_for_function(f"""document.querySelector('.dnb-editor').classList.contains('dnb-ed-dark')
+    tab.page.wait_for_function(f"""document.querySelector('.dnb-editor').classList.contains('dnb-dark')
                                !== {str(scheme == 'dark').lower()}""")
     tab.close()
 

@@ -158,6 +158,6 @@ def test_they_fit_the_drawer_and_its_colours(browser: Any, app: RunningApp, sche
         assert all(shade > 200 if scheme == "light" else shade < 60 for shade in shades), name
     tab.page.get_by_role("button", name="Light or dark").click()
     dark = scheme == "light"
-    tab.page.wait_for_function(f"document.querySelector('.dnb-points-table').classList.contains('dnb-pt-dark') === "
+    tab.page.wait_for_function(f"document.querySelector('.dnb-points-table').classList.contains('dnb-dark') === "
                                f"{str(dark).lower()}")
     tab.close()

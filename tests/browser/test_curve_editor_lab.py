@@ -108,4 +108,4 @@ def test_the_curve_editors_work_in_jupyterlab(lab: Lab, tab: Any) -> None:
     page.wait_for_function("document.querySelectorAll('.dnb-curve-editor .dnb-cv-node').length === 2 && "
                            "document.querySelectorAll('.dnb-depth-keys .dnb-cv-node').length === 1")
     lab.dark(page)
-    page.wait_for_function("document.querySelectorAll('.dnb-curves.dnb-cv-dark').length === 3")
+    page.wait_for_function("document.querySelectorAll('.dnb-curves.dnb-dark').length === 3")

@@ -592,7 +592,7 @@ def test_light_and_dark_can_be_read(drawn: Any, kind: str, dark: bool) -> None:
     assert abs(ink - paper) > 160
     page.widget.theme = "light" if dark else "dark"
     page.settled()
-    assert page.js("w.root.classList.contains('dnb-cv-dark')") is not dark
+    assert page.js("w.root.classList.contains('dnb-dark')") is not dark
 
 
 @pytest.mark.parametrize("kind", KINDS)

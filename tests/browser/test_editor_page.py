@@ -503,7 +503,7 @@ def test_light_and_dark_follow_the_page_unless_told(browser: Any, picture: Pictu
                                                     is_dark: bool) -> None:
     page = EditorOnPage(browser, Editor(picture, theme=theme))
     page.page.emulate_media(color_scheme=scheme)
-    page.wait(f"document.querySelector('.dnb-ed-dark') {'!==' if is_dark else '==='} null")
+    page.wait(f"document.querySelector('.dnb-dark') {'!==' if is_dark else '==='} null")
     style = "getComputedStyle(document.querySelector('.dnb-editor'))"
     paper, ink = page.js(f"[{style}.backgroundColor, {style}.color]")
     brightness = [sum(int(v) for v in colour[4:-1].split(",")) / 3 for colour in (paper, ink)]

@@ -66,7 +66,7 @@ def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(
     page.get_by_role("button", name="Fit all points").click()
     state = told(page, lambda state: state["undo"] == "fit all points")
     assert state["miss"] < 1
-    status = page.locator("[role=status]", has_text="Likeness")
+    status = page.locator("[role=status]", has_text="Similarity")
     status.wait_for(timeout=60_000)
     assert "6 points moved" in status.inner_text()
     page.wait_for_function("(first) => [...document.querySelectorAll('img.widget-image')].some("

@@ -1,4 +1,4 @@
-"""The normals by which the card lights deformed matter, pixel by pixel, against those of the package's fields."""
+"""The normals by which the GPU lights deformed tissue, pixel by pixel, against those of the package's fields."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import pytest
 from browser.live_page import LivePage
 from PIL import Image
 
-from deformnb.analysis.extent import grown
+from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
@@ -238,7 +238,7 @@ def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
     page.wait(f"{DRAWN}.count > 2 && {DRAWN}.isFull")
     _until(page, lambda: dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96)
-    view.show_deformation(None, output=grown(GRID, 9.0))
+    view.show_deformation(None, output=padded(GRID, 9.0))
     page.wait(f"{DRAWN}.info.box.high[0] > models.view.get('volume_info').box.high[0] + 8")
     assert page.errors == []
     view.close()

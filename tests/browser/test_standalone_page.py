@@ -444,7 +444,7 @@ def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any,
     try:
         centre = studio.session.points.source.mean(axis=0)
         studio.session.edit_points(studio.session.points.add(centre, centre + np.array([30.0, 0.0])))
-        cut_off = studio.session.sides_left()
+        cut_off = studio.session.exceeded_sides()
         assert len(cut_off) == 1
         assert studio.session.fit_output()
         studio.view.background = "dark"

@@ -135,14 +135,14 @@ def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
 def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None:
     view = opened(page, background="auto")
     page.page.emulate_media(color_scheme="dark")
-    page.wait(f"{PAGE}.theme.name === 'dark'")
+    page.wait(f"{PAGE}.elements.theme.name === 'dark'")
     changed(page, lambda: page.page.evaluate("document.getElementById('root').style.width = '160px'"))
     page.wait(f"{PAGE}.canvas.width === 160")
     page.wait(f"{PAGE}.layers[0].width === 160", 60)
     assert view.stats()["width"] == 160
     assert pixels(page)[0, 0].max() < 60
     page.page.emulate_media(color_scheme="light")
-    page.wait(f"{PAGE}.theme.name === 'light'")
+    page.wait(f"{PAGE}.elements.theme.name === 'light'")
     page.wait("document.querySelector('.dnb-view').dataset.background === 'light'")
     drawn(page, page.page.evaluate(f"{PAGE}.count"))
     assert pixels(page)[0, 0].min() > 220
@@ -151,7 +151,7 @@ def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None
 
 def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: LivePage) -> None:
     view = opened(page)
-    view._say("something is wrong")
+    view._show_notice("something is wrong")
     page.flush()
     assert page.page.text_content(".dnb-notice") == "something is wrong"
     page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")

@@ -83,14 +83,14 @@ def test_a_wrong_solve_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
             return np.array([-0.5, 1e-6])
 
-    monkeypatch.setattr(importlib.import_module("deformnb.rbf.interpolant"), "fit_rbf", lambda *_, **__: Wrong())
+    monkeypatch.setattr(importlib.import_module("deformnb.rbf.fitting"), "fit_rbf", lambda *_, **__: Wrong())
     check = module._jax()
     assert not check.works
     assert "WRONG" in check.found
 
 
 def test_without_opengl_the_remedy_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    render = importlib.import_module("deformnb.imaging.render")
+    render = importlib.import_module("deformnb.imaging.vtk_volume")
     monkeypatch.setattr(render, "gl_status", lambda: (False, "no OpenGL", "apt-get install something"))
     check = module._gl()
     assert not check.works

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +13,18 @@ import oracle
 import pytest
 from command_line import refused, remarks, run, small_folder
 
-from deformnb.datasets import knee_labels
+from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.io.landmarks import read_landmarks, write_landmarks
 from deformnb.io.meshes import MESH_FORMATS, read_mesh, write_mesh
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
-from deformnb.session.inputs import as_volume
+from deformnb.session.inputs import volume_from
 from deformnb.volume import known_spacings
 from deformnb.volume.known_spacings import KnownSpacing
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.mesh import Mesh
 from deformnb.warping.points import Landmarks
 
@@ -49,14 +51,14 @@ def test_strength_0_returns_the_input(small: Path, monkeypatch: pytest.MonkeyPat
 def test_strength_blends_the_points(strength: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(small, f"warp pull.json tiny.nrrd out.nrrd --strength {strength}", monkeypatch) == 0
     volume = read_volume(small / "tiny.nrrd")
-    wanted = read_deformation(small / "pull.json").blended(float(strength)).apply(volume)
+    wanted = read_deformation(small / "pull.json").scaled(float(strength)).apply(volume)
     np.testing.assert_array_equal(read_volume(small / "out.nrrd").values, wanted.values)
 
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("options", "shape", "spacing"), [
     ("--resolution 0.5", (18, 28, 16), (0.5, 0.5, 0.5)), ("--resolution 2 2 3", (3, 7, 4), (2, 2, 3)),
-    ("--margin 3", (10, 10, 14), (1, 2, 1.5)), ("--margin 0 4 -1.5", (4, 11, 8), (1, 2, 1.5)),
+    ("--margin 3", (10, 11, 14), (1, 2, 1.5)), ("--margin 0 4 -1.5", (4, 11, 8), (1, 2, 1.5)),
     ("--resolution 1 --margin 1", (11, 16, 10), (1, 1, 1)), ("--spacing 2 2 2", (6, 7, 8), (2, 2, 2)),
 ])
 def test_field_of_view_and_resolution(options: str, shape: Any, spacing: Any, small: Path,
@@ -131,14 +133,14 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json tiny.nrrd missing/out.nrrd", "no folder .*missing"),
     ("warp pull.json tiny.nrrd tiny.nrrd/out.nrrd", "no folder"),
     ("warp pull.json tiny.nrrd folder.nrrd", "is a folder"),
-    ("warp pull.json tiny.nrrd out.nrrd --resolution 1 2", "--resolution takes one length or three"),
+    ("warp pull.json tiny.nrrd out.nrrd --resolution 1 2", "spacing must be one number .* or three"),
     ("warp pull.json tiny.nrrd out.nrrd --resolution 0", "spacing must be positive"),
     ("warp pull.json tiny.nrrd out.nrrd --resolution nan", "spacing must be one number .* got nan"),
-    ("warp pull.json tiny.nrrd out.nrrd --resolution 1e-5", "choose a coarser --resolution"),
-    ("warp pull.json tiny.nrrd out.nrrd --margin 1 2 3 4", "--margin takes one length or three"),
-    ("warp pull.json tiny.nrrd out.nrrd --margin wide", '--margin takes "fit" or lengths'),
+    ("warp pull.json tiny.nrrd out.nrrd --resolution 1e-5", "coarser resolution"),
+    ("warp pull.json tiny.nrrd out.nrrd --margin 1 2 3 4", "a margin is one length or three"),
+    ("warp pull.json tiny.nrrd out.nrrd --margin wide", 'a margin is "fit" or lengths'),
     ("warp pull.json tiny.nrrd out.nrrd --margin -50", "leaves nothing"),
-    ("warp pull.json tiny.nrrd out.nrrd --margin inf", "a margin must be one number .* got inf"),
+    ("warp pull.json tiny.nrrd out.nrrd --margin inf", "a margin is one length or three .* got .*inf"),
     ("warp pull.json tiny.nrrd out.nrrd --spacing -1 1 1", "spacing must be positive"),
     ("warp pull.json tiny.nrrd out.nrrd --strength nan", "strength must be a finite number"),
     ("warp pull.json tiny.nrrd out.nrrd --strength much", "argument --strength.*much"),
@@ -155,7 +157,7 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json face.ply out.ply --volume tiny.nrrd --fill 3", "--fill is for volumes, and face.ply is none"),
     ("warp pull.json face.ply out.ply --volume tiny.nrrd --labels", "--labels is for volumes"),
     ("warp pull.json face.ply face.ply --volume tiny.nrrd", "already there"),
-    ("app face.ply --spacing 1 1 1", "--spacing is for volumes"), ("app face.ply", "the mesh is open"),
+    ("app face.ply --spacing 1 1 1", "a spacing is for volumes"), ("app face.ply", "the mesh is open"),
     ("warp pull.json face.ply out.ply --volume missing.nrrd", "no such file"),
     ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
     ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
@@ -194,13 +196,16 @@ def test_another_volume_is_deformed_with_a_note(small: Path, capsys: pytest.Capt
     assert run(small, "warp pull.json other.nrrd out.nrrd", monkeypatch) == 0
     captured = capsys.readouterr()
     assert captured.out == "out.nrrd\n"
-    assert remarks(captured.err) == "deformnb: note: the session was made on another volume (tiny).\n"
+    assert remarks(captured.err) == ("deformnb: note: This document was made on another volume ('tiny', 8 x 7 x 6 "
+                                     "voxels); its points may lie elsewhere.\n")
 
 
 def test_another_spacing_is_noted(small: Path, capsys: pytest.CaptureFixture[str],
                                   monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(small, "warp pull.json tiny.nrrd out.nrrd --spacing 1 1 1", monkeypatch) == 0
-    assert "made with voxels of 1 2 1.5, these are of 1 1 1; --spacing 1 2 1.5" in capsys.readouterr().err
+    remark = capsys.readouterr().err
+    assert "of another size (1 x 2 x 1.5 then, 1 x 1 x 1 now)" in remark
+    assert "--spacing 1 2 1.5" in remark
     assert run(small, "warp pull.json tiny.nrrd more.nrrd --spacing 1 2 1.5", monkeypatch) == 0
     assert remarks(capsys.readouterr().err) == ""
 
@@ -226,6 +231,32 @@ def test_notes_of_the_fit_are_told(small: Path, capsys: pytest.CaptureFixture[st
     assert "fold" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("line", [
+    "warp pull.json tiny.nrrd out.nrrd", "warp pull.json tiny.nrrd out.nrrd --margin fit --strength 0.5",
+    "warp pull.json face.ply out.ply --volume tiny.nrrd", "warp pull.json marks.fcsv out.fcsv --volume tiny.nrrd",
+    "replay pull.json tiny.nrrd --out results"])
+def test_the_fits_of_a_session_are_solved_once(line: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_mesh(FACE, small / "face.ply")
+    write_landmarks(Landmarks(FACE.points), small / "marks.fcsv")
+    solved: list[int] = []
+    fits = FitSettings.fits
+    monkeypatch.setattr(FitSettings, "fits", lambda *given, **options: (solved.append(1), fits(*given, **options))[1])
+    assert run(small, line, monkeypatch) == 0
+    assert len(solved) == 1
+
+
+def test_a_result_that_no_memory_holds_is_refused_before_the_work(small: Path, capsys: pytest.CaptureFixture[str],
+                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.io.memory.available_memory", lambda: 1000)
+    code = run(small, "warp pull.json tiny.nrrd out.nrrd --margin 6", monkeypatch)
+    assert "are free; close something else, or choose a smaller result box" in refused(capsys.readouterr(), code)
+    assert run(small, "replay pull.json tiny.nrrd --out results --summary sum.json", monkeypatch) == 0
+    grown = read_deformation(small / "pull.json")
+    write_deformation(replace(grown, output=Grid((60, 70, 80))), small / "large.json")
+    assert run(small, "replay large.json tiny.nrrd --out others", monkeypatch) == 2
+    assert "are free" in capsys.readouterr().out
+
+
 # ---- what belongs to a volume follows it -----------------------------------------------------------------------------
 
 
@@ -233,7 +264,7 @@ def test_notes_of_the_fit_are_told(small: Path, capsys: pytest.CaptureFixture[st
 def test_a_mesh_follows(kind: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_mesh(FACE, small / "face.ply")
     assert run(small, f"warp pull.json face.ply out.{kind} --volume tiny.nrrd --strength 0.5", monkeypatch) == 0
-    field = read_deformation(small / "pull.json").blended(0.5).field(read_volume(small / "tiny.nrrd").grid)
+    field = read_deformation(small / "pull.json").scaled(0.5).field(read_volume(small / "tiny.nrrd").grid)
     found = read_mesh(small / f"out.{kind}")
     moved = found.points[found.faces[0]]
     oracle.assert_close(moved + field.displacement(moved), FACE.points, atol=1e-4)
@@ -258,7 +289,7 @@ def test_the_grid_that_they_follow_in_may_be_corrected(small: Path, capsys: pyte
     assert run(small, "warp pull.json face.ply out.ply --volume tiny.nrrd --spacing 2 2 2", monkeypatch) == 0
     write_volume(Volume.from_array(np.ones((3, 4, 5), np.uint8)), small / "other.nrrd")
     assert run(small, "warp pull.json face.ply more.ply --volume other.nrrd", monkeypatch) == 0
-    assert "note: the session was made on another volume (tiny)." in capsys.readouterr().err
+    assert "made on another volume ('tiny', 8 x 7 x 6 voxels)" in capsys.readouterr().err
 
 
 def test_info_of_meshes_and_landmarks(small: Path, capsys: pytest.CaptureFixture[str],
@@ -275,10 +306,10 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
     corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]], dtype=float)
     body = Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     write_mesh(body, small / "body.stl")
-    volume = as_volume(small / "body.stl")
+    volume = volume_from(small / "body.stl")
     assert max(volume.shape) == 128
     assert volume.value_range == (0, 255)
-    np.testing.assert_array_equal(as_volume(body).values, volume.values)
+    np.testing.assert_array_equal(volume_from(body).values, volume.values)
     points = ControlPoints.from_arrays(volume.grid.corners(), volume.grid.corners()).add([1, 1, 1], [2, 1, 1])
     deformation = Deformation.in_space(points)
     write_deformation(Deformation(deformation.steps, "push", VolumeReference.of(volume)), small / "push.json")
@@ -292,7 +323,8 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_labels_that_are_not_declared_are_asked_about(small: Path, capsys: pytest.CaptureFixture[str],
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    write_volume(Volume.from_array(knee_labels((24, 24, 24)).values, is_labels=False), small / "labels.nrrd")
+    labels = PHANTOMS["knee"].labels((24, 24, 24))
+    write_volume(Volume.from_array(labels.values, is_labels=False), small / "labels.nrrd")
     assert run(small, "warp pull.json labels.nrrd out.nrrd", monkeypatch) == 0
     assert remarks(capsys.readouterr().err).count("--labels in a command") == 1, "the result has it too, said once"
     assert run(small, "warp pull.json labels.nrrd out.nrrd --labels --force", monkeypatch) == 0

@@ -12,11 +12,8 @@ from scipy import ndimage
 
 from deformnb.datasets import PHANTOMS
 from deformnb.datasets.phantoms import shapes
-from deformnb.datasets.phantoms.abdomen import abdomen_labels
-from deformnb.datasets.phantoms.fish import fish
 from deformnb.datasets.phantoms.fish import scene as fish_scene
-from deformnb.datasets.phantoms.knee import knee, knee_labels
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, render, render_labels
 from deformnb.errors import Cancelled, DeformError
 from deformnb.volume.plane import VIEWS, Plane
 
@@ -99,7 +96,7 @@ def test_progress_reaches_one_and_may_cancel(name):
 
 def test_the_largest_usual_grid_takes_a_second_or_two():
     start = time.perf_counter()
-    fish((128, 128, 128))
+    PHANTOMS["fish"].make((128, 128, 128))
     # About 0.25 s on a laptop; ten times that still shows an accidental loop over the whole volume per part.
     assert time.perf_counter() - start < 2.5
 
@@ -120,10 +117,10 @@ def test_bad_arguments_are_named(arguments, words):
 
 
 def test_other_voxel_types_hold_the_same_greys():
-    exact = knee(COARSE, dtype="float64", noise=0).values
+    exact = PHANTOMS["knee"].make(COARSE, dtype="float64", noise=0).values
     for dtype in ("uint8", "uint16", "int16", "int32", "float32"):
         # Rounding to whole grey values, and float32 arithmetic below that.
-        np.testing.assert_allclose(knee(COARSE, dtype=dtype, noise=0).values, exact, atol=0.5 + 1e-4)
+        np.testing.assert_allclose(PHANTOMS["knee"].make(COARSE, dtype=dtype, noise=0).values, exact, atol=0.5 + 1e-4)
 
 
 # -- anatomy ----------------------------------------------------------------------------------------------------------
@@ -134,7 +131,7 @@ def test_fish_has_the_grid_of_the_real_carp(real_data):
 
     header = nibabel.load(real_data("carp.nii.gz"))
     assert header.shape == (256, 512, 256)
-    volume = fish((8, 16, 8))
+    volume = PHANTOMS["fish"].make((8, 16, 8))
     np.testing.assert_allclose(volume.grid.lengths, np.array(header.shape) * (0.390625, 1.0, 0.78125))
     # RAS in the file: its axes point to -x, -y, +z of LPS.
     np.testing.assert_array_equal(np.asarray(volume.grid.direction), np.diag([-1.0, -1.0, 1.0]))
@@ -144,7 +141,7 @@ def test_fish_has_the_outline_of_the_real_carp(real_data):
     import nibabel
 
     real = np.asarray(nibabel.load(real_data("carp.nii.gz")).dataobj).T
-    ours = fish((64, 128, 64), noise=0).values
+    ours = PHANTOMS["fish"].make((64, 128, 64), noise=0).values
     a = (real > 40).any(axis=2).reshape(64, 4, 128, 4).mean(axis=(1, 3)) > 0.5
     b = (ours > 40).any(axis=2)
     overlap = 2 * (a & b).sum() / (a.sum() + b.sum())
@@ -152,7 +149,7 @@ def test_fish_has_the_outline_of_the_real_carp(real_data):
 
 
 def test_fish_looks_left_in_its_default_view():
-    volume = fish((32, 64, 32))
+    volume = PHANTOMS["fish"].make((32, 64, 32))
     plane = Plane.along(volume.grid, PHANTOMS["fish"].view)
     snout, tail = (volume.grid.index_to_point([16, j, 15]) for j in (62, 3))
     assert plane.to_plane(snout)[0] < plane.to_plane(tail)[0], "the head is on the left of the picture"
@@ -161,7 +158,7 @@ def test_fish_looks_left_in_its_default_view():
 
 
 def test_fish_is_symmetric_and_has_an_air_bladder():
-    values = fish((64, 128, 64), noise=0, dtype="float32").values
+    values = PHANTOMS["fish"].make((64, 128, 64), noise=0, dtype="float32").values
     # The gut lies to one side and the ripple of the texture is not symmetric, hence the mean and not the maximum.
     assert np.abs(values - values[:, :, ::-1]).mean() < 1.5
     middle = values[:, :, 32]
@@ -171,7 +168,7 @@ def test_fish_is_symmetric_and_has_an_air_bladder():
 
 
 def test_fish_vertebrae_are_separate():
-    values = fish((128, 512, 64), noise=0, dtype="float32").values[:, :, 30:34].max(axis=2)
+    values = PHANTOMS["fish"].make((128, 512, 64), noise=0, dtype="float32").values[:, :, 30:34].max(axis=2)
     line = np.interp(np.arange(200, 380), *np.array([(p[0], p[1]) for p in fish_scene_spine()]).T)
     along = np.array([values[round(z * 128 / 200), y] for y, z in zip(range(200, 380), line, strict=True)])
     peaks = np.flatnonzero((along[1:-1] > along[:-2]) & (along[1:-1] >= along[2:]) & (along[1:-1] > 100))
@@ -186,11 +183,9 @@ def fish_scene_spine():
     return SPINE
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if PHANTOMS[n].labels])
+@pytest.mark.parametrize("name", [n for n in NAMES if PHANTOMS[n].label_names])
 def test_labels_lie_on_the_volume(name):
     row = PHANTOMS[name]
-    assert row.labels is not None
-    assert row.label_names is not None
     labels, volume = row.labels(), row.make(noise=0)
     assert labels.is_labels
     assert labels.grid == volume.grid
@@ -210,7 +205,7 @@ def test_the_cubes_of_the_bar_begin_at_its_corner() -> None:
 
 
 def test_knee_bones_are_hard_shells_in_the_right_order():
-    labels, values = knee_labels().values, knee(noise=0).values
+    labels, values = PHANTOMS["knee"].labels().values, PHANTOMS["knee"].make(noise=0).values
     heights = {bone: np.argwhere(labels == bone)[:, 0].mean() for bone in (95, 96, 97, 98)}
     assert heights[95] > heights[98] > max(heights[96], heights[97])
     for bone in (95, 96, 97, 98):
@@ -223,7 +218,7 @@ def test_knee_bones_are_hard_shells_in_the_right_order():
 
 
 def test_abdomen_organs_are_on_their_sides():
-    labels = abdomen_labels().values
+    labels = PHANTOMS["abdomen"].labels().values
     nx = labels.shape[2]
     at = {organ: np.argwhere(labels == organ).mean(axis=0) for organ in (3, 4, 7, 8, 51, 52, 501)}
     assert at[3][2] < nx / 2 < at[4][2], "liver on the patient's right (low x), spleen on the left"
@@ -298,7 +293,7 @@ def test_smooth_curve_passes_through_its_knots_and_never_overshoots():
 
 def test_edge_is_one_voxel_wide_and_layers_stack():
     ball = Part(shapes.Ellipsoid((10, 10, 10), (6, 6, 6)), ((0.0, 200.0), (3.0, 100.0)), label=7)
-    scene = Scene("ball", (20.0, 20.0, 20.0), (40, 40, 40), (ball,), texture=0.0)
+    scene = PhantomScene("ball", (20.0, 20.0, 20.0), (40, 40, 40), (ball,), texture=0.0)
     ray = render(scene, noise=0, dtype="float32").values[20, 20, 20:]
     assert ray[0] == 100
     assert ray[8] == 200
@@ -311,7 +306,7 @@ def test_edge_is_one_voxel_wide_and_layers_stack():
 
 def test_a_label_of_minus_one_clears():
     ball, hole = shapes.Ellipsoid((10, 10, 10), (6, 6, 6)), shapes.Ellipsoid((10, 10, 10), (2, 2, 2))
-    scene = Scene("ball", (20.0, 20.0, 20.0), (20, 20, 20),
+    scene = PhantomScene("ball", (20.0, 20.0, 20.0), (20, 20, 20),
                   (Part(ball, ((0.0, 9.0),), 3), Part(hole, ((0.0, 0.0),), -1)))
     labels = render_labels(scene).values
     assert labels[10, 10, 10] == 0

@@ -128,7 +128,7 @@ def test_wrong_cut_missing_or_endless_leaves_nothing_and_says_why(serve, path, w
     assert nothing_left(folder)
     message = str(caught.value)
     assert str(folder / "carp.nii.gz") in message, "where to put it by hand"
-    assert "deformnb.datasets.fish()" in message, "what to use instead"
+    assert 'deformnb.datasets.PHANTOMS["fish"].make()' in message, "what to use instead"
     assert "\n" not in message
 
 
@@ -144,7 +144,7 @@ def test_offline_names_file_folder_and_phantom(serve, monkeypatch):
     message = str(caught.value)
     assert "127.0.0.1" in message
     assert str(folder / "carp.nii.gz") in message
-    assert "deformnb.datasets.fish()" in message
+    assert 'deformnb.datasets.PHANTOMS["fish"].make()' in message
     assert len(message) < 500, "one sentence, not the whole stack of urllib3"
     assert nothing_left(folder)
 
@@ -198,7 +198,7 @@ def test_rows_are_complete():
         assert all((row.credit, row.licence, row.source)), name
         assert row.file == os.path.basename(row.file)
         if row.is_labels:
-            assert PHANTOMS[row.phantom].labels is not None
+            assert PHANTOMS[row.phantom].label_names
         if row.address is not None:
             # A permanent address is https and names a commit, not a branch that moves.
             assert re.match(r"https://.*/[0-9a-f]{40}/", row.address)
@@ -233,13 +233,13 @@ def test_importing_asks_nobody_and_loads_no_downloader():
 
 
 def test_load_corrects_the_spacing(real_data, isolated_folders, monkeypatch):
-    from deformnb.datasets import fish, load
+    from deformnb.datasets import load
 
     monkeypatch.setenv("DEFORMNB_DATA", str(real_data("carp.nii.gz").parent))
     carp = load("carp")
     assert carp.name == "carp"
     assert carp.grid.spacing == (0.390625, 1.0, 0.78125)
-    phantom = fish((4, 4, 4)).grid
+    phantom = PHANTOMS["fish"].make((4, 4, 4)).grid
     assert carp.grid.lengths == pytest.approx(phantom.lengths)
     assert carp.grid.direction == phantom.direction, "the same view shows the same side of both"
     assert carp.shape == (256, 512, 256)

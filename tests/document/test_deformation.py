@@ -16,6 +16,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.fields import Composed, Identity, compose
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
@@ -35,6 +36,22 @@ POINTS = ControlPoints.from_arrays([[0, 0], [12, 0], [0, 20], [6, 8]], [[0, 0], 
 
 def places() -> np.ndarray:
     return np.random.default_rng(0).uniform([-7, 4, 12], [5, 24, 24], (20, 3))
+
+
+def test_a_step_is_solved_once_for_a_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved: list[int] = []
+    fits = FitSettings.fits
+    monkeypatch.setattr(FitSettings, "fits", lambda *given, **options: (solved.append(1), fits(*given, **options))[1])
+    document = Deformation.on_picture(GRID, "+z", POINTS)
+    wanted = document.field(GRID).displacement(places())
+    document.notes(GRID)
+    longer = document.then(Deformation.in_space(ControlPoints.from_arrays([[0, 9, 15]], [[0, 9, 15]])))
+    np.testing.assert_allclose(longer.field(replace(GRID)).displacement(places()), wanted)
+    assert len(solved) == 2  # the second step
+    twice = document.field(replace(GRID, spacing=(2.0, 2.0, 2.0)))
+    assert len(solved) == 3
+    assert document == replace(document)
+    assert twice.dim == 3
 
 
 # ---- a feature lands where it is dropped -----------------------------------------------------------------------------
@@ -116,8 +133,8 @@ def test_steps_are_done_first_to_last() -> None:
 @pytest.mark.parametrize("strength", [2.0, 0.5, -1.0])
 def test_strength_drags_the_points_so_much_further(strength: float) -> None:
     document = Deformation.on_picture(GRID, PLANE, POINTS, support=15.0)
-    further = Deformation.on_picture(GRID, PLANE, POINTS.blended(strength), support=15.0)
-    for other in (document.blended(strength), document.blended(2 * strength).blended(0.5)):
+    further = Deformation.on_picture(GRID, PLANE, POINTS.scaled(strength), support=15.0)
+    for other in (document.scaled(strength), document.scaled(2 * strength).scaled(0.5)):
         oracle.assert_close(other.field(GRID).displacement(places()), further.field(GRID).displacement(places()),
                             atol=1e-12)
 
@@ -143,7 +160,7 @@ def test_interpolation_keeps_the_drag_of_each_depth() -> None:
 
 def test_notes_name_each_thing_once() -> None:
     row = ControlPoints.from_arrays([[0, 0], [5, 0], [9, 0]], [[0, 0], [5, 1], [9, 0]])
-    step = Step((row.blended(0.0).move(1, [5.5, 0]),), PLANE)
+    step = Step((row.scaled(0.0).move(1, [5.5, 0]),), PLANE)
     document = Deformation((step, step, replace(step, enabled=False)))
     assert len(document.notes(GRID)) == 1
     assert "on one line" in document.notes(GRID)[0]

@@ -22,11 +22,12 @@ from scipy.spatial.transform import Rotation
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document.json_format import DEEPEST, FORMAT, LONGEST, VERSION, from_json, to_json
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import Cut
+from deformnb.rbf.cuts import CUT_RULES, Cut
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
@@ -88,10 +89,13 @@ def steps(draw: Any) -> Step:
     knots = tuple(sorted(draw(st.sets(st.floats(0, 1), min_size=1, max_size=3)))) if rule == "interpolate" else ()
     dim = 3 if plane is None else 2
     return Step(
-        tuple(draw(point_sets(dim)) for _ in range(max(1, len(knots)))), plane, draw(st.sampled_from(list(KERNELS))),
-        draw(st.one_of(st.none(), st.floats(1e-9, 1e9))), draw(st.sampled_from(list(TRENDS))), draw(st.floats(0, 1e9)),
-        rule, draw(st.one_of(st.sampled_from(["z", "4*z*(1-z)"]), st.tuples(NUMBERS, NUMBERS, NUMBERS))), knots,
-        draw(NUMBERS), draw(st.booleans()), draw(TEXTS), draw(EXTRAS),
+        tuple(draw(point_sets(dim)) for _ in range(max(1, len(knots)))), plane,
+        kernel=draw(st.sampled_from(list(KERNELS))), support=draw(st.one_of(st.none(), st.floats(1e-9, 1e9))),
+        trend=draw(st.sampled_from(list(TRENDS))), smoothing=draw(st.floats(0, 1e9)), strength=draw(NUMBERS),
+        stages=draw(st.integers(1, MOST_STAGES)), extrusion=rule, knots=knots,
+        curve=draw(st.one_of(st.sampled_from(["z", "4*z*(1-z)"]), st.tuples(NUMBERS, NUMBERS, NUMBERS))),
+        enabled=draw(st.booleans()), name=draw(TEXTS), extra=draw(EXTRAS),
+        cut_rule=draw(st.sampled_from(list(CUT_RULES))),
     )
 
 
@@ -322,7 +326,7 @@ def test_broken_locks_radii_and_stages_are_refused_at_their_place(key: str, valu
     (("parts", 1, "region", "bits"), "AAAA", r"parts\[1\]\.region\.bits"),
     (("parts", 1, "region", "bits"), "%", r"bits is damaged"),
     (("parts", 1, "region", "shape"), [2**20, 2**20], r"at most 2147483648 pixels"),
-    (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape says 18"),
+    (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape needs 18"),
     (("parts", 1, "motion", "matrix"), [[1, 0], [0, 2]], r"must turn only"),
     (("parts", 0, "weight"), "heavy", r"unknown weight 'heavy'"),
     (("cut_rule",), "scissors", r"unknown rule 'scissors'"),

@@ -114,7 +114,7 @@ BROKEN: dict[str, tuple[Any, str]] = {
     "no bits": (MASK | {"bits": ""}, "bits"), "no base64": (MASK | {"bits": "%%%"}, "damaged"),
     "no zlib": (MASK | {"bits": base64.b64encode(b"hello").decode()}, "damaged"),
     "not ASCII": (MASK | {"bits": "\u00e4"}, "damaged"),
-    "too few bits": (MASK | {"bits": packed(b"ab")}, "holds 16 pixels; its shape says 18"),
+    "too few bits": (MASK | {"bits": packed(b"ab")}, "holds 16 pixels; its shape needs 18"),
     "bent axes": (MASK | {"shape": [1, 2, 9], "spacing": [1] * 3, "origin": [0] * 3, "direction": [1] * 9},
                   "in region"),
 }

@@ -185,7 +185,7 @@ def six(rng: np.random.Generator, low: Any, high: Any) -> np.ndarray:
 
 def test_the_quality_of_a_plain_step_is_that_of_its_fit() -> None:
     step = a_step(FAR, ([40, 20], [42, 25]), trend="affine", smoothing=0.2, strength=0.5)
-    expected = fit_quality(step.points.blended(0.5), support=40.0, smoothing=0.2)
+    expected = fit_quality(step.points.scaled(0.5), support=40.0, smoothing=0.2)
     found = step_quality(step, GRID)
     assert_array_equal(found.leave_one_out, expected.leave_one_out)
     assert_array_equal(found.residual, expected.residual)

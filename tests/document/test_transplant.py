@@ -1,4 +1,4 @@
-"""A document on another volume: by the box, what lay at a share of the old box lies at that share of the new one."""
+"""A document on another volume: aligned by "box", what lay at a share of the old box lies at that share of the new."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document.json_format import from_json, to_json
-from deformnb.document.transplant import PLACES, placed
+from deformnb.document.transplant import ALIGNMENTS, transplanted
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
@@ -45,7 +45,7 @@ def in_space(step: Step, places: Any) -> np.ndarray:
 @pytest.mark.parametrize("view", VIEWS)
 def test_points_keep_their_share_of_the_box(view: str) -> None:
     step = Step((POINTS,), Plane.along(OLD, view))
-    moved = placed(made_on(OLD, step), NEW, "by the box").steps[0]
+    moved = transplanted(made_on(OLD, step), NEW, "box").steps[0]
     for name in ("source", "target"):
         before, after = (in_space(s, getattr(s.points, name)) for s in (step, moved))
         np.testing.assert_allclose(share(NEW, after), share(OLD, before), atol=1e-9)
@@ -56,7 +56,7 @@ def test_points_keep_their_share_of_the_box(view: str) -> None:
 
 def test_points_in_space_keep_their_share_too() -> None:
     points = ControlPoints.from_arrays([[5, -3, 7], [12, 4, 9]], [[6, -3, 7], [12, 5, 9]])
-    moved = placed(made_on(OLD, Step((points,))), NEW, "by the box").steps[0].points
+    moved = transplanted(made_on(OLD, Step((points,))), NEW, "box").steps[0].points
     np.testing.assert_allclose(share(NEW, moved.target), share(OLD, points.target), atol=1e-9)
 
 
@@ -73,7 +73,7 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
         Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "-z"), parts=parts, trend="similarity",
              cuts=shapes[1:]),
         keyframes=(Keyframe(1.0, (Step((POINTS,), Plane.along(OLD, "+y")),)),))
-    moved = placed(document, LARGER, "by the box")
+    moved = transplanted(document, LARGER, "box")
     one, other = (d.apply(Volume(values, grid)).values for d, grid in ((document, OLD), (moved, LARGER)))
     assert (one != values).mean() > 0.2
     assert np.abs(one.astype(int) - other.astype(int)).max() <= 1  # rounding to whole grey levels
@@ -83,21 +83,21 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
 def test_lengths_grow_with_the_box() -> None:
     part = RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), reach=2.0)
     step = Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "+y"), support=9.0, parts=(part,))
-    moved = placed(made_on(OLD, step), LARGER, "by the box").steps[0]
+    moved = transplanted(made_on(OLD, step), LARGER, "box").steps[0]
     assert (moved.support, moved.parts[0].reach) == pytest.approx((22.5, 5.0))
 
 
 def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:
-    moved = placed(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), LARGER, "by the box")
-    with pytest.raises(DeformError, match="does not tell where the volume lay"):
-        placed(moved, LARGER, "by the box")
+    moved = transplanted(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), LARGER, "box")
+    with pytest.raises(DeformError, match="has no place of the volume"):
+        transplanted(moved, LARGER, "box")
 
 
 def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
     document = made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y")))
-    assert placed(document, OLD, "by the box") is document
-    assert placed(document, NEW) is document
-    assert next(iter(PLACES)) == "as it is"
+    assert transplanted(document, OLD, "box") is document
+    assert transplanted(document, NEW) is document
+    assert next(iter(ALIGNMENTS)) == "none"
 
 
 @pytest.mark.parametrize(("step", "message"), [
@@ -107,21 +107,21 @@ def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
 ])
 def test_what_unequal_scales_would_bend_is_refused(step: Step, message: str) -> None:
     with pytest.raises(DeformError, match=message):
-        placed(made_on(OLD, step), NEW, "by the box")
+        transplanted(made_on(OLD, step), NEW, "box")
 
 
 def test_a_mirrored_box_is_refused() -> None:
     mirrored = replace(NEW, direction=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     with pytest.raises(DeformError, match="mirror image"):
-        placed(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), mirrored, "by the box")
+        transplanted(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), mirrored, "box")
 
 
 def test_a_document_that_does_not_know_its_box_is_refused_with_what_to_do() -> None:
     document = Deformation.on_picture(OLD, "+y", POINTS)
     with pytest.raises(DeformError, match="save it again"):
-        placed(document, NEW, "by the box")
-    with pytest.raises(DeformError, match="choose one of as it is, by the box"):
-        placed(document, NEW, "somewhere")
+        transplanted(document, NEW, "box")
+    with pytest.raises(DeformError, match="choose one of none, box"):
+        transplanted(document, NEW, "somewhere")
 
 
 def test_the_box_is_kept_in_documents() -> None:
@@ -137,5 +137,5 @@ def test_the_box_of_the_result_is_laid_on_the_other_volume_as_well() -> None:
     small, large = Grid((8, 8, 8)), Grid((8, 16, 16), (2.0, 1.0, 0.5), (10.0, 0.0, 0.0))
     step = Step((ControlPoints.from_arrays([[2, 4]], [[3, 4]]),), Plane.along(small, "+z"))
     document = replace(made_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
-    assert placed(document, large, "by the box").output == large.crop((0, -2, 0), (8, 18, 24))
-    assert placed(document, large).output == document.output
+    assert transplanted(document, large, "box").output == large.crop((0, -2, 0), (8, 18, 24))
+    assert transplanted(document, large).output == document.output

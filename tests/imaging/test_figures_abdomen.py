@@ -10,7 +10,7 @@ import numpy as np
 import oracle
 import pytest
 
-from deformnb.datasets import PHANTOMS, abdomen_labels, load
+from deformnb.datasets import PHANTOMS, load
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.figures import picture_field
 from deformnb.imaging.projection import project
@@ -116,7 +116,7 @@ def test_neither_side_folds() -> None:
 
 
 def test_the_spine_stays_and_the_wall_opens() -> None:
-    labels = abdomen_labels(SHAPE)
+    labels = PHANTOMS["abdomen"].labels(SHAPE)
     after = Deformation((STEP,)).apply(labels).values
     spine = np.isin(labels.values, LUMBAR)
     assert spine.sum() > 500

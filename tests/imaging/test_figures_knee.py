@@ -12,7 +12,7 @@ import numpy as np
 import oracle
 import pytest
 
-from deformnb.datasets import PHANTOMS, knee_labels
+from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.figures import picture_field
 from deformnb.imaging.projection import project
@@ -40,7 +40,7 @@ POINTS = ControlPoints.from_arrays(np.array(FEMUR_END + CALF), np.concatenate([F
 
 @cache
 def labels() -> Volume:
-    return knee_labels(SHAPE)
+    return PHANTOMS["knee"].labels(SHAPE)
 
 
 def rigid_step() -> Step:

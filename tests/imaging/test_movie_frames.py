@@ -133,7 +133,7 @@ def test_the_camera_turns_and_keeps_its_scale(backend: str) -> None:
 def test_the_field_of_view_can_be_larger() -> None:
     volume, deformation = ball()
     wide = volume.grid.resampled(margin=(16.0, 0, 0))
-    frames = list(deformation_frames(volume, deformation.blended(2.5), strengths=(1.0,), directions=(0, 1, 0),
+    frames = list(deformation_frames(volume, deformation.scaled(2.5), strengths=(1.0,), directions=(0, 1, 0),
                                      transfer=WHITE, size=(128, 64), backend="core", output=wide))
     assert middle(frames[0]) == pytest.approx(63.5 + 20 * 64 / 32.64, abs=1)  # beyond the box of the volume itself
 
@@ -151,8 +151,8 @@ def test_a_frame_can_be_painted_on() -> None:
 
 def test_frames_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[float] = []
-    blended = Deformation.blended
-    monkeypatch.setattr(Deformation, "blended", lambda self, s: (made.append(s), blended(self, s))[1])
+    blended = Deformation.scaled
+    monkeypatch.setattr(Deformation, "scaled", lambda self, s: (made.append(s), blended(self, s))[1])
     volume, deformation = ball()
     frames = deformation_frames(volume, deformation, strengths=swing(4), size=(16, 12), backend="core")
     assert made == []
@@ -167,8 +167,8 @@ def test_frames_are_made_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.nightly
 def test_a_volume_is_not_deformed_again_where_only_the_camera_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[float] = []
-    blended = Deformation.blended
-    monkeypatch.setattr(Deformation, "blended", lambda self, s: (made.append(s), blended(self, s))[1])
+    blended = Deformation.scaled
+    monkeypatch.setattr(Deformation, "scaled", lambda self, s: (made.append(s), blended(self, s))[1])
     volume, deformation = ball()
     for shows, strengths, times in (("after", (1, 1, 1), 1), ("pair", (1, 1, 1), 2), ("pair", (1, 2, 0), 3)):
         made.clear()
@@ -456,11 +456,11 @@ def test_a_gif_cannot_be_faster_than_browsers_show(tmp_path: Path) -> None:
 
 @pytest.mark.needs_gl
 def test_a_stopped_movie_gives_back_the_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from deformnb.imaging.render import _VtkScene
+    from deformnb.imaging.render import VtkRenderer
 
     closed: list[bool] = []
-    close = _VtkScene.close
-    monkeypatch.setattr(_VtkScene, "close", lambda self: (closed.append(True), close(self)))
+    close = VtkRenderer.close
+    monkeypatch.setattr(VtkRenderer, "close", lambda self: (closed.append(True), close(self)))
     volume, deformation = ball()
     frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="vtk")
     done: list[int] = []
@@ -482,7 +482,7 @@ def test_pairs_of_stills_and_movies_agree() -> None:
 
 def test_an_animation_becomes_frames_of_its_moments() -> None:
     volume, deformation = ball()
-    keys = (Keyframe(0.0, deformation.blended(0).steps), Keyframe(1.0, deformation.steps))
+    keys = (Keyframe(0.0, deformation.scaled(0).steps), Keyframe(1.0, deformation.steps))
     document = Deformation(deformation.steps, keyframes=keys)
     look: dict[str, Any] = {"directions": (0, 1, 0), "transfer": WHITE, "size": (64, 48), "backend": "core",
                             "background": (0, 0, 0)}

@@ -14,16 +14,16 @@ from PIL import Image
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import Cancelled, DeformError
-from deformnb.imaging import render as module
+from deformnb.imaging import vtk_volume as module
 from deformnb.imaging.render import (
     RENDERERS,
-    gl_status,
     image_places,
     render_pair,
     render_volume,
     renderer_named,
     save_image,
 )
+from deformnb.imaging.vtk_volume import gl_status
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume

@@ -16,7 +16,7 @@ import pytest
 
 from deformnb import DeformError, Volume
 from deformnb.errors import VolumeFileError
-from deformnb.io import FORMATS, available_memory, describe_file, read_volume, required_bytes, write_volume
+from deformnb.io import FORMATS, available_memory, describe_file, read_volume, write_volume
 
 WRITABLE = [suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes]
 
@@ -626,8 +626,3 @@ def test_a_sparse_file_larger_than_the_machine_is_refused(tmp_path: Path) -> Non
             pytest.skip("the file system has no sparse files of this size")
     refuse(path, r"60 % of the free memory\); read it with stride=\d")
     assert describe_file(path).memory_bytes == side**3
-
-
-def test_required_bytes_add_up() -> None:
-    assert required_bytes((10, 20, 30), "int16") == 12_000
-    assert required_bytes((10, 20, 30), "int16", output_shape=(5, 5, 5), maps=2, texture=True) == 12_000 + 500 + 9_600

@@ -71,7 +71,7 @@ MARKUP = '{"markups": [{"coordinateSystem": "LPS", "controlPoints": [%s]}]}'
 @pytest.mark.parametrize(("name", "text", "match"), [
     ("a.csv", "", "no landmark"), ("a.csv", "a,b,c\n", "row 1 has 3 columns"),
     ("a.csv", "p,true,1,2,3,4,5,6\np,true,1,2,3,4\n", "row 2 has 6 columns"),
-    ("a.csv", "p,yes,1,2,3,4,5,6\n", "row 1 says 'yes'"), ("a.csv", "p,true,1,2,x,4,5,6\n", "row 1 are no numbers"),
+    ("a.csv", "p,yes,1,2,3,4,5,6\n", "row 1 has 'yes'"), ("a.csv", "p,true,1,2,x,4,5,6\n", "row 1 are no numbers"),
     ("a.fcsv", "", "no landmark"), ("a.fcsv", "# CoordinateSystem = XYZ\n1,1,2,3\n", "neither LPS nor RAS"),
     ("a.fcsv", "1,1,2,inf\n", "landmark 1 are not finite"), ("a.fcsv", "1,1,2\n", "landmark 1 are no numbers"),
     ("a.mrk.json", "{", "cannot be read"), ("a.mrk.json", "[]", "no list markups"),

@@ -276,7 +276,7 @@ def test_files_of_nibabel(kind: str, codes: tuple[int, int], order: str, mirrore
     np.testing.assert_array_equal(read.values, values)
     if codes == (0, 0):
         assert read.grid.orientation == "RAS"
-        assert "does not say where" in read.notes[0]
+        assert "states no place" in read.notes[0]
         np.testing.assert_allclose(read.grid.spacing, grid.spacing, rtol=1e-6)
     else:
         assert not read.notes

@@ -77,7 +77,7 @@ def test_voxels_of_another_volume_are_refused(suffix: str, tmp_path: Path) -> No
     with pytest.raises(VolumeFileError, match=rf"not those that the header a{suffix} was written for \(CRC "):
         read_volume(path)
     data.write_bytes(whole[:-2])
-    with pytest.raises(VolumeFileError, match=r"asks for 240 bytes .*has 238: it is cut short or damaged"):
+    with pytest.raises(VolumeFileError, match=r"needs 240 bytes .*has 238: it is cut short or damaged"):
         read_volume(path)
     data.write_bytes(whole)
     np.testing.assert_array_equal(read_volume(path, stride=2).values, made().values[::2, ::2, ::2])
@@ -140,7 +140,7 @@ def test_a_header_that_cannot_be_written_leaves_the_pair_of_before(suffix: str, 
         before = names(tmp_path)
         with monkeypatch.context() as disk:
             disk.setattr(Path, "replace", refused)
-            with pytest.raises(VolumeFileError, match="was not written, the system says: Input/output error"):
+            with pytest.raises(VolumeFileError, match="was not written, the system reports: Input/output error"):
                 write_volume(made(1), path)
         assert names(tmp_path) == before
         write_volume(made(), path)

@@ -33,7 +33,7 @@ def test_every_type_and_byte_order(dtype: str, order: str, big: bool, tmp_path: 
     read = read_volume(tmp_path / "a.tif")
     np.testing.assert_array_equal(read.values, values)
     assert read.dtype.name == ("int32" if dtype == "uint32" else dtype)
-    assert "how far slices are apart" in read.notes[0]
+    assert "the distance of slices" in read.notes[0]
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tif", stride=3).values, values[::3, ::3, ::3])
     assert read_volume(tmp_path / "a.tif", spacing=(1, 2, 3)).grid.spacing == (1, 2, 3)
 

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import { addedPoint, nextId, samePoints, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
-import { EditLink, Sender } from "../../deformnb/widgets/js/sync/edits.js";
+import { EditLink, RestingTrait, Sender } from "../../deformnb/widgets/js/sync/edits.js";
 import { PlainModel } from "../../deformnb/widgets/js/sync/host_model.js";
 
 const cutAt = (name, a) => ({ name, enabled: true, region: { kind: "line", vertices: [[a, 0], [a, 9]] } });
@@ -192,7 +192,7 @@ test("a busy kernel gets the newest and knows which edits were joined", () => {
   // Joining goes by the wall clock, as the user's hand does: eight edits at once are well within 0.8 seconds.
   assert.deepEqual(w.taken.map((m) => [m.kind, m.joins, m.points[0].target[0]]),
     [["nudge", false, 0], ["nudge", true, 1], ["several", false, 7]]);
-  assert.deepEqual(status, ["silent", ""]);
+  assert.deepEqual(status, ["unanswered", ""]);
   assert.equal(sender.isBehind(), false);
 });
 
@@ -223,7 +223,7 @@ test("a lost connection is reported and blocks nothing", (t) => {
   assert.deepEqual(firsts(w.kernel.points), [2, 2]);
 });
 
-for (const [kernel, wanted] of [["idle", ["silent", "deaf", ""]], ["busy", ["silent", ""]]]) {
+for (const [kernel, wanted] of [["idle", ["unanswered", "detached", ""]], ["busy", ["unanswered", ""]]]) {
   test(`a model that receives nothing of a kernel that is ${kernel}`, () => {
     const w = worldOf(1), { sender, model, status } = w.open();
     model.widget_manager = { kernel: { status: kernel } };
@@ -235,7 +235,7 @@ for (const [kernel, wanted] of [["idle", ["silent", "deaf", ""]], ["busy", ["sil
   });
 }
 
-const GREETED = { idle: ["deaf"], "busy then idle": ["deaf"], "busy then answered": [], none: ["lost"], unknown: [] };
+const GREETED = { idle: ["detached"], "busy then idle": ["detached"], "busy then answered": [], none: ["lost"], unknown: [] };
 for (const [name, wanted] of Object.entries(GREETED)) {
   test(`a view that opens says when it receives no answer (kernel: ${name})`, () => {
     const w = worldOf(1), { sender, model, status } = w.open(), sent = [], [first, then] = name.split(" then ");
@@ -339,4 +339,32 @@ test("of a single value two movements are in flight and the newest is kept", () 
   assert.equal(link.isBehind({}), false);
   assert.deepEqual(sent, [[1, "move", "a"], [2, "move", "b"], [3, "move", "d"], [4, "end", "z"], [5, "move", "e"],
     [6, "move", "f"], [7, "move", "h"]]);
+});
+
+test("an edit of shapes can be undone like one of points", () => {
+  const w = worldOf(1, { service: 1 }), { sender } = w.open();
+  assert.equal(sender.canStep("undo"), false);
+  sender.editShapes("cuts", [cutAt("one", 5)], "add cut");
+  assert.equal(sender.canStep("undo"), true);
+  w.finish();
+  sender.step("undo");
+  w.finish();
+  assert.deepEqual(sender.shapes.cuts, []);
+});
+
+test("a trait is sent after a rest, the newest value once, and not after the end", (t) => {
+  t.mock.timers.enable({ apis: ["setTimeout"] });
+  const sent = [];
+  const trait = new RestingTrait({ set: (name, value) => sent.push([name, value]), save_changes() {} }, "selected");
+  for (const value of [[1], [1, 2]]) {
+    trait.tellSoon(value);
+    t.mock.timers.tick(149);
+  }
+  assert.deepEqual([sent, trait.isAhead], [[], true]);
+  t.mock.timers.tick(1);
+  assert.deepEqual([sent, trait.isAhead], [[["selected", [1, 2]]], false]);
+  trait.tellSoon([3]);
+  trait.close();
+  t.mock.timers.tick(1000);
+  assert.deepEqual([sent.length, trait.isAhead], [1, false]);
 });

@@ -219,7 +219,7 @@ def test_the_strength_is_that_of_a_step() -> None:
     }"""
     at = [[33.0, 44.0], [120.0, 310.0]]
     found = run_script(FILES, main, {"points": as_json(points), "at": at})
-    oracle = fit_rbf(points.blended(1.7), support=box_diagonal(points)).displacement(at)
+    oracle = fit_rbf(points.scaled(1.7), support=box_diagonal(points)).displacement(at)
     assert np.abs(np.array(found) - oracle).max() < CLOSE
 
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scripts import run_script
 
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import CUT_RULES, Decoupled, decoupled_fits
+from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.interpolant import FOLDS, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
@@ -144,7 +145,7 @@ def test_fits_beside_rigid_parts_are_those_of_the_package(name: str, strength: f
     found = run_script(FILES, main, {"points": as_json(points), "parts": [part_data(p) for p in parts],
                                      "settings": {"strength": strength, "support": 300.0}, "at": places(200).tolist(),
                                      "raster": raster})
-    fit: AbstractField = fit_rigid(points.blended(strength), [p.scaled(strength) for p in parts], support=300.0)
+    fit: AbstractField = fit_rigid(points.scaled(strength), [p.scaled(strength) for p in parts], support=300.0)
     assert np.abs(np.array(found["at"]) - fit.displacement(places(200))).max() < CLOSE
     oracle = fit.on_raster(Raster((5, 7), (70.0, 80.0), (13.0, 21.0)))
     assert np.abs(np.array(found["map"]).reshape(5, 7, 2) - np.moveaxis(oracle, 0, -1)).max() < 1e-3
@@ -195,7 +196,7 @@ def test_what_is_seen_beside_cuts_is_that_of_the_package(name: str, with_parts: 
     settings = {"cuts": [{"region": region_data(r)} for r in regions], "cut_rule": rule, "support": 200.0,
                 "parts": [part_data(p) for p in parts]}
     found, sides = run_script(FILES, main, {"points": as_json(points), "settings": settings, "at": at.tolist()})
-    fits = decoupled_fits(points, regions, lambda own: fit_rigid(own, parts, support=200.0))
+    fits = FitSettings(support=200.0).fits(points, parts, regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=6.0)
     assert [tuple(row) for row in sides] == list(fits)
     moves, opacity = field.seen(at)
@@ -203,7 +204,3 @@ def test_what_is_seen_beside_cuts_is_that_of_the_package(name: str, with_parts: 
     is_seen = opacity > 1e-6  # elsewhere rounding chooses
     assert np.abs(np.array(found)[:, :2] - moves)[is_seen].max() < CLOSE
     assert np.abs(np.array(found)[:, 2] - opacity).max() < 1e-6
-
-
-def test_the_names_are_alike() -> None:
-    assert run_script(FILES, "() => CUT_RULES", None) == list(CUT_RULES)

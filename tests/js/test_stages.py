@@ -16,7 +16,8 @@ from scripts import run_script
 from deformnb.analysis.folds import jacobian_determinant
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
-from deformnb.rbf.cuts import CUT_RULES, Decoupled, decoupled_fits
+from deformnb.rbf.cuts import CUT_RULES, Decoupled
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.interpolant import FOLDS, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
@@ -77,7 +78,7 @@ CASES: dict[str, tuple[ControlPoints, dict[str, Any], list[RigidPart]]] = {
 def oracle(points: ControlPoints, settings: dict[str, Any], parts: list[RigidPart]) -> Any:
     given = {"support": box_diagonal(points), **settings}
     strength = given.pop("strength", 1.0)
-    return fit_points(points if strength == 1 else points.blended(strength), parts, **given)
+    return fit_points(points if strength == 1 else points.scaled(strength), parts, **given)
 
 
 @pytest.mark.sampled(4)
@@ -117,7 +118,7 @@ def test_every_region_has_stages_of_its_own(name: str, rule: str) -> None:
     main = """({ points, settings, at }) => { const layered = layeredFit(points, settings);
         return at.map(([a, b]) => placeOf(layered, a, b, 6).slice()); }"""
     found = np.array(run_script(MAPS, main, {"points": as_json(points), "settings": settings, "at": AT.tolist()}))
-    fits = decoupled_fits(points, regions, lambda own: fit_points(own, stages=4, support=box_diagonal(own)))
+    fits = FitSettings(support="box_diagonal", stages=4).fits(points, cuts=regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=6.0)
     moves, opacity = field.seen(AT)
     assert np.abs(found[:, :2] - moves)[opacity > 1e-6].max() < CLOSE

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, decoupled_fits, sides_of
+from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, sides_of
 from deformnb.rbf.extrusion import extrude, modulate
 from deformnb.rbf.fields import AbstractField, Identity
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.volume.plane import Plane, Raster
@@ -50,7 +50,7 @@ def places(n: int = 300) -> NDArray[np.float64]:
 
 def fitted(points: ControlPoints, regions: Sequence[AbstractRegion], rule: str = "source",
            softness: float = 1.0) -> Decoupled:
-    fits = decoupled_fits(points, regions, lambda own: fit_rbf(own, support=SUPPORT))
+    fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     return Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=softness)
 
 
@@ -76,7 +76,7 @@ def width(opacity: NDArray[np.float64]) -> float:
 @pytest.mark.parametrize("name", CUTS)
 def test_every_region_has_a_fit_of_its_own_points(name: str) -> None:
     regions, points = CUTS[name], scattered()
-    fits = decoupled_fits(points, regions, lambda own: fit_rbf(own, support=SUPPORT))
+    fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     found: dict[tuple[bool, ...], list[int]] = {}
     for k, x in enumerate(points.source):
         found.setdefault(tuple(bool(r.signed_distance(x) < 0) for r in regions), []).append(points.ids[k])
@@ -89,9 +89,9 @@ def test_every_region_has_a_fit_of_its_own_points(name: str) -> None:
 def test_switched_off_points_make_no_region() -> None:
     points = scattered().edit(0, active=False)
     chosen = [k for k in range(len(points)) if points.active[k]]
-    fits = decoupled_fits(points, [MIDDLE], lambda own: fit_rbf(own, support=SUPPORT))
+    fits = FitSettings(support=SUPPORT).fits(points, cuts=[MIDDLE])
     assert sorted(k for fit in fits.values() for k in fit.ids) == [points.ids[k] for k in chosen]
-    assert decoupled_fits(ControlPoints.empty(2), [MIDDLE], fit_rbf) == {}
+    assert FitSettings().fits(ControlPoints.empty(2), cuts=[MIDDLE]) == {}
 
 
 # ---- Eq. 8 -----------------------------------------------------------------------------------------------------------
@@ -101,7 +101,7 @@ def test_switched_off_points_make_no_region() -> None:
 @pytest.mark.parametrize("name", CUTS)
 def test_the_paper_s_rule_is_the_paper_s(name: str, size: float) -> None:
     regions, points = CUTS[name], scattered(size)
-    fits = decoupled_fits(points, regions, lambda own: fit_rbf(own, support=SUPPORT))
+    fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     numbers = {side: k for k, side in enumerate(fits)}
 
     def region(x: Any) -> Any:
@@ -121,7 +121,7 @@ def test_the_paper_s_rule_is_the_paper_s(name: str, size: float) -> None:
 def test_the_source_rule_shows_what_any_region_has_brought(name: str, size: float) -> None:
     """Literally: the own region if its matter is there, else any whose matter is there, else nothing."""
     regions, points = CUTS[name], scattered(size)
-    fits = decoupled_fits(points, regions, lambda own: fit_rbf(own, support=SUPPORT))
+    fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), regions, softness=1e-9)
     d, a = field.seen(places())
     for x, found, opacity in zip(places(), d, a, strict=True):
@@ -223,7 +223,7 @@ def test_a_region_without_points_stays() -> None:
 
 def test_points_on_the_line_belong_to_the_outside() -> None:
     assert sides_of([MIDDLE], [[50.0, 20.0], [49.9, 20.0], [50.1, 7.0]]).tolist() == [[False], [True], [False]]
-    fits = decoupled_fits(ControlPoints.from_arrays([[50, 30]], [[55, 30]]), [MIDDLE], fit_rbf)
+    fits = FitSettings().fits(ControlPoints.from_arrays([[50, 30]], [[55, 30]]), cuts=[MIDDLE])
     assert list(fits) == [(False,)]
 
 
@@ -278,7 +278,7 @@ def test_on_a_plane_in_space_the_cut_is_looked_up_in_the_picture() -> None:
 
 def test_cuts_in_space() -> None:
     points = ControlPoints.from_arrays([[1, 2, 3], [1, 2, -3]], [[1, 2, 5], [1, 2, -4]])
-    fits = decoupled_fits(points, [HalfSpace((0, 0, 0), (0, 0, 1))], fit_rbf)
+    fits = FitSettings().fits(points, cuts=[HalfSpace((0, 0, 0), (0, 0, 1))])
     field = Decoupled(tuple(fits.values()), tuple(fits), (HalfSpace((0, 0, 0), (0, 0, 1)),), softness=0.1)
     d, a = field.seen([[9, 9, 2.5], [9, 9, 1.5], [0, 0, -0.5], [0, 0, -2.0]])
     assert a.tolist() == [1, 0, 0, 1]

@@ -38,7 +38,7 @@ def test_every_change_leaves_the_old_set_alone() -> None:
     THREE.move(1, [3, 3])
     THREE.edit(1, source=[8, 8], name="b", active=False, weight=4.0)
     THREE.remove(0, 2)
-    THREE.blended(2.0)
+    THREE.scaled(2.0)
     THREE.reset()
     for old, now in zip(before, (THREE.source, THREE.target, THREE.active, THREE.weight), strict=True):
         assert (old == now).all()
@@ -68,13 +68,13 @@ def test_a_removed_id_never_comes_back() -> None:
 
 
 def test_blending_goes_from_the_sources_through_the_targets() -> None:
-    assert THREE.blended(1.0) == THREE
-    assert THREE.blended(0.0) == THREE.reset()
-    assert THREE.blended(2.0).target.tolist() == [[2, 2], [14, 2], [0, 10]]
-    assert THREE.blended(-1.0).target.tolist() == [[-1, -1], [8, -1], [0, 10]]
+    assert THREE.scaled(1.0) == THREE
+    assert THREE.scaled(0.0) == THREE.reset()
+    assert THREE.scaled(2.0).target.tolist() == [[2, 2], [14, 2], [0, 10]]
+    assert THREE.scaled(-1.0).target.tolist() == [[-1, -1], [8, -1], [0, 10]]
     for bad in (np.nan, np.inf):
         with pytest.raises(DeformError, match="strength must be a finite number"):
-            THREE.blended(bad)
+            THREE.scaled(bad)
 
 
 def test_equality_looks_at_everything() -> None:
@@ -128,7 +128,7 @@ def test_a_place_that_is_none_is_refused_and_not_spread(place: Any) -> None:
 @pytest.mark.parametrize("positions", [[2], [-3], [0, 2], [1, -3]])
 def test_positions_beyond_the_points_are_refused(positions: list[int]) -> None:
     points = ControlPoints.from_arrays([[0, 0], [5, 0]])
-    with pytest.raises(DeformError, match="there are 2 control points, and positions"):
+    with pytest.raises(DeformError, match="there are 2 control points; positions"):
         points.take(positions)
     assert points.take([-2, 1]).ids == (0, 1)
 
@@ -139,7 +139,7 @@ def test_an_empty_set_grows() -> None:
         assert len(points) == 0
         assert points.dim == dim
         assert points.add(np.arange(dim)).source.tolist() == [list(range(dim))]
-        assert points.reset() == points.blended(0.3) == points
+        assert points.reset() == points.scaled(0.3) == points
 
 
 @given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS), max_size=6), st.data())

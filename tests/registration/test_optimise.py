@@ -102,7 +102,7 @@ def test_stages_are_fitted_as_they_are_done() -> None:
     assert _misses(found.points).max() < 0.5
 
 
-def test_a_map_never_folds_though_the_likeness_asks_for_it() -> None:
+def test_a_map_never_folds_though_the_similarity_would_rise() -> None:
     """Two stripes that change places: each point would have to go through the other."""
     a = np.arange(64.0)
     left, right = (np.exp(-((a - c) / 4) ** 2) for c in (24.0, 40.0))

@@ -1,4 +1,4 @@
-"""Measures of likeness against literal oracles and NumPy, and the slope of the loss against central differences."""
+"""Measures of similarity against literal oracles and NumPy, and the slope of the loss against central differences."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
-from deformnb.registration import similarity as likeness
-from deformnb.registration.optimise import GreyImage, MultiscaleFit, first_scene
-from deformnb.registration.similarity import MEASURES, Scene, least_det, measure_named, read_linear, valued
+from deformnb.registration import similarity
+from deformnb.registration.optimise import GreyImage, MultiscaleFit, initial_objective
+from deformnb.registration.similarity import MEASURES, Objective, least_det, measure_named, read_linear, valued
 from deformnb.volume.volume import Grid, Volume
 
 RNG = np.random.default_rng(5)
@@ -93,15 +93,15 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def _scene(points: ControlPoints, measure: str = "ncc", stages: int = 1, smoothing: float = 0.0,
-           radius: bool = False, energy: float = 0.3, **fit: Any) -> Scene:
+           radius: bool = False, energy: float = 0.3, **fit: Any) -> Objective:
     if radius:
         points = points.edit(2, radius=50.0).edit(4, radius=36.0)
     moving = picture(texture((96, 96)))
     fixed = deformed(moving, fit_rbf(lattice_points(96, 3, 4.0, seed=8)))
     start = fit_rbf(points, smoothing=smoothing, **fit)
-    scene = first_scene(points, start, smoothing, energy, measure_named(measure), stages)
+    objective = initial_objective(points, start, smoothing, energy, measure_named(measure), stages)
     images = GreyImage.of(moving), GreyImage.of(fixed)
-    search = MultiscaleFit(scene, start.origin, start.support, *images, 1, 0.05, float)
+    search = MultiscaleFit(objective, start.origin, start.support, *images, 1, 0.05, float)
     return search.level(2)
 
 
@@ -109,11 +109,12 @@ def _scene(points: ControlPoints, measure: str = "ncc", stages: int = 1, smoothi
 @pytest.mark.parametrize("case", list(CASES))
 def test_the_slope_is_that_of_central_differences(case: str) -> None:
     points = lattice_points(96, 3, 2.0)
-    scene = _scene(points.edit(0, locked=True), **CASES[case])
-    h, value = 1e-6, valued(np.zeros(scene.x.shape), scene)
+    objective = _scene(points.edit(0, locked=True), **CASES[case])
+    h, value = 1e-6, valued(np.zeros(objective.x.shape), objective)
     direction = value.slope / np.abs(value.slope).max()
-    direction += np.random.default_rng(2).uniform(-0.5, 0.5, scene.x.shape) * (np.arange(len(scene.x)) < 9)[:, None]
-    ahead, behind = (valued(sign * h * direction, scene).loss for sign in (1, -1))
+    noise = np.random.default_rng(2).uniform(-0.5, 0.5, objective.x.shape)
+    direction += noise * (np.arange(len(objective.x)) < 9)[:, None]
+    ahead, behind = (valued(sign * h * direction, objective).loss for sign in (1, -1))
     slope = float((value.slope * direction).sum())
     assert (ahead - behind) / (2 * h) == pytest.approx(slope, rel=1e-5)
     assert slope > 1e-3
@@ -124,10 +125,10 @@ def test_the_slope_is_that_of_central_differences(case: str) -> None:
 def test_the_slope_of_the_barrier_is_that_of_central_differences() -> None:
     points = lattice_points(96, 3)
     points = points.move(4, points.target[4] + [27.0, 0.5])  # nearly onto its neighbour
-    scene = replace(_scene(points, energy=0.0), measure=_nothing)
-    direction = RNG.standard_normal(scene.x.shape) * (np.arange(len(scene.x)) < 9)[:, None]
-    value = valued(np.zeros(scene.x.shape), scene)
-    ahead, behind = (valued(sign * 1e-6 * direction, scene).loss for sign in (1, -1))
+    objective = replace(_scene(points, energy=0.0), measure=_nothing)
+    direction = RNG.standard_normal(objective.x.shape) * (np.arange(len(objective.x)) < 9)[:, None]
+    value = valued(np.zeros(objective.x.shape), objective)
+    ahead, behind = (valued(sign * 1e-6 * direction, objective).loss for sign in (1, -1))
     assert value.least < 0.15
     assert value.loss > 0
     assert (ahead - behind) / 2e-6 == pytest.approx(float((value.slope * direction).sum()), rel=1e-4)
@@ -139,7 +140,7 @@ def _nothing(a: Any, b: Any, weights: Any) -> Any:
 
 def test_a_barrier_rises_towards_a_fold_and_stays_finite_behind_it() -> None:
     det = np.array([1.0, 0.15, 0.1, 0.02, 0.0, -5.0])
-    heights = [likeness._barrier(np.array([d]))[0] for d in det]
+    heights = [similarity._barrier(np.array([d]))[0] for d in det]
     assert heights[:2] == [0, 0]
     assert np.all(np.diff(heights[1:]) > 0)
     assert np.isfinite(heights).all()
@@ -148,8 +149,8 @@ def test_a_barrier_rises_towards_a_fold_and_stays_finite_behind_it() -> None:
 @pytest.mark.parametrize("stages", [1, 3])
 def test_the_smallest_determinant_is_that_of_the_field(stages: int) -> None:
     points = lattice_points(96, 3, 6.0)
-    scene = _scene(points, stages=stages)
-    least = least_det(scene.x, scene.fitting, scene.lattice)
+    objective = _scene(points, stages=stages)
+    least = least_det(objective.x, objective.fitting, objective.lattice)
     a, b = np.meshgrid(*[np.linspace(-0.5, 95.5, 64)] * 2)
     x = np.stack([a, b], axis=-1).reshape(-1, 2)
     product = np.ones(len(x))

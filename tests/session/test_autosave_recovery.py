@@ -51,7 +51,7 @@ def test_nothing_is_offered_where_nothing_was_lost() -> None:
 def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
     lost = lose(points=5)
     told: list[str] = []
-    recovery = opened(say=told.append)
+    recovery = opened(report=told.append)
     session = recovery.session
     first = session.deformation
     assert recovery.offer.startswith("An edit of ")
@@ -110,10 +110,10 @@ def test_a_damaged_one_is_said_and_the_next_is_offered() -> None:
 def test_a_document_that_was_made_on_another_volume_is_spoken_of() -> None:
     told: list[str] = []
     document = lose().document()
-    fitting = opened(Session(a_volume(), document), say=told.append)
+    fitting = opened(Session(a_volume(), document), report=told.append)
     assert told == []
-    other = opened(Session(a_volume(1), document), say=told.append)
+    other = opened(Session(a_volume(1), document), report=told.append)
     wait_for(lambda: told)
-    assert "another volume (noise, 8 x 7 x 6 voxels)" in told[0]
+    assert "another volume ('noise', 8 x 7 x 6 voxels)" in told[0]
     fitting.close()
     other.close()

@@ -53,8 +53,8 @@ def test_a_second_run_does_only_what_is_missing_or_out_of_date(many: Path) -> No
     (many / "out" / "a.nrrd").unlink()
     write_volume(read_volume(many / "in" / "a.nrrd"), many / "in" / "b.nrrd")
     assert states(replay(document, [many / "in"], many / "out")) == ["done", "done", "kept"]
-    assert states(replay(document.blended(0.5), [many / "in"], many / "out")) == ["done"] * 3
-    assert states(replay(document.blended(0.5), [many / "in"], many / "out", options={"fill": 1})) == ["done"] * 3
+    assert states(replay(document.scaled(0.5), [many / "in"], many / "out")) == ["done"] * 3
+    assert states(replay(document.scaled(0.5), [many / "in"], many / "out", options={"fill": 1})) == ["done"] * 3
 
 
 def test_a_run_that_is_stopped_goes_on(many: Path) -> None:
@@ -185,7 +185,7 @@ def test_another_box_or_another_volume_of_meshes_makes_them_again(many: Path, mo
     for grid, state in ((tiny.grid, "1 done,"), (tiny.grid, "1 done before"), (wide, "1 done,")):
         made_on = replace(document, volume=VolumeReference.of(Volume(tiny.values, grid)))
         write_deformation(made_on, many / "made.json")
-        assert run(many, 'replay made.json in/a.nrrd --out boxes --place "by the box"', monkeypatch) == 0
+        assert run(many, 'replay made.json in/a.nrrd --out boxes --align box', monkeypatch) == 0
         assert run(many, "replay pull.json face.ply --out faces --volume space.nrrd", monkeypatch) == 0
         told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("1 files")]
         assert [state in line for line in told] == [True, True]
@@ -194,7 +194,7 @@ def test_another_box_or_another_volume_of_meshes_makes_them_again(many: Path, mo
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ("--place there", "unknown place 'there'"), ("--suffix .xyz", "no kind of volume file"),
+    ("--align there", "unknown alignment 'there'"), ("--suffix .xyz", "no kind of volume file"),
     ("--volume face.ply", "is a mesh"),
 ])
 def test_mistakes_are_told_before_any_work(options: str, message: str, many: Path, monkeypatch: pytest.MonkeyPatch,

@@ -15,7 +15,7 @@ from deformnb.errors import Cancelled, DeformError, FileChangedError, VolumeFile
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import FORMATS, read_volume
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
-from deformnb.session.inputs import as_deformation, as_volume, best_view
+from deformnb.session.inputs import as_deformation, best_view, volume_from
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.live_view import LiveView
@@ -35,7 +35,7 @@ def test_a_document_with_key_frames_is_exported_as_its_animation(session: Sessio
     from PIL import Image
 
     monkeypatch.setattr("deformnb.session.exports._FRAME", (64, 48))
-    moved, rest = session.deformation, session.deformation.blended(0)
+    moved, rest = session.deformation, session.deformation.scaled(0)
     session.deformation = replace(moved, keyframes=(Keyframe(0.0, rest.steps), Keyframe(0.25, moved.steps)))
     shares: list[float] = []
     path = export(session, tmp_path / "swim.gif", camera={"direction": (0, 1, 0)}, progress=shares.append)
@@ -103,7 +103,7 @@ def test_what_cannot_be_written_is_said_before_the_work(session: Session, tmp_pa
 
 def test_a_result_beyond_the_memory_is_refused_with_numbers(session: Session, tmp_path: Path,
                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.session.session.available_memory", lambda: 3000)
+    monkeypatch.setattr("deformnb.io.memory.available_memory", lambda: 3000)
     with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB are free"):
         export(session, tmp_path / "egg.nrrd")
     assert list(tmp_path.iterdir()) == []
@@ -146,7 +146,7 @@ def cut_off(session: Session) -> Session:
     """The egg dragged out of its box to the left, and a box that is large enough."""
     middle = session.points.source.mean(axis=0)
     session.edit_points(session.points.add(middle, middle + np.array([26.0, 0.0])))
-    assert session.sides_left() == ("left side (L)",)
+    assert session.exceeded_sides() == ("left side (L)",)
     assert session.fit_output()
     return session
 
@@ -266,9 +266,9 @@ def test_the_first_picture_shows_the_broad_side(axis: int, view: str) -> None:
 
 
 def test_what_is_given_is_opened(session: Session, tmp_path: Path) -> None:
-    assert as_volume(session.volume) is session.volume
-    assert as_volume(session.volume.values.tolist()).shape == session.volume.shape
-    assert_array_equal(as_volume(str(export(session, tmp_path / "egg.nrrd"))).values, session.result().values)
+    assert volume_from(session.volume) is session.volume
+    assert volume_from(session.volume.values.tolist()).shape == session.volume.shape
+    assert_array_equal(volume_from(str(export(session, tmp_path / "egg.nrrd"))).values, session.result().values)
     assert as_deformation(None) is None
     opened = as_deformation(export(session, tmp_path / "egg.json"))
     assert opened is not None

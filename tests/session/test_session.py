@@ -22,7 +22,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.inputs import source_of
 from deformnb.session.session import Session
-from deformnb.session.view_state import without_look
+from deformnb.session.view_state import without_view_state
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import PRESETS, TransferFunction
 from deformnb.volume.volume import Grid, Volume
@@ -331,14 +331,14 @@ def test_a_saved_document_comes_back_and_another_volume_is_noticed(session: Sess
     assert again.undo() == "open a document"
     other = Session(a_volume(1))
     before = other.deformation
-    words = r"another volume \(noise, 12 x 10 x 9 voxels\).*allow_other_volume=True"
+    words = r"another volume \('noise', 12 x 10 x 9 voxels\).*allow_other_volume=True"
     with pytest.raises(OtherVolumeError, match=words):
         other.open(file)
     assert other.deformation is before
     assert (other.history["undo"], other.saved) == ("", None)
     other.open(file, allow_other_volume=True)
     assert other.deformation.steps == session.deformation.steps
-    assert "another volume (noise, 12 x 10 x 9 voxels)" in other.notice
+    assert "another volume ('noise', 12 x 10 x 9 voxels)" in other.notice
 
 
 def test_labels_of_the_same_scan_are_no_other_volume(session: Session) -> None:
@@ -418,7 +418,7 @@ def test_what_is_safe_in_a_file_is_known(session: Session, tmp_path: Path) -> No
     assert session.saved is None
     session.edit_points(dragged(session))
     session.save(tmp_path / "a.json")
-    assert session.saved == without_look(session.document())
+    assert session.saved == without_view_state(session.document())
     early = session.document()
     session.change(strength=0.5)
     session.save(tmp_path / "early.json", document=early)
@@ -492,15 +492,15 @@ def drag_out(session: Session, by: float = 24.0) -> None:
 
 def test_what_is_dragged_out_of_the_box_is_kept_by_a_larger_one() -> None:
     session = a_brick()
-    assert session.sides_left() == ()
+    assert session.exceeded_sides() == ()
     drag_out(session)
-    assert session.sides_left() == ("left side (L)",)
+    assert session.exceeded_sides() == ("left side (L)",)
     small = session.result()
     assert small.grid == session.volume.grid
     assert session.fit_output()
     large = session.result()
     assert session.output == large.grid != session.volume.grid
-    assert session.sides_left() == ()
+    assert session.exceeded_sides() == ()
     assert_array_equal(large.values[:, :, : small.shape[2]], small.values)
     wide = warp(session.volume, session.field(), output=session.volume.grid.crop((-9, -9, -9), (40, 40, 60)))
     assert (large.values > 100).sum() == (wide.values > 100).sum() > (small.values > 100).sum()
@@ -513,7 +513,7 @@ def test_the_volumes_own_box_is_chosen_by_an_edit_too() -> None:
     session.output = None
     assert session.deformation.output is None
     assert session.document().output is None
-    assert session.sides_left() == ("left side (L)",)
+    assert session.exceeded_sides() == ("left side (L)",)
     assert session.history["undo"] == "change the result box"
 
 
@@ -550,7 +550,7 @@ def test_a_box_that_joins_the_last_edit_is_taken_back_with_it() -> None:
     session.notice = "said before"
     session.fit_output(joins=True)
     assert session.notice == "said before"
-    assert session.sides_left() == ()
+    assert session.exceeded_sides() == ()
     assert session.history["undo"] == "move points"
     session.undo()
     assert session.output == session.volume.grid

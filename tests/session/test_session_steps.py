@@ -171,7 +171,7 @@ def test_what_names_no_step_is_refused_and_changes_nothing(session: Session) -> 
     for edit in (lambda: session.move_step(0, 3), lambda: session.move_step(3, 0), lambda: session.move_step(-1, 0),
                  lambda: session.set_step_enabled(7, False), lambda: session.rename_step(-1, "x"),
                  lambda: session.remove_step(3), lambda: session.duplicate_step(9), lambda: session.set_mode("mix"),
-                 lambda: session.set_cut_rule("free"), lambda: session.edit_document(before, "nothing", index=4)):
+                 lambda: session.change(cut_rule="free"), lambda: session.edit_document(before, "nothing", index=4)):
         with pytest.raises(DeformError):
             edit()
     assert session.deformation is before
@@ -254,7 +254,7 @@ def test_cuts_parts_and_steps_survive_files_and_code(session: Session) -> None:
                        Cut(HalfSpace((2.0, 2.0), (1.0, 0.0)), enabled=False)])
     session.edit_parts([RigidPart(Polygon([(20, 1), (24, 1), (24, 6), (20, 6)]),
                                   RigidMotion.turn(5, (22, 3)), "distance", 7.0, "bone")])
-    session.set_cut_rule("paper")
+    session.change(cut_rule="paper")
     session.set_mode("blend")
     assert from_json(to_json(session.deformation)) == session.deformation
     scope: dict[str, Any] = {"a_volume": a_volume}
@@ -309,7 +309,7 @@ EDITS: dict[str, Callable[[Session, int, int], Any]] = {
     "mode": lambda s, n, at: s.set_mode("blend" if n % 2 else "compose"),
     "cut": lambda s, n, at: s.edit_cuts([Cut(a_half(s, n))] if n % 4 else []),
     "part": lambda s, n, at: s.edit_parts([RigidPart(a_half(s, n))] if n % 4 else []),
-    "rule": lambda s, n, at: s.set_cut_rule("paper" if n % 2 else "source"),
+    "rule": lambda s, n, at: s.change(cut_rule="paper" if n % 2 else "source"),
     "view": lambda s, n, at: s.set_view(["+y", "-z", "+x"][n % 3]),
     "choose": lambda s, n, at: s.edit_step(at),
 }

@@ -19,7 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
-from deformnb.session.view_state import MOST_NODES, Look, without_look
+from deformnb.session.view_state import MOST_NODES, ViewState, without_view_state
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import PRESETS, TransferFunction
 from deformnb.volume.volume import Volume
@@ -42,12 +42,12 @@ def transfers(draw: st.DrawFn) -> TransferFunction:
 @given(transfer=st.none() | st.sampled_from(list(PRESETS)) | transfers(),
        method=st.none() | st.sampled_from(list(PROJECTIONS)), depth=st.none() | _value)
 def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None) -> None:
-    look, document = Look(transfer, method, depth), Deformation(name="bent", extra={"later": [1]})
-    assert Look.parted(from_json(to_json(look.added_to(document)))) == (document, look)
+    look, document = ViewState(transfer, method, depth), Deformation(name="bent", extra={"later": [1]})
+    assert ViewState.split(from_json(to_json(look.added_to(document)))) == (document, look)
 
 
 POINTS = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]])
-SEEN = Look(OWN, "slice", 3.5).added_to(Deformation((Step((POINTS,), Plane.along(BAR.grid, "+y")),), name="bent"))
+SEEN = ViewState(OWN, "slice", 3.5).added_to(Deformation((Step((POINTS,), Plane.along(BAR.grid, "+y")),), name="bent"))
 
 
 def test_a_look_is_kept_to_the_letter() -> None:
@@ -80,7 +80,7 @@ def test_other_colours_are_no_edit_and_nothing_unsaved(tmp_path: Path) -> None:
 
 def test_undo_takes_an_opened_document_back_but_not_its_colours() -> None:
     session = Session(BAR)
-    session.take(Look("bone").added_to(Deformation(name="other")))
+    session.take(ViewState("bone").added_to(Deformation(name="other")))
     assert (session.transfer, session.deformation.name) == ("bone", "other")
     session.undo()
     assert (session.transfer, session.deformation.name) == ("bone", "")
@@ -98,18 +98,18 @@ def test_colours_at_values_of_another_volume_are_not_taken() -> None:
 
 def test_a_slice_lies_within_the_volume_and_belongs_to_the_last_step() -> None:
     session = Session(BAR)
-    session.take(Look(method="slice", depth=1e300).added_to(Deformation()))
+    session.take(ViewState(method="slice", depth=1e300).added_to(Deformation()))
     assert session.depth == session.depth_range[1]
-    assert session.look.depth == session.depth
+    assert session.view_state.depth == session.depth
     session.add_step()
     session.edit_step(0)
     session.method = "slice"
-    assert session.look.depth is None
+    assert session.view_state.depth is None
 
 
 def test_what_a_later_version_may_know_is_passed_over() -> None:
     document = Deformation(extra={"look": {"transfer": "velvet", "method": "hologram", "haze": 3}})
-    assert Look.parted(document)[1] == Look()
+    assert ViewState.split(document)[1] == ViewState()
 
 
 @pytest.mark.parametrize(("look", "place"), [
@@ -130,7 +130,7 @@ def test_a_malformed_look_is_refused_at_its_place_and_nothing_changes(look: Any,
     with pytest.raises(DeformError, match=place):
         session.take(document)
     assert session.deformation is before
-    assert without_look(document) == replace(document, extra={})
+    assert without_view_state(document) == replace(document, extra={})
 
 
 def test_a_volume_of_a_named_preset_is_fitted_anew(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from deformnb import DeformError, Grid, Volume
-from deformnb.datasets import PHANTOMS, knee_labels
+from deformnb.datasets import PHANTOMS
 from deformnb.errors import FileChangedError
 from deformnb.io import read_volume
 from deformnb.volume.volume import DTYPES, IDENTITY, KEPT
@@ -492,7 +492,7 @@ def test_no_phantom_of_grey_values_looks_like_labels(kind: str) -> None:
 
 
 def test_labels_of_a_phantom_are_asked_about_in_every_array() -> None:
-    labels = knee_labels((40, 40, 40))
+    labels = PHANTOMS["knee"].labels((40, 40, 40))
     for values in (labels.values, labels.values.astype(np.int32), labels.values.astype(np.int64)):
         asked = Volume.from_array(values)
         assert sum("is_labels=True" in note for note in asked.notes) == 1

@@ -12,7 +12,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
-from deformnb.warping.composed import Chain, _table
+from deformnb.warping.composed import ComposedEvaluator, _table
 
 GRID = Grid((20, 24, 28), (1.0, 0.5, 1.5), (100.0, -40.0, 7.0))
 # The tables' own bound, in the smallest pixel of a picture.
@@ -41,7 +41,7 @@ CHAINS = {
 @pytest.mark.parametrize("name", CHAINS)
 def test_a_chain_is_its_composition(name: str, rule: str) -> None:
     field = Deformation(CHAINS[name](rule)).field(GRID)
-    chain = Chain(field, GRID)
+    chain = ComposedEvaluator(field, GRID)
     assert not chain.is_single
     d, opacity = chain.seen(GRID)
     nz, ny, nx = GRID.shape
@@ -81,7 +81,7 @@ def test_a_map_too_fine_for_a_table_has_none(support: float) -> None:
 
 def test_without_cuts_a_chain_is_exact() -> None:
     field = Deformation((step("+z"), step("+y"))).field(GRID)
-    d, opacity = Chain(field, GRID).seen(GRID)
+    d, opacity = ComposedEvaluator(field, GRID).seen(GRID)
     assert opacity is None
     points = GRID.index_to_point([[3.0, 4.0, 5.0], [20.0, 11.0, 9.0]])
     found = np.array([[part[5, 4, 3], part[9, 11, 20]] for part in d]).T

@@ -226,7 +226,7 @@ def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
 
 
 _FILES = ("maths/cuts.js", "maths/regions.js", "maths/rigid_stages.js", "view/follow_editor.js",
-          "view/volume_loader.js", "webgl/displacement_shader.js")
+          "view/volume_loader.js", "webgl/region_bits.js")
 
 
 def test_the_page_builds_the_layers_that_python_sends() -> None:

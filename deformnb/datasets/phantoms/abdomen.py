@@ -10,8 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -25,7 +24,6 @@ from deformnb.datasets.phantoms.shapes import (
     Tube,
     path,
 )
-from deformnb.volume.volume import Volume
 
 LABELS = {3: "liver", 4: "spleen", 6: "pancreas", 7: "aorta", 8: "inferior vena cava", 9: "colon and ileum",
           10: "gallbladder",
@@ -40,39 +38,14 @@ LENGTHS = (360.0, 264.0, 330.0)
 MIDDLE = 180.0
 
 
-def abdomen(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 4.0,
-            progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """An abdomen in a box of 360 x 264 x 330 mm.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (110, 88, 120), voxels of 3 mm like the real scan's.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> abdomen((11, 8, 12)).grid.spacing
-    (30.0, 33.0, 30.0)
+    Voxels of 3 mm like the real scan's. Wall first, then bowel, organs, vessels and bones.
     """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-def abdomen_labels(shape: tuple[int, int, int] | None = None, *, progress: Progress | None = None) -> Volume:
-    """Organs of :func:`abdomen` on the same grid, numbered as in :data:`LABELS`; 1 is other tissue.
-
-    Examples
-    --------
-    >>> int(abdomen_labels((11, 8, 12)).values.max())
-    690
-    """
-    return render_labels(scene(), shape, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """Wall first, then bowel, organs, vessels and bones."""
     parts = (*_wall(), *_bowel(), *_organs(), *_vessels(), *_spine(), *_pelvis(), *_ribs())
-    return Scene("abdomen (phantom)", LENGTHS, (110, 88, 120), parts, texture=0.03, seed=7,
+    return PhantomScene("abdomen (phantom)", LENGTHS, (110, 88, 120), parts, texture=0.03, seed=7, noise=4.0,
                  label_names={1: "other tissue", **LABELS})
 
 

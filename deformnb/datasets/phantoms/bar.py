@@ -6,36 +6,19 @@ from functools import cache
 
 import numpy as np
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Array, Block, Tube
-from deformnb.volume.volume import Volume
 
 LOW, HIGH = (28.0, 44.0, 76.0), (228.0, 84.0, 116.0)
 CELL = 20.0
 """Edge of a check in mm: two across the bar and ten along it, large enough to survive a coarse grid."""
 
 
-def bar(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-        progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """A bar of 200 x 40 x 40 mm along x in a box of 256 x 128 x 192 mm, with room to bend up and down.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (96, 64, 128), voxels of 2 mm.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> bar((12, 8, 16), noise=0).value_range[0]
-    0.0
-    """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """Checked block, a ladder of bright wires on its skin, a dark canal and a bright core.
+    Voxels of 2 mm. Checked block, a ladder of bright wires on its skin, a dark canal and a bright core.
 
     The wires are there for projections: a maximum along the depth would drown checks that alternate in depth.
     """
@@ -51,7 +34,7 @@ def scene() -> Scene:
              *(Part(wire, ((0.0, 230.0),)) for wire in wires),
              Part(canal, ((0.0, 150.0), (1.5, 15.0))),
              Part(Tube(((LOW[0] - 6, 64.0, 96.0), (HIGH[0] + 6, 64.0, 96.0)), (3.5,)), ((0.0, 255.0),)))
-    return Scene("bar (phantom)", (256.0, 128.0, 192.0), (96, 64, 128), parts, texture=0.0, seed=1)
+    return PhantomScene("bar (phantom)", (256.0, 128.0, 192.0), (96, 64, 128), parts, texture=0.0, seed=1)
 
 
 def _checks(x: Array, y: Array, z: Array) -> Array:

@@ -14,8 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, Value, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -29,7 +28,6 @@ from deformnb.datasets.phantoms.shapes import (
     path,
     smooth_curve,
 )
-from deformnb.volume.volume import Volume
 
 Line = tuple[tuple[float, float], ...]
 
@@ -83,31 +81,16 @@ CREST: Line = ((398.7, 144), (386.7, 153), (375, 152.3), (381, 144), (373.3, 133
 SHOULDER = ((82.0, 380.0, 121.7), (83.5, 381.0, 100.0), (80.0, 383.3, 80.0), (72.0, 390.7, 63.3), (57.0, 411.7, 53.3))
 
 
-def fish(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-         progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """A carp-like fish in a box of 100 x 512 x 200 mm.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); (256, 512, 256) has exactly the voxels of the real scan, the default half of them each way.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> volume = fish((16, 32, 16))
-    >>> volume.grid.lengths
-    (100.0, 512.0, 200.0)
+    The shape (256, 512, 256) has exactly the voxels of the real scan, the default half of them each way.
     """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """All parts of the fish, painted in this order."""
     body = Loft("y", BODY)
     parts = (*_fins(), Part(body, ((0.0, 96.0), (1.3, _muscle))), *_viscera(), *_spine(), *_ribs(), *_head(body),
              *_rays(), *_paired_fins())
-    return Scene("carp (phantom)", (100.0, 512.0, 200.0), (128, 256, 128), parts, texture=0.03, seed=377,
+    return PhantomScene("carp (phantom)", (100.0, 512.0, 200.0), (128, 256, 128), parts, texture=0.03, seed=377,
                  axes="RAS")
 
 

@@ -9,8 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -25,34 +24,19 @@ from deformnb.datasets.phantoms.shapes import (
     Tube,
     path,
 )
-from deformnb.volume.volume import Volume
 
 LENGTHS = (184.0, 250.0, 228.0)
 MIDDLE = 92.0
 
 
-def head(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-         progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """A head and neck in a box of 184 x 250 x 228 mm.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (152, 167, 123), voxels of 1.5 mm.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> head((12, 14, 10)).name
-    'head (phantom)'
+    Voxels of 1.5 mm. From the skin inwards, then the face, the teeth and the neck.
     """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """From the skin inwards, then the face, the teeth and the neck."""
     parts = (*_skin(), *_neck(), *_skull(), *_brain(), *_face(), *_jaw(), *_teeth(), *_airway())
-    return Scene("head (phantom)", LENGTHS, (152, 167, 123), parts, texture=0.02, seed=3)
+    return PhantomScene("head (phantom)", LENGTHS, (152, 167, 123), parts, texture=0.02, seed=3)
 
 
 def _vault(grow: float = 0.0) -> tuple[Solid, ...]:

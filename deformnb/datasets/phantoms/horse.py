@@ -8,10 +8,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Triple, Tube
-from deformnb.volume.volume import Volume
 
 MIDDLE, GROUND = 40.0, 6.0
 
@@ -40,26 +38,12 @@ MANE = ((0, 138, 126, 3), (0, 152, 140, 4), (0, 168, 155, 4), (0, 184, 166, 4), 
 TAIL = ((0, 40, 122, 4), (0, 31, 118, 5), (0, 24, 104, 6), (0, 20, 82, 6.5), (0, 17, 60, 5), (0, 15, 44, 2))
 
 
-def horse(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-          progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """A horse in a box of 80 x 245 x 185 mm.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (124, 164, 54), voxels of 1.5 mm.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> horse((20, 24, 8)).name
-    'horse (phantom)'
+    Voxels of 1.5 mm. One blended body, then mane, tail, hooves and eyes.
     """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """One blended body, then mane, tail, hooves and eyes."""
     flesh: list[Solid] = [Ellipsoid(_at(c), r) for c, r in BODY]
     flesh += [_tube(line) for line in (*NECK, HEAD, *LEGS)]
     flesh += [Ellipsoid(_at((s * 4.5, 203, 146)), (5, 9, 10)) for s in (-1, 1)]
@@ -73,7 +57,7 @@ def scene() -> Scene:
     for s in (-1, 1):
         parts.append(Part(Ellipsoid(_at((s * 8.2, 207, 150)), (1.8, 2.4, 2.2)), ((0.0, 250.0),)))
         parts.append(Part(Ellipsoid(_at((s * 4.2, 229, 122)), (1.4, 1.8, 1.8)), ((0.0, 60.0),)))
-    return Scene("horse (phantom)", (80.0, 245.0, 185.0), (124, 164, 54), tuple(parts), texture=0.03, seed=6)
+    return PhantomScene("horse (phantom)", (80.0, 245.0, 185.0), (124, 164, 54), tuple(parts), texture=0.03, seed=6)
 
 
 def _at(point: tuple[float, float, float]) -> Triple:

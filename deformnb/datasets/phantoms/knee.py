@@ -10,10 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, render, render_labels
+from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Array, Blend, Both, Ellipsoid, Loft, Shell, Solid, Triple, Tube, path
-from deformnb.volume.volume import Volume
 
 LABELS = {95: "femur", 96: "tibia", 97: "fibula", 98: "patella", 12: "vastus lateralis", 13: "vastus medialis",
           15: "biceps femoris", 16: "semimembranosus", 20: "medial gastrocnemius", 21: "lateral gastrocnemius",
@@ -23,39 +21,15 @@ LABELS = {95: "femur", 96: "tibia", 97: "fibula", 98: "patella", 12: "vastus lat
 LENGTHS = (130.0, 190.0, 300.0)
 
 
-def knee(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-         progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """A knee in a box of 130 x 190 x 300 mm.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (200, 127, 87), voxels of 1.5 mm.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> knee((20, 12, 8)).name
-    'knee (phantom)'
+    Voxels of 1.5 mm. Skin and fat, muscles, vessels, ligaments, then the bones.
     """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-def knee_labels(shape: tuple[int, int, int] | None = None, *, progress: Progress | None = None) -> Volume:
-    """Bones and muscles of :func:`knee` on the same grid, numbered as in :data:`LABELS`; 1 is other tissue.
-
-    Examples
-    --------
-    >>> knee_labels((20, 12, 8)).is_labels
-    True
-    """
-    return render_labels(scene(), shape, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """Skin and fat, muscles, vessels, ligaments, then the bones."""
-    return Scene("knee (phantom)", LENGTHS, (200, 127, 87), (*_flesh(), *_joint(), *_bones()), texture=0.04, seed=4,
-                 label_names={1: "other tissue", **LABELS})
+    parts = (*_flesh(), *_joint(), *_bones())
+    return PhantomScene("knee (phantom)", LENGTHS, (200, 127, 87), parts, texture=0.04, seed=4,
+                        label_names={1: "other tissue", **LABELS})
 
 
 def _spongy(x: Array, y: Array, z: Array) -> Array:

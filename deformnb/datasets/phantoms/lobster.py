@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Progress
-from deformnb.datasets.phantoms.scene import Part, Scene, Value, render
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value
 from deformnb.datasets.phantoms.shapes import (
     Array,
     Blend,
@@ -26,7 +25,6 @@ from deformnb.datasets.phantoms.shapes import (
     Tube,
     path,
 )
-from deformnb.volume.volume import Volume
 
 MIDDLE = 120.0
 LENGTHS = (240.0, 330.0, 78.4)
@@ -44,28 +42,15 @@ ANTENNULES = (((4, 94, 48), (10, 72, 56), (14, 52, 58)), ((4, 94, 48), (6, 70, 5
 ARM = ((16, 122, 32), (36, 108, 30), (52, 92, 30), (57, 80, 30))
 
 
-def lobster(shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-            progress: Progress | None = None) -> Volume:
+@cache
+def scene() -> PhantomScene:
     """A lobster in a box of 240 x 330 x 78.4 mm.
 
-    Parameters
-    ----------
-    shape : (nz, ny, nx); default (56, 236, 172), voxels of 1.4 mm as thick as the real scan's slices.
-    dtype, noise, progress : see :func:`deformnb.datasets.phantoms.render`.
-
-    Examples
-    --------
-    >>> lobster((8, 24, 16)).name
-    'lobster (phantom)'
+    Voxels of 1.4 mm, as thick as the real scan's slices. Tail before carapace, legs below, so that every plate overlaps
+    the next as in life.
     """
-    return render(scene(), shape, dtype=dtype, noise=noise, progress=progress)
-
-
-@cache
-def scene() -> Scene:
-    """Tail before carapace, legs below, so that every plate overlaps the next as in life."""
     parts = [*_legs(), *_tail(), *_claw(-1.0, 1.12), *_claw(1.0, 0.98), *_carapace(), *_feelers()]
-    return Scene("lobster (phantom)", LENGTHS, (56, 236, 172), tuple(parts), texture=0.05, seed=5)
+    return PhantomScene("lobster (phantom)", LENGTHS, (56, 236, 172), tuple(parts), texture=0.05, seed=5)
 
 
 def _armour(value: float) -> Value:

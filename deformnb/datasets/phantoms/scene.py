@@ -41,10 +41,11 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Scene:
+class PhantomScene:
     """Everything a phantom is: a box of ``lengths`` (x, y, z) mm and parts painted one over the other.
 
-    ``texture`` is the relative strength of a slow, fixed ripple (muscle is not one grey), ``seed`` that of the noise.
+    ``texture`` is the relative strength of a slow, fixed ripple (muscle is not one grey), ``noise`` the standard
+    deviation of the noise, and ``seed`` its seed.
     ``axes`` is where the voxel axes point: "LPS", or "RAS" as in most NIfTI files (the direction then turns x and y).
     """
 
@@ -54,11 +55,12 @@ class Scene:
     parts: tuple[Part, ...]
     texture: float = 0.04
     seed: int = 1917
+    noise: float = 3.0
     axes: str = "LPS"
     label_names: dict[int, str] = field(default_factory=dict)
 
 
-def scene_grid(scene: Scene, shape: tuple[int, int, int] | None) -> Grid:
+def scene_grid(scene: PhantomScene, shape: tuple[int, int, int] | None) -> Grid:
     """The grid of ``shape`` that fills the scene's box, whose corner lies at 0: anatomy stays put at any resolution."""
     size = scene.shape if shape is None else tuple(int(n) for n in shape)
     if len(size) != 3 or min(size) < 1:
@@ -70,8 +72,8 @@ def scene_grid(scene: Scene, shape: tuple[int, int, int] | None) -> Grid:
     return Grid((size[0], size[1], size[2]), (x, y, z), origin, ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
 
 
-def render(scene: Scene, shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8", noise: float = 3.0,
-           progress: Progress | None = None) -> Volume:
+def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8",
+           noise: float | None = None, progress: Progress | None = None) -> Volume:
     """Voxels of a scene.
 
     Parameters
@@ -79,11 +81,12 @@ def render(scene: Scene, shape: tuple[int, int, int] | None = None, *, dtype: st
     scene : what to draw.
     shape : (nz, ny, nx), default the scene's own; the box in space is the same for every shape.
     dtype : voxel type; integers are rounded, floats keep the fraction. Values run from 0 (air) to 255.
-    noise : standard deviation of the noise inside tissue, in grey values.
+    noise : standard deviation of the noise inside tissue, in grey values; default the scene's own.
     progress : called with 0..1 after each slab.
     """
     if dtype not in DTYPES or dtype in ("bool", "int8"):
         raise DeformError(f"a phantom has grey values 0 to 255, which {dtype!r} cannot hold; use 'uint8' or 'float32'.")
+    noise = scene.noise if noise is None else noise
     if not (np.isfinite(noise) and noise >= 0):
         raise DeformError(f"noise is a standard deviation in grey values, 0 or more, got {noise!r}.")
     grid = scene_grid(scene, shape)
@@ -97,7 +100,7 @@ def render(scene: Scene, shape: tuple[int, int, int] | None = None, *, dtype: st
     return Volume(values, grid, name=scene.name)
 
 
-def render_labels(scene: Scene, shape: tuple[int, int, int] | None = None, *,
+def render_labels(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *,
                   progress: Progress | None = None) -> Volume:
     """Label volume of a scene on the same grid as :func:`render`: the part on top at each voxel's centre wins."""
     grid = scene_grid(scene, shape)
@@ -123,7 +126,7 @@ def _slabs(grid: Grid) -> list[tuple[slice, Array, Array, Array]]:
     return [(cut, x[None, None, :], y[None, :, None], z[cut, None, None]) for cut in cuts]
 
 
-def _paint(scene: Scene, grid: Grid, x: Array, y: Array, z: Array) -> Array:
+def _paint(scene: PhantomScene, grid: Grid, x: Array, y: Array, z: Array) -> Array:
     # An edge is as wide as a mean voxel: sharper shows stairs, wider blurs fin rays away.
     edge = float(np.prod(grid.spacing)) ** (1 / 3)
     inverse = np.float32(1 / edge)
@@ -141,7 +144,7 @@ def _paint(scene: Scene, grid: Grid, x: Array, y: Array, z: Array) -> Array:
     return canvas
 
 
-def _roughen(canvas: Array, scene: Scene, first: int, at: tuple[Array, Array, Array], noise: float) -> None:
+def _roughen(canvas: Array, scene: PhantomScene, first: int, at: tuple[Array, Array, Array], noise: float) -> None:
     x, y, z = (p * np.float32(2 * np.pi / max(scene.lengths)) for p in at)
     # Three plane waves with incommensurate directions: smooth, never periodic inside the box, and cheap.
     ripple = np.sin(31 * x + 17 * y) * np.sin(23 * z - 11 * y) + np.sin(41 * y - 29 * x + 7 * z)

@@ -1,7 +1,8 @@
 """Editor of control points on a picture that deforms while a point is dragged.
 
 The front end fits the points and warps the picture itself, by the same mathematics as :func:`fit_rbf`, so a
-drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback asked.
+drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback is
+registered for it.
 
 Messages are those of :mod:`~deformnb.widgets.editor.points` and :mod:`~deformnb.widgets.protocol`.
 
@@ -14,7 +15,7 @@ import io
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import traitlets
@@ -30,7 +31,8 @@ from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.editor.points import PAGE_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.editor.points import FRONT_END_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.messages import DrawShape, EditRefused, ShowPoint
 from deformnb.widgets.protocol import (
     OVERLAYS,
     ChooseMessage,
@@ -143,7 +145,7 @@ class Editor(EditedPoints):
     picture : what is seen behind the points; None for an empty sheet.
     points : control points in the picture's coordinates; default is none.
     raster : where an empty sheet lies; default is the box of the points with some air.
-    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    kernel, support, etc. : settings of the fit, as in :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_grid, show_radius : whether the grid and the reach of the points are drawn.
     overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how tissue grows and
@@ -164,20 +166,20 @@ class Editor(EditedPoints):
     Notes
     -----
     ``points`` is a trait: ``editor.observe(f, "points")`` calls f after every edit, ``editor.points = ...`` shows
-    others. While f runs for an edit of the front end, ``edit_under_way`` says what was done; it is None where code did
-    it. The same holds for ``cuts`` and ``parts``, which are drawn in the front end too. ``chosen_shape`` is the one of
-    them that is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the list
-    changes. ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what the pointer does on
-    one side of the line a = at (or b = at; None is the middle of the picture) is done on the other side too. ``snap``
-    is the step of a grid to which dragged targets keep, 0 for none; ``stop_at_folds`` holds them back before the map
-    folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
+    others. While f runs for an edit of the front end, ``edit_under_way`` describes it; it is None where code made
+    the change. The same holds for ``cuts`` and ``parts``, which are drawn in the front end too. ``chosen_shape`` is the
+    one of them that is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the
+    list changes. ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what the pointer does
+    on one side of the line a = at (or b = at; None is the middle of the picture) is done on the other side too.
+    ``snap`` is the step of a grid to which dragged targets keep, 0 for none; ``stop_at_folds`` holds them back before
+    the map folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
     ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
     ``selected`` holds the ids of the selected points. ``history`` is {} where the front end keeps an undo of its
-    own. Whoever keeps one in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
+    own. A history in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
     "" for nothing; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or what is being
     made, such as another picture: while it is not empty the front end dims the picture, shows that text over it and
     takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
-    editor in its front end, where other widgets find its live points without the kernel (see link.js).
+    editor in its front end, where other widgets find its live points without the kernel (see js/sync/bus.js).
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
     ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
     least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
@@ -259,7 +261,7 @@ class Editor(EditedPoints):
         return self._previous
 
     def fitting(self) -> PlanarFit:
-        """How points are fitted now, for a view that follows the editor from another thread."""
+        """The current fit of the points, for a view that follows the editor from another thread."""
         return PlanarFit(self.settings, self.parts, self.cuts, self.cut_rule, float(np.mean(self.raster["spacing"])),
                          self.lone_support)
 
@@ -282,11 +284,11 @@ class Editor(EditedPoints):
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
-    def draw(self, tool: str) -> None:
+    def draw(self, tool: Literal["cut", "part", "ground"]) -> None:
         """Start drawing in the front end: a "cut", a rigid "part", or the "ground"."""
         if tool not in ("cut", "part", "ground"):
             raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "ground".')
-        self.send({"type": "draw", "tool": tool})
+        self.send(DrawShape(type="draw", tool=tool))
 
     def choose(self, what: str | None, index: int = 0) -> None:
         """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
@@ -295,7 +297,7 @@ class Editor(EditedPoints):
     def look_at(self, point: int) -> None:
         """Center the front end's view on the point with this id, nearer if all of the picture is seen."""
         self.points.index(point)
-        self.send({"type": "look", "id": point})
+        self.send(ShowPoint(type="look", id=point))
 
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
         """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
@@ -337,9 +339,9 @@ class Editor(EditedPoints):
             try:
                 setattr(self, message.what, message.shapes)
                 self.points = message.points or self.points
-            except DeformError as error:  # of an observer: nobody wants these shapes
+            except DeformError as error:  # of an observer: these shapes are refused
                 setattr(self, message.what, before)
-                self.send({"type": "error", "message": f"Python did not take these {message.what}: {error}"})
+                self.send(EditRefused(type="error", message=f"Python did not take these {message.what}: {error}"))
                 return
             finally:
                 self.edit_under_way = None
@@ -383,7 +385,7 @@ class Editor(EditedPoints):
 
     @traitlets.validate("brush_radius")
     def _a_radius(self, proposal: Any) -> float:
-        PAGE_TRAITS["brush_radius"](proposal["value"])
+        FRONT_END_TRAITS["brush_radius"](proposal["value"])
         return float(proposal["value"])
 
     # ---- display ----------------------------------------------------------------------------------------------------

@@ -1,15 +1,6 @@
 """Base of the editors of control points: points and their settings, callbacks, and messages with the front end.
 
-Messages of the front end:
-
-- ``{"type": "greet", "sender": id, "seq": 0}`` when a front end opens, for the answer
-- ``{"type": "edit", "sender": id, "seq": n, "phase": "move" | "end", "kind": "add", "joins": false, "next_id": n,
-  "points": [...]}``
-- ``{"type": "history", "sender": id, "seq": n, "way": "undo" | "redo"}``
-
-Messages to the front end: ``{"type": "done", "sender": id, "seq": n}`` after the callbacks, and
-``{"type": "error", "message": text}``.
-
+The messages of both sides are in :mod:`deformnb.widgets.messages`.
 Points go to Python by these messages alone and to the front end by the trait alone; the trait ``seen`` gives each
 window the number of its last message that the points include (see ``js/sync/edits.js``).
 
@@ -31,6 +22,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import CHOOSE_SUPPORT
+from deformnb.widgets.messages import EditDone, EditRefused
 from deformnb.widgets.protocol import (
     EditMessage,
     HistoryMessage,
@@ -77,7 +69,7 @@ def _is_length(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e15
 
 
-PAGE_TRAITS: dict[str, Callable[[Any], None]] = {
+FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
     "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
 """Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
@@ -143,11 +135,11 @@ class EditedPoints(SyncedWidget):
         ``editor.strength``, and :meth:`change` changes several at once.
     mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
     snap : step of the lattice to which targets keep, 0 for none.
-    page_traits : checks of the traits that the front end may change, by name.
+    front_end_traits : checks of the traits that the front end may change, by name.
     """
 
     points: Any
-    page_traits: Mapping[str, Callable[[Any], None]] = PAGE_TRAITS
+    front_end_traits: Mapping[str, Callable[[Any], None]] = FRONT_END_TRAITS
     chooses_support = True
     """True if the chosen support follows the points; False where a session sets it."""
 
@@ -155,17 +147,17 @@ class EditedPoints(SyncedWidget):
     mirror = traitlets.Dict({"on": False, "axis": "a", "at": None}).tag(sync=True)
     snap = traitlets.Float(0.0).tag(sync=True)
     seen = traitlets.Dict(help="the last message of each window that the points include").tag(sync=True)
-    history = traitlets.Dict(help="what Python would undo and redo; empty if the page does").tag(sync=True)
+    history = traitlets.Dict(help="what Python would undo and redo; empty if the front end does").tag(sync=True)
     selected = traitlets.List(traitlets.Int()).tag(sync=True)
     settings = SettingsTrait()
-    lone_support = traitlets.Float(1.0, help="support radius where the points say nothing of it").tag(sync=True)
+    lone_support = traitlets.Float(1.0, help="support radius where the points do not determine it").tag(sync=True)
     height = traitlets.Int(560, min=120, max=4096).tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     fill = traitlets.Bool(False, help="take the size of the box around it instead of a height").tag(sync=True)
     label = traitlets.Unicode("Picture").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)
-    waiting = traitlets.Unicode("", help="what the page waits for; nothing is edited meanwhile").tag(sync=True)
-    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+    waiting = traitlets.Unicode("", help="what the front end waits for; nothing is edited meanwhile").tag(sync=True)
+    live = traitlets.Bool(False, help="whether the front end reports every movement").tag(sync=True)
     uid = traitlets.Unicode().tag(sync=True)
 
     def __init__(self, **given: Any) -> None:
@@ -220,10 +212,10 @@ class EditedPoints(SyncedWidget):
             self._take(message)
         except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of an editor failed")
-            self.send({"type": "error", "message": f"{type(error).__name__} in a callback: {error}"})
+            self.send(EditRefused(type="error", message=f"{type(error).__name__} in a callback: {error}"))
         finally:
             self._note(message)  # whatever came of it: a front end that waits for it takes no other points
-            self.send({"type": "done", "sender": message.sender, "seq": message.seq})
+            self.send(EditDone(type="done", sender=message.sender, seq=message.seq))
 
     def _read(self, content: Any) -> Message | None:
         """Parse a message of the front end; None for one of no known kind."""
@@ -231,7 +223,7 @@ class EditedPoints(SyncedWidget):
 
     def _take(self, message: Message) -> None:
         if isinstance(message, RefusedMessage):
-            self.send({"type": "error", "message": f"Python did not take these {message.what}: {message.reason}"})
+            self.send(EditRefused(type="error", message=f"Python did not take these {message.what}: {message.reason}"))
         elif isinstance(message, HistoryMessage):
             for step in tuple(self._history_callbacks):
                 step(message.way)
@@ -257,7 +249,7 @@ class EditedPoints(SyncedWidget):
 
     def set_state(self, sync_data: Any) -> None:
         """Take the trait values that the front end sends, as far as they are right."""
-        state = checked_state(sync_data, self.page_traits)
+        state = checked_state(sync_data, self.front_end_traits)
         if state:
             super().set_state(state)
 
@@ -315,8 +307,8 @@ class EditedPoints(SyncedWidget):
         return value
 
     @traitlets.validate("mirror", "snap")
-    def _of_the_hand(self, proposal: Any) -> Any:
-        self.page_traits[proposal["trait"].name](proposal["value"])
+    def _check_front_end_trait(self, proposal: Any) -> Any:
+        self.front_end_traits[proposal["trait"].name](proposal["value"])
         return proposal["value"]
 
 

@@ -33,6 +33,7 @@ from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
+from deformnb.widgets.messages import Pictures, ShowPoint
 from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
@@ -59,7 +60,7 @@ class SpaceEditor(EditedPoints):
     transfer : of composite pictures, or the name of a preset.
     cursor : the place (x, y, z) through which the slices go; default is the middle.
     projection : "slice", or "mip", "composite" and "shaded" for all of the volume seen from that side.
-    kernel, support, trend, smoothing, strength : of the fit, as in :class:`~deformnb.document.deformation.Step`.
+    kernel, support, etc. : settings of the fit, as in :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`.
     height : largest height of the pictures in CSS pixels.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
@@ -85,7 +86,7 @@ class SpaceEditor(EditedPoints):
     _css = bundle("space_editor.css")
 
     points = PointsTrait(3)
-    page_traits = SPACE_TRAITS
+    front_end_traits = SPACE_TRAITS
     mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
     projection = traitlets.Enum(list(PROJECTIONS), "slice").tag(sync=True)
@@ -106,9 +107,9 @@ class SpaceEditor(EditedPoints):
         self._lifted: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self._sent: dict[int, Any] = {}
         self._pace = 0.0  # seconds for the pictures of the last movements
-        self._has_page = False
+        self._has_front_end = False
         self._worker = Worker("deformnb-space-editor")
-        self._pacer = Pacer(self._ask)
+        self._pacer = Pacer(self._request_pictures)
         traits = self._of_volume(volume)
         super().__init__(**{**traits, "label": volume.name or "Volume", "height": 360, **settings},
                          points=ControlPoints.empty(3) if points is None else points)
@@ -185,7 +186,7 @@ class SpaceEditor(EditedPoints):
     def look_at(self, point: int) -> None:
         """Bring the slices to the target of the point with this id."""
         self.cursor = self.points.target[self.points.index(point)].tolist()
-        self.send({"type": "look", "id": point})
+        self.send(ShowPoint(type="look", id=point))
 
     def field(self, points: ControlPoints | None = None) -> AbstractField:
         """All that is done to the volume: what was done before, and then these points or the editor's own.
@@ -225,7 +226,7 @@ class SpaceEditor(EditedPoints):
             answer(self, text(content.get("view")), content)
 
     def _hello(self, view: str, content: dict[str, Any]) -> None:
-        self._has_page = True
+        self._has_front_end = True
         self._worker.latest(f"hello {view}", weakly(self, lambda editor: editor._draw(0, view)))
 
     def _seen(self, view: str, content: dict[str, Any]) -> None:
@@ -248,9 +249,9 @@ class SpaceEditor(EditedPoints):
         super()._take(message)
 
     def _held(self, points: ControlPoints) -> ControlPoints:
-        """Points of the front end, new ones taking hold of what is seen where they were put.
+        """Points of the front end; the sources of new ones are what is seen where they were put.
 
-        A front end knows the target only and sends it as the source. What is seen there comes from target + D, and with
+        A front end has the target only and sends it as the source. What is seen there comes from target + D, and with
         that as its source nothing moves. Until the front end has received it, it goes on sending the same.
         """
         known, source = set(self.points.ids), points.source.copy()
@@ -280,10 +281,10 @@ class SpaceEditor(EditedPoints):
         self._offer()
 
     def _offer(self) -> None:
-        if self._has_page:  # a front end that comes later sends a request
+        if self._has_front_end:  # a front end that comes later sends a request
             self._pacer.offer()
 
-    def _ask(self, number: int) -> None:
+    def _request_pictures(self, number: int) -> None:
         self._worker.latest("pictures", weakly(self, lambda editor: editor._draw(number, None)))
 
     def _rest(self) -> None:
@@ -313,15 +314,15 @@ class SpaceEditor(EditedPoints):
             if not is_moving and field is not None:
                 found = folding(field, self.volume.grid)
                 facts |= {"folds": (found.least, found.share), "worst": found.place}
-        except Exception as error:  # in a thread of its own nobody else would hear of it
+        except Exception as error:  # in a thread of its own nothing else would report it
             _LOG.exception("pictures could not be made")
             images, facts = {}, {"note": f"The pictures could not be made: {error}", "isBad": True}
-        said, parts = [], []
+        descriptions, parts = [], []
         for index, shown in images.items():
             about, buffers = shown.message()
-            said.append({"index": index, **about})
+            descriptions.append({"index": index, **about})
             parts += buffers
-        self.send({"type": "pictures", "seq": number, "view": view, "panes": said, "facts": facts}, parts)
+        self.send(Pictures(type="pictures", seq=number, view=view, panes=descriptions, facts=facts), parts)
         if is_moving:
             self._pace += 0.3 * (time.monotonic() - start - self._pace)
             self._worker.at_rest(_REST, weakly(self, SpaceEditor._rest))

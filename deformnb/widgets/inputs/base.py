@@ -2,14 +2,12 @@
 
 Python sends the contents of the widget in one trait, ``shown``; the front end never writes traits.
 
-Messages of the front end: ``{"type": "edit", "seq": n, "view": name, "phase": "move" | "end", "value": ...}``. Messages
-to the front end: ``{"type": "done", "seq": n, "view": name}`` and ``{"type": "error", "view": name, "message": text}``.
-An error in a message is shown in the front end, logged, and changes nothing.
+The messages are ValueEdit, ValueTaken and ValueRefused of :mod:`deformnb.widgets.messages`. An error in a message is
+shown in the front end, logged, and changes nothing.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -19,6 +17,8 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
+from deformnb.widgets.messages import ValueRefused, ValueTaken
+from deformnb.widgets.protocol import check_size
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import ViewMeta
 
@@ -28,7 +28,7 @@ LONGEST_MESSAGE = 65536
 """Bytes of a message by the front end at most."""
 
 _LONGEST_NAME = 40
-_PAGES = 16  # that are told apart; an older one has long been closed
+_PAGES = 16  # that are distinguished; an older one has long been closed
 
 EditCallback = Callable[[Any, str], None]
 """Called with the value and "move" or "end"."""
@@ -42,11 +42,11 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     ``on_edit(callback)`` receives every movement of a drag; the traits change at its end only.
     """
 
-    shown = traitlets.Dict(help="what the page draws").tag(sync=True)
+    shown = traitlets.Dict(help="what the front end draws").tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     label = traitlets.Unicode("").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)
-    live = traitlets.Bool(False, help="whether the page reports every movement").tag(sync=True)
+    live = traitlets.Bool(False, help="whether the front end reports every movement").tag(sync=True)
 
     def __init__(self, **traits: Any) -> None:
         self._callbacks: list[EditCallback] = []
@@ -64,14 +64,14 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _show(self) -> None:
-        """Call :meth:`_say` with what the front end draws."""
+        """Call :meth:`_set_shown` with what the front end draws."""
 
-    def _say(self, **shown: Any) -> None:
-        # In one trait, for no front end may meet a new value without knowing whether its own last edit is in it.
+    def _set_shown(self, **shown: Any) -> None:
+        # In one trait, for a front end must know of each new value whether its own last edit is in it.
         self.shown = {**shown, "seen": dict(self._seen)}
 
-    def _told(self, edit: Any) -> Any:
-        """Arguments of the callbacks of an edit."""
+    def _callback_value(self, edit: Any) -> Any:
+        """The value that callbacks get of an edit."""
         return edit
 
     def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
@@ -98,18 +98,19 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
                 self._see(view, seq)
                 self._take(edit)
             for callback in tuple(self._callbacks):
-                callback(self._told(edit), phase)
+                callback(self._callback_value(edit), phase)
         except DeformError as error:
             _LOG.warning("an edit of %s was refused: %s", type(self).__name__, error)
-            self.send({"type": "error", "view": view, "message": str(error)})
+            self.send(ValueRefused(type="error", view=view, message=str(error)))
         except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of %s failed", type(self).__name__)
-            self.send({"type": "error", "view": view, "message": f"{type(error).__name__} in a callback: {error}"})
+            words = f"{type(error).__name__} in a callback: {error}"
+            self.send(ValueRefused(type="error", view=view, message=words))
         finally:
             if phase == "end":  # taken or refused: what is shown now is the answer
                 self._see(view, seq)
                 self._show()
-            self.send({"type": "done", "seq": seq, "view": view})
+            self.send(ValueTaken(type="done", seq=seq, view=view))
 
     def _see(self, view: str, seq: int) -> None:
         self._seen.pop(view, None)
@@ -122,7 +123,8 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         given = sync_data if isinstance(sync_data, dict) else {"": sync_data}
         count = given.get("_view_count")
         if set(given) - {"_view_count"} or not (count is None or (is_whole(count) and count >= 0)):
-            _LOG.warning("traits of %s from the page were dropped: %.80r", type(self).__name__, sorted(map(str, given)))
+            _LOG.warning("traits of %s from the front end were dropped: %.80r", type(self).__name__,
+                         sorted(map(str, given)))
         elif given:
             super().set_state(given)
 
@@ -131,12 +133,7 @@ def _envelope(content: Any) -> tuple[int, str, str]:
     """Number, view and phase of an edit."""
     if not isinstance(content, dict) or content.get("type") != "edit":
         raise DeformError("it is no edit.")
-    try:
-        size = len(json.dumps(content))
-    except (TypeError, ValueError, RecursionError):
-        raise DeformError("it is no JSON.") from None
-    if size > LONGEST_MESSAGE:
-        raise DeformError(f"it has {size} bytes, more than {LONGEST_MESSAGE}.")
+    check_size(content, LONGEST_MESSAGE)
     seq: Any = content.get("seq")
     view, phase = content.get("view", ""), content.get("phase")
     if not is_whole(seq) or phase not in ("move", "end") or not isinstance(view, str) or len(view) > _LONGEST_NAME:

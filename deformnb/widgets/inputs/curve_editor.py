@@ -28,7 +28,7 @@ PARTS = 128
 """The front end puts nodes at multiples of 1/128, so that 129 values hold a curve exactly and give its nodes back."""
 
 MOST_NODES = 64
-"""More cannot be told apart on a plot of 360 pixels."""
+"""More cannot be resolved on a plot of 360 pixels."""
 
 # Of the height: differences that nobody sees, and that rounding makes.
 _SEEN, _ROUNDING = 0.004, 1e-9
@@ -77,7 +77,7 @@ def exact_nodes(values: Sequence[float]) -> Nodes | None:
 def few_nodes(values: Sequence[float], most: int = 9) -> Nodes:
     """At most ``most`` nodes that draw these values at equal steps about as well as so few can.
 
-    Even spacing where it does as well, for it is easier on the eye; else a node wherever the lines err most.
+    Even spacing where it does as well, for it is easier to read; else a node wherever the lines err most.
     """
     z, y = np.linspace(0.0, 1.0, len(values)), np.asarray(values, dtype=np.float64)
     best: Nodes = ()
@@ -248,7 +248,7 @@ class CurveEditor(AbstractEdited):
             self.curve = edit.curve
         self._show()
 
-    def _told(self, edit: _Edit) -> Curve:
+    def _callback_value(self, edit: _Edit) -> Curve:
         return edit.curve
 
     @traitlets.observe("curve", "smooth")
@@ -264,7 +264,7 @@ class CurveEditor(AbstractEdited):
 
     def _show(self) -> None:
         formula = self.curve if isinstance(self.curve, str) else ""
-        self._say(nodes=[list(node) for node in self.nodes], smooth=self.smooth, formula=formula,
+        self._set_shown(nodes=[list(node) for node in self.nodes], smooth=self.smooth, formula=formula,
                   samples=list(self.values(2 * PARTS + 1)) if self._nodes is None else [])
 
     @traitlets.validate("range")

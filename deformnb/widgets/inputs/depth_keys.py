@@ -73,8 +73,8 @@ class DepthKeys(AbstractEdited):
 
     Notes
     -----
-    ``knots`` and ``selected`` are traits. Whoever keeps a set of points for each key should use ``on_edit``, which says
-    which key was added or removed: its callback gets a :class:`KeyEdit`.
+    ``knots`` and ``selected`` are traits. To keep a set of points for each key use ``on_edit``: its callback gets a
+    :class:`KeyEdit` with the key that was added or removed.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class DepthKeys(AbstractEdited):
         self._show()
 
     def _show(self) -> None:
-        self._say(knots=list(self.knots), selected=self.selected)
+        self._set_shown(knots=list(self.knots), selected=self.selected)
 
     def __repr__(self) -> str:
         depths = ", ".join(f"{k:.4g}" for k in self.knots)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import traitlets
-
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.messages import CopyText, Download
 from deformnb.widgets.synced import SyncedWidget
 
 LARGEST_DOWNLOAD = 128 * 2**20
@@ -17,22 +16,15 @@ LARGEST_DOWNLOAD = 128 * 2**20
 class FileTransfer(SyncedWidget):
     """A line in the front end that reports each transfer.
 
-    Notes
-    -----
-    Messages to the front end: ``{"type": "copy", "text": ..., "note": ...}`` and ``{"type": "download", "name": ...}``
-    with the bytes. The front end sends nothing.
-
     Examples
     --------
     >>> FileTransfer().download("big.bin", bytes(LARGEST_DOWNLOAD + 1))
     Traceback (most recent call last):
-    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a page takes at once; it is in the folder.
+    deformnb.errors.DeformError: big.bin has 134 MB, more than the 134 MB a browser takes at once; it is in the folder.
     """
 
     _esm = bundle("file_transfer.js")
     _css = bundle("file_transfer.css")
-
-    said = traitlets.Unicode("").tag(sync=True)
 
     def copy(self, text: str, note: str = "") -> None:
         """Put a text on the clipboard; where the browser refuses, it is shown and selected.
@@ -41,14 +33,14 @@ class FileTransfer(SyncedWidget):
         ----------
         note : what to do with it, shown along with how much was copied.
         """
-        self.send({"type": "copy", "text": text, "note": note})
+        self.send(CopyText(type="copy", text=text, note=note))
 
     def download(self, name: str, content: bytes) -> None:
         """Let the browser save a file under this name."""
         if len(content) > LARGEST_DOWNLOAD:
             raise DeformError(f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
-                              "a page takes at once; it is in the folder.")
-        self.send({"type": "download", "name": name}, [content])
+                              "a browser takes at once; it is in the folder.")
+        self.send(Download(type="download", name=name), [content])
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

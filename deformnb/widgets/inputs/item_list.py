@@ -1,8 +1,7 @@
 """List of items with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
 
-Python owns the list and the front end requests actions: ``{"type": "act", "what": "switch", "index": 1,
-"value": false, "version": 7}``. Each of these is answered by ``{"type": "done"}``. A request for an earlier version of
-the rows is dropped: another row may be at its place now.
+Python owns the list; the front end requests actions (RowCommand of :mod:`deformnb.widgets.messages`), each of which is
+answered. A request for an earlier version of the rows is dropped: another row may be at its place now.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import traitlets
 
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.messages import CommandDone
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -73,7 +73,7 @@ class ItemList(SyncedWidget):
         ----------
         rows : of each ``name``, or ``title`` where it has none; ``facts``, a list of texts; ``on``; a colour as
             ``swatch``, or a letter as ``mark``, in the place of its number; ``tip``; ``time`` in seconds since 1970,
-            shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if nothing else tells it apart.
+            shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if nothing else identifies it.
         chosen : the row that is marked, -1 for none.
         """
         whole = [{"name": "", "title": "", "facts": [], "swatch": "", "tip": "", "on": True, **row} for row in rows]
@@ -85,7 +85,7 @@ class ItemList(SyncedWidget):
             self.chosen = chosen
 
     def on_act(self, callback: ActCallback) -> None:
-        """Call ``callback(what, index, value)`` when the front end's user wants something done."""
+        """Call ``callback(what, index, value)`` when the user requests an action."""
         self._callbacks.append(callback)
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
@@ -99,7 +99,7 @@ class ItemList(SyncedWidget):
         except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a list failed")
         finally:
-            self.send({"type": "done"})
+            self.send(CommandDone(type="done"))
 
     def _checked(self, content: Any) -> tuple[str, int, Any] | None:
         if not isinstance(content, dict) or content.get("type") != "act" or not is_whole(content.get("version")):
@@ -111,10 +111,10 @@ class ItemList(SyncedWidget):
             return None
         if content["version"] == self.version and index >= len(self.rows):
             return None
-        wanted = {"switch": bool, "rename": str}.get(what)
-        if wanted is None:
+        needed = {"switch": bool, "rename": str}.get(what)
+        if needed is None:
             return what, index, None
-        return (what, index, value) if isinstance(value, wanted) and len(str(value)) <= LONGEST_NAME else None
+        return (what, index, value) if isinstance(value, needed) and len(str(value)) <= LONGEST_NAME else None
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

@@ -130,10 +130,10 @@ class Playback:
     Parameters
     ----------
     view : any view of a volume; player : a :class:`~deformnb.widgets.Player`.
-    animation : what is played now, None for nothing; asked at every moment.
+    animation : returns what is played now, None for nothing; called at every moment.
     grid : of the volume.
     guard : does something and shows what goes wrong with it.
-    output : the grid whose box is seen now, None for the volume's own; asked at every moment.
+    output : returns the grid whose box is seen now, None for the volume's own; called at every moment.
 
     Notes
     -----
@@ -178,7 +178,7 @@ class Playback:
         return self._made[1]
 
     def wait(self, timeout: float = 60.0) -> None:
-        """Until the moment of the player is shown. For scripts and tests."""
+        """Wait until the moment of the player is shown. For scripts and tests."""
         self._worker.call(lambda: self._guard(self._show)).result(timeout)
 
     def close(self) -> None:

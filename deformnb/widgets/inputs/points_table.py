@@ -1,8 +1,7 @@
 """Table of control points: names, switches, locks, coordinates that can be edited.
 
-Python owns the points; the front end requests actions: ``{"type": "act", "view": name, "seq": n, "what": "cell",
-"ids": [3], "field": "target", "axis": 0, "value": "12.5"}``. Each of these is answered by ``{"type": "done", "view":
-name, "seq": n, "ok": true, "text": ""}``. The front end sets the trait ``selected``.
+Python owns the points; the front end requests actions (PointsCommand of :mod:`deformnb.widgets.messages`), each of
+which is answered, and sets the trait ``selected``.
 
 Points go to the front end as arrays, and only while the table is visible in one.
 """
@@ -24,6 +23,7 @@ from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import LONGEST_MESSAGE, is_whole
+from deformnb.widgets.messages import PointsCommandDone
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -129,11 +129,11 @@ class PointsTable(SyncedWidget):
     # -- messages of the front end -------------------------------------------------------------------------------------
 
     def on_act(self, callback: ActCallback) -> None:
-        """Call ``callback(act)`` when the user requests an action; it returns words, or None if refused."""
+        """Call ``callback(act)`` when the user requests an action; it returns a message, or None if refused."""
         self._callback = callback
 
     def on_visible(self, callback: Callable[[], None]) -> None:
-        """Call ``callback()`` when somebody begins to see the table."""
+        """Call ``callback()`` when the table becomes visible in a front end."""
         self._visibility_callback = callback
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
@@ -142,19 +142,19 @@ class PointsTable(SyncedWidget):
             _LOG.warning("a message to a table of points was dropped: %.200r", content)
             return
         view, seq = envelope
-        said: str | None = None
+        answer: str | None = None
         try:
             act = _checked(content)
             if act is None:
                 _LOG.warning("an act in a table of points was dropped: %.200r", content)
             elif act.what == "seen":
-                said = self._take_visibility(view, act.value)
+                answer = self._take_visibility(view, act.value)
             else:
-                said = self._callback(act)
+                answer = self._callback(act)
         except Exception:  # it must not end the conversation with the front end
             _LOG.exception("a callback of a table of points failed")
         finally:
-            self.send({"type": "done", "view": view, "seq": seq, "ok": said is not None, "text": said or ""})
+            self.send(PointsCommandDone(type="done", view=view, seq=seq, ok=answer is not None, text=answer or ""))
 
     def _take_visibility(self, view: str, is_seen: bool) -> str:
         was = self.is_seen

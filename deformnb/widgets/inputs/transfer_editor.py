@@ -19,7 +19,7 @@ from deformnb.widgets.inputs.base import AbstractEdited, is_number, nodes_from_j
 from deformnb.widgets.inputs.curve_editor import MOST_NODES
 
 _BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up what is finer than a pixel
-_TELLING = 31  # gaps between values: fewer say nothing of a step that all values share
+_FEWEST_GAPS = 31  # gaps between values: fewer are no evidence of a step that all values share
 _FELT = 16  # more steps than this in a bin, and one more or less is not seen
 
 
@@ -43,7 +43,7 @@ class TransferEditor(AbstractEdited):
     transfer : a transfer function or the name of a preset.
     height : least height of the plot in CSS pixels; a wide page makes it a little larger.
     power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent tissue
-        can be told apart and dragged; 1 is linear.
+        can be distinguished and dragged; 1 is linear.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
     Notes
@@ -132,7 +132,7 @@ class TransferEditor(AbstractEdited):
         self.transfer = transfer
         self._show()
 
-    def _told(self, edit: tuple[str, TransferFunction]) -> TransferFunction:
+    def _callback_value(self, edit: tuple[str, TransferFunction]) -> TransferFunction:
         return edit[1]
 
     @property
@@ -145,7 +145,7 @@ class TransferEditor(AbstractEdited):
 
     def _show(self) -> None:
         values = [*self._extent, *self.transfer.window]
-        self._say(nodes=[list(node) for node in self.transfer.opacities], preset=self._preset_name,
+        self._set_shown(nodes=[list(node) for node in self.transfer.opacities], preset=self._preset_name,
                   colors=[list(node) for node in self.transfer.colors], back=self._named[0] if self._named else "",
                   range=[min(values), max(values)])
 
@@ -173,7 +173,7 @@ def _window(data: Any) -> tuple[float, float]:
 def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
     """The histogram behind the curve, up to the densest tissue, with its first and last value.
 
-    A few voxels of metal would press all that matters into the first tenth of the plot. Where values come in steps, as
+    A few voxels of metal would compress all tissue into the first tenth of the plot. Where values come in steps, as
     whole numbers do and what was once a byte, bins hold whole steps: one and a half would look like a comb.
     """
     low, _, _, top = levels(volume)
@@ -189,12 +189,12 @@ def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
 
 
 def _step(volume: Volume, low: float, top: float) -> float:
-    """The step in which values come, as far as one slice tells; 0 if there is none that bins could feel."""
+    """The step in which values come, as far as one slice shows it; 0 if there is none that affects bins."""
     middle = volume.finite_values[volume.shape[0] // 2, ::2, ::2]
     values = np.unique(middle.astype(np.float64))
     gaps = np.diff(values)
     gaps = gaps[gaps > 1e-6 * (top - low)]
-    if len(gaps) < _TELLING:
+    if len(gaps) < _FEWEST_GAPS:
         return 1.0 if middle.dtype.kind in "bui" else 0.0
     steps = (values - low) / gaps.min()
     is_even = bool(np.abs(steps - np.round(steps)).max() < 0.05)

@@ -10,20 +10,23 @@ import { build } from "esbuild";
 const here = dirname(fileURLToPath(import.meta.url)), outdir = join(here, "..", "static");
 const isDebug = process.argv.includes("--debug");
 
-const VIEW = ["view/live_view.css", "view/volume_view.css", "editor/editor.css", "view/space_points.css"];
+const VIEW = ["view/live_view.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css",
+  "view/space_points.css"];
 
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
-  editor: ["editor/editor.js", "editor/editor.css", "editor/tools.css", "editor/grid_nodes.css"],
-  space_editor: ["space_editor/editor.js", "editor/editor.css", "editor/tools.css", "space_editor/editor.css"],
+  editor: ["editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css", "editor/grid_nodes.css"],
+  space_editor: ["space_editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css",
+    "space_editor/editor.css"],
   live_view: ["view/live_view.js", ...VIEW],
   volume_view: ["view/volume_view.js", ...VIEW],
-  curve_editor: ["inputs/curve_editor.js", "inputs/curve_editor.css"],
-  transfer_editor: ["inputs/transfer_editor.js", "inputs/curve_editor.css", "inputs/transfer_editor.css"],
-  depth_keys: ["inputs/depth_keys.js", "inputs/curve_editor.css"],
-  player: ["inputs/player.js", "inputs/curve_editor.css", "inputs/player.css"],
-  points_table: ["inputs/points_table.js", "inputs/points_table.css"],
-  item_list: ["inputs/item_list.js", "inputs/item_list.css"],
+  curve_editor: ["inputs/curve_editor.js", "ui/theme.css", "inputs/curve_editor.css"],
+  transfer_editor: ["inputs/transfer_editor.js", "ui/theme.css", "inputs/curve_editor.css",
+    "inputs/transfer_editor.css"],
+  depth_keys: ["inputs/depth_keys.js", "ui/theme.css", "inputs/curve_editor.css"],
+  player: ["inputs/player.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
+  points_table: ["inputs/points_table.js", "ui/theme.css", "inputs/points_table.css"],
+  item_list: ["inputs/item_list.js", "ui/theme.css", "inputs/item_list.css"],
   clip_controls: ["inputs/clip_controls.js", "inputs/clip_sliders.css"],
   file_transfer: ["inputs/file_transfer.js", "inputs/file_transfer.css"],
   restore_bar: ["inputs/restore_bar.js", "inputs/restore_bar.css"],
@@ -39,7 +42,7 @@ const PAGES = {
 };
 
 const options = {
-  absWorkingDir: here, bundle: true, charset: "utf8", target: "es2022", logLevel: "warning", legalComments: "none",
+  absWorkingDir: here, bundle: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text" }, logLevel: "warning", legalComments: "none",
   ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
 };
 

@@ -119,7 +119,7 @@ function textElement(tag, className, parent, attributes, text) {
 function pagePart(name) { return /** @type {HTMLElement} */ (document.querySelector(`.dnb-page-${name}`)); }
 
 /** @param {string} text */
-function sayOnPage(text) {
+function showOnPage(text) {
   const alert = pagePart("alert");
   alert.textContent = text;
   alert.hidden = !text;
@@ -164,7 +164,8 @@ class StandalonePage {
   fall() {
     this.isStill = true;
     pagePart("volume").classList.add("dnb-page-flat");
-    sayOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be dragged.");
+    showOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " +
+      "dragged.");
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
     if (this.cut) this.cut.hidden = true;
     this.view?.update({ background: this.data.still_background });
@@ -362,7 +363,7 @@ function setting(model, name) {
 function guarded(action) {
   try { action(); } catch (error) {
     console.error(error);
-    sayOnPage(`This page met an error: ${messageOf(error)}`);
+    showOnPage(`This page met an error: ${messageOf(error)}`);
   }
 }
 
@@ -379,6 +380,6 @@ async function openStandalone() {
 openStandalone().catch((error) => {
   console.error(error);
   const isOld = typeof DecompressionStream === "undefined";
-  sayOnPage(isOld ? "This browser is too old to unpack the volume; a still picture is shown."
+  showOnPage(isOld ? "This browser is too old to unpack the volume; a still picture is shown."
     : `This page could not be opened: ${messageOf(error)}`);
 });

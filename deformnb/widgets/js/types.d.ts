@@ -135,7 +135,7 @@ export interface RbfFit {
   ids: number[];
   /** Remarks for the user. */
   notes: string[];
-  /** Those of the notes that say that the map may fold. */
+  /** The notes that report that the map may fold. */
   doubts: string[];
 }
 

@@ -21,13 +21,14 @@ from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.clip_controls import ClipControls
-from deformnb.widgets.parameters import ACTIONS, PARAMETERS, Choice, Number, parameters
+from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
 
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "100px"}
+_STANDING_ELSEWHERE = ("strength", "stages")  # above the panels, and beside the folds
 _ROUNDING = 0.501  # of a slider's step
 
 
@@ -178,7 +179,7 @@ class Panel:
         self.session = session
         self.guard = guard
         self.controls: list[Control] = []
-        self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is nobody's edit
+        self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is no edit of the user
 
     def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
         """Bind one more widget; returns it."""
@@ -259,14 +260,15 @@ class GridPanel(Panel):
 
 
 class MapPanel(Panel):
-    """Interpolation panel: kernel, support radius, trend, smoothing."""
+    """Interpolation panel: settings of the fit, but for those that stand elsewhere."""
 
     title = "Interpolation"
 
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
-        kernel = self.of_step(widget_of("kernel"), "kernel")
-        self._trend = self.of_step(widget_of("trend"), "trend")
+        bound = {name: self.of_step(widget_of(name), name) for name in OF_THE_FIT
+                 if name not in ("support", *_STANDING_ELSEWHERE)}
+        kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
         self._support = widget_of("support", session.volume.grid.diagonal,
                                   ipw.Layout(flex="1 1 auto", min_width="0", width="auto"))
         self._support.style.description_width = "96px"
@@ -275,9 +277,8 @@ class MapPanel(Panel):
         self._auto = widget_of("automatic_support", layout=ipw.Layout(width="100px"))
         self.add(self._auto, lambda: not isinstance(session.step.support, float),
                  lambda on: session.change(support=None if on else float(self._support.value)))
-        smoothing = self.of_step(widget_of("smoothing"), "smoothing")
         reach = ipw.HBox([self._support, self._auto], layout=wide(flex="1 1 320px"))
-        self.box = ipw.VBox([row(kernel, self._trend), row(reach, smoothing)])
+        self.box = ipw.VBox([row(kernel, self._trend), row(reach, *bound.values())])
         self.refresh()
 
     def _shown_support(self) -> float:
@@ -291,7 +292,7 @@ class MapPanel(Panel):
         fill(self._trend, [(label, name) for label, name in choices if TRENDS[name].order >= least])
 
 
-class LookPanel(Panel):
+class DisplayPanel(Panel):
     """Display panel of the volume: projection, colours and opacities."""
 
     title = "Colours and opacity"

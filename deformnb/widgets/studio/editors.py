@@ -24,7 +24,7 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.studio.controls import button, row
 from deformnb.widgets.studio.history_labels import JOINING, edit_label
-from deformnb.widgets.studio.status import StudioWords, as_html, reason_of
+from deformnb.widgets.studio.status import StudioStatus, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker
 
@@ -143,7 +143,7 @@ class StudioEditors:
         """Show the points, settings and shapes of the step."""
         show_step(self.current, self._session)
 
-    def tell(self, **traits: Any) -> None:
+    def set_traits(self, **traits: Any) -> None:
         """Set traits of both editors, such as their history."""
         for editor in (self.plane, self.space):
             if editor is not None:
@@ -183,16 +183,16 @@ class StudioPicture:
     Attributes
     ----------
     milliseconds : how long the last one took; None until one was made.
-    ways_on : why the picture that is wanted cannot be made, and two buttons; unseen while it can.
+    ways_on : the reason why the requested picture cannot be made, and two buttons; unseen while it can.
     """
 
     def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, view: Any, worker: Worker,
                  undo: Callable[[], None]) -> None:
         self._session, self._editors, self._link, self._view, self._worker = session, editors, link, view, worker
-        self._shown = self._wanted()
+        self._shown = self._needed_picture()
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
-        again = weakly(self, StudioPicture.ask, StudioPicture._is_open)
+        again = weakly(self, StudioPicture.request, StudioPicture._is_open)
         self._reason = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
         self.ways_on = row(self._reason, button("Try again", "Make the picture once more", again),
                            button("Undo", "Take back the last edit", undo))
@@ -201,24 +201,24 @@ class StudioPicture:
     @property
     def is_shown(self) -> bool:
         """True if the editor shows the picture that the session requires."""
-        return bool(self._shown == self._wanted())
+        return bool(self._shown == self._needed_picture())
 
     def renew(self) -> bool:
-        """Request the picture that the session wants, if it is not the one that is shown; returns whether."""
+        """Request the picture that the session requires, if it is not the one that is shown; returns whether."""
         if not self.is_shown:
-            self.ask()
+            self.request()
             return True
         if self._reason.value:  # back from a picture that could not be made to the one that still stands there
             self._settle("")
         return False
 
-    def ask(self) -> None:
-        """Make the picture that is wanted and show it; until then the editor takes no gesture."""
-        self._editors.tell(waiting=_MAKING)
+    def request(self) -> None:
+        """Make the requested picture and show it; until then the editor takes no gesture."""
+        self._editors.set_traits(waiting=_MAKING)
         self._worker.latest("picture", weakly(self, StudioPicture._show, StudioPicture._is_open))
 
     def turn(self) -> None:
-        """Look at the volume from the side of the picture, unless somebody has turned it to look from elsewhere."""
+        """Set the view to the side of the picture, unless the user has turned it elsewhere."""
         if self._turned_to is None or looks_alike(self._turned_to, self._view.camera):
             self._link.turn()
             self._turned_to = dict(self._view.camera)
@@ -226,33 +226,33 @@ class StudioPicture:
     def _is_open(self) -> bool:
         return not self._worker.is_closed
 
-    def _wanted(self) -> Any:
+    def _needed_picture(self) -> Any:
         return picture_key(self._session)
 
     def _show(self) -> None:
-        wanted = self._wanted()
+        needed = self._needed_picture()
         reason = ""
         try:
-            self._set(wanted)
+            self._set(needed)
         except Exception as error:
             reason = reason_of(error)
-        if wanted == self._wanted():  # else another one is requested by now
+        if needed == self._needed_picture():  # else another one is requested by now
             self._settle(reason)
 
     def _settle(self, reason: str) -> None:
         """Enable the editor, or show why not: points of one picture on another are worse than none."""
         self._reason.value = as_html(reason, is_error=True)
-        self._editors.tell(waiting=_FAILED if reason else "")
+        self._editors.set_traits(waiting=_FAILED if reason else "")
         self.ways_on.layout.display = "" if reason else "none"
 
-    def _set(self, wanted: Any) -> None:
+    def _set(self, needed: Any) -> None:
         start = time.perf_counter()
         made = self._editors.make_picture()
-        if self._shown[2] != wanted[2]:
+        if self._shown[2] != needed[2]:
             self.turn()
         self._link.show(self._editors.current)
         self._editors.show_picture(made)
-        self._shown = wanted
+        self._shown = needed
         self.milliseconds = (time.perf_counter() - start) * 1e3
 
 
@@ -276,18 +276,18 @@ class StudioEdits:
     milliseconds : how long Python took for the last edit of the document; None before the first.
     """
 
-    def __init__(self, session: Session, words: StudioWords, timed: Callable[[], None]) -> None:
+    def __init__(self, session: Session, words: StudioStatus, timed: Callable[[], None]) -> None:
         self._session, self._words, self._timed = session, words, timed
         self.counts = {"edits": 0, "refused": 0, "late": 0}
         self.milliseconds: float | None = None
 
-    def stand_on(self, editors: StudioEditors, picture: StudioPicture) -> None:
+    def take_edits_from(self, editors: StudioEditors, picture: StudioPicture) -> None:
         """Take edits from these editors, as long as they show the picture that belongs to them."""
         self._editors, self._picture = editors, picture
 
     def edited(self, action: Callable[[], None]) -> bool:
         """Do what a user requested, be it with an editor or with a control; the report of the edit before goes."""
-        self._words.say("")
+        self._words.show("")
         before, start = self._session.deformation, time.perf_counter()
         is_done = self._words.guarded(action)
         if self._session.deformation is not before:  # much that is requested edits nothing
@@ -321,16 +321,16 @@ class StudioEdits:
 
     def travel(self, way: str) -> None:
         """Go "undo" or "redo", and report what that was."""
-        self._words.say("")
+        self._words.show("")
         what = self._session.undo() if way == "undo" else self._session.redo()
         if what:
-            self._words.say(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
+            self._words.show(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
 
     def _take(self, editor: Any, edit: Callable[[], None]) -> None:
         """Do what was done in an editor; if it cannot be, the editor shows again what the session holds."""
         if not self._picture.is_shown or editor is not self._editors.current:
             self.counts["late"] += 1  # a drag on a picture that is being replaced
-            self._picture.ask()
+            self._picture.request()
             return
         if not self.edited(edit):
             self.counts["refused"] += 1

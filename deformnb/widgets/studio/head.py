@@ -1,6 +1,6 @@
 """Head of the studio: name of the volume, undo, redo, menus and "Save", which Ctrl+S presses anywhere in the studio.
 
-The session is written into one file of its own. The front end sends ``{"type": "save"}`` and nothing else. The
+The session is written into one file of its own. The front end sends a SaveRequest and nothing else. The
 notebook's own Ctrl+S is unchanged where it works; in the editor it never did, for the keys there are the editor's.
 The style sheet of the head is that of the studio's whole layout.
 """
@@ -55,7 +55,7 @@ class StudioHead(SyncedWidget):
     ----------
     session : what is saved.
     guard : does it and shows what went wrong.
-    say : shows a text.
+    show : shows a text.
     folder : of a new file; one that is there is never written over.
     run : does it in a thread, for the checksum of a large volume takes a moment; default is here.
 
@@ -91,16 +91,16 @@ class StudioHead(SyncedWidget):
     facts = traitlets.Unicode("").tag(sync=True)
     history = traitlets.Dict().tag(sync=True)
 
-    def __init__(self, session: Session, guard: Guard, say: Callable[[str], None], folder: str | PathLike[str] = ".",
+    def __init__(self, session: Session, guard: Guard, show: Callable[[str], None], folder: str | PathLike[str] = ".",
                  run: Callable[[Callable[[], None]], Any] | None = None) -> None:
         super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume))
-        self._session, self._guard, self._say, self._folder = session, guard, say, Path(folder)
+        self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)
         self._run = run or (lambda work: work())
         self._first = _bare(session.deformation)
-        self._heard = weakly(self, StudioHead._look, lambda head: head.comm is not None)
-        session.observe(self._heard, _WATCHED)
+        self._observer = weakly(self, StudioHead._update, lambda head: head.comm is not None)
+        session.observe(self._observer, _WATCHED)
         self.on_msg(self._received)
-        self._look()
+        self._update()
 
     def press(self) -> None:
         """Save now."""
@@ -112,15 +112,15 @@ class StudioHead(SyncedWidget):
     def _save(self) -> None:
         path = self._session.file or self._new_file()
         self._session.save(path)
-        self._look()
-        self._say(f"Saved {path.name}.")
+        self._update()
+        self._show_text(f"Saved {path.name}.")
 
     def _new_file(self) -> Path:
         stem = re.sub(r"[^\w-]+", "_", self._session.volume.name).strip("_")[:40] or "deformed"
         names = (f"{stem}{f'-{k}' if k > 1 else ''}.json" for k in range(1, 10**6))
         return next(path for path in (self._folder / name for name in names) if not path.exists())
 
-    def _look(self, _change: Any = None) -> None:
+    def _update(self, _change: Any = None) -> None:
         saved = self._session.saved
         self.unsaved = _bare(self._session.deformation) != (self._first if saved is None else _bare(saved))
         file = self._session.file
@@ -141,9 +141,9 @@ class StudioHead(SyncedWidget):
 
     def close(self) -> None:
         """End, and stop observing the session."""
-        if hasattr(self, "_heard"):
-            self._session.unobserve(self._heard, _WATCHED)
-            del self._heard
+        if hasattr(self, "_observer"):
+            self._session.unobserve(self._observer, _WATCHED)
+            del self._observer
         super().close()
 
 

@@ -20,9 +20,9 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
+    DisplayPanel,
     GridPanel,
     Guard,
-    LookPanel,
     MapPanel,
     Panel,
     PicturePanel,
@@ -40,7 +40,7 @@ from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
 from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
 from deformnb.widgets.studio.panels.thompson import ThompsonPanel
-from deformnb.widgets.studio.status import StudioWords
+from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.worker import Worker
 
 
@@ -138,11 +138,11 @@ def make_panels(s: PanelParts) -> StudioPanels:
         Section(FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
         Section(ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
     ]
-    look = LookPanel(s.session, s.guard, s.view, s.opacity)
+    display = DisplayPanel(s.session, s.guard, s.view, s.opacity)
     groups = {
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
-        "View": [Section(look, is_open=True), Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
+        "View": [Section(display, is_open=True), Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
         "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
     }
@@ -153,7 +153,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
                         ExamplesPanel(s.session, s.guard, is_start=True), [result_box])
 
 
-def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioWords,
+def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,
              height: int) -> list[ipw.Widget]:
     """The rows of a studio: its head, the menus of that, and the body of panes and panel."""
     view.layout.width = "100%"
@@ -191,15 +191,15 @@ def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
     known = [(number, box, weakref.ref(section.panel))
              for number, title in enumerate(groups) for section, box in zip(groups[title], folds[title], strict=True)]
 
-    def tell(_change: Any = None) -> None:
+    def notify(_change: Any = None) -> None:
         for number, box, reference in known:
             panel = reference()
             if panel is not None:
                 panel.opened(tabs.selected_index == number and getattr(box, "selected_index", 0) is not None)
 
-    tell()
+    notify()
     for widget in (tabs, *(box for _, box, _ in known if isinstance(box, ipw.Accordion))):
-        widget.observe(tell, "selected_index")
+        widget.observe(notify, "selected_index")
     return tabs
 
 

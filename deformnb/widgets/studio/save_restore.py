@@ -1,8 +1,8 @@
 """Restore bar of the studio: edits that were lost when a kernel died are offered again.
 
 The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
-now. Python sends its offer and the time of the last autosave. The front end requests one of three actions:
-``{"type": "act", "what": "restore", "version": 3}``; a request for an earlier offer is dropped.
+now. Python sends its offer and the time of the last autosave. The front end requests one of three actions
+(RestoreCommand of :mod:`deformnb.widgets.messages`); a request for an earlier offer is dropped.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import traitlets
 from deformnb.session.autosave import COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.messages import CommandDone
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -29,7 +30,7 @@ class RestoreBar(SyncedWidget):
     ----------
     session : what is edited.
     guard : runs an edit and shows what went wrong with it.
-    say : shows a text.
+    show : shows a text.
     options : of :class:`~deformnb.session.autosave.Autosave`.
 
     Attributes
@@ -52,13 +53,13 @@ class RestoreBar(SyncedWidget):
     written = traitlets.Unicode("").tag(sync=True)
     version = traitlets.Int(0).tag(sync=True)
 
-    def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], say: Callable[[str], None],
+    def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], show: Callable[[str], None],
                  **options: Any) -> None:
         self._recovery: Recovery | None = None
         super().__init__()
         self._guard = guard
         self.on_msg(self._received)
-        self._recovery = Recovery(session, say, _weakly_shown(self), **options)
+        self._recovery = Recovery(session, show, _weakly_shown(self), **options)
         self.show()  # what was found before this line
 
     @property
@@ -87,7 +88,7 @@ class RestoreBar(SyncedWidget):
         except Exception:  # it must not end the conversation with the front end
             _LOG.exception("the bar of lost sessions failed")
         finally:
-            self.send({"type": "done"})
+            self.send(CommandDone(type="done"))
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

@@ -15,7 +15,7 @@ _LOG = logging.getLogger(__name__)
 _CLOSE = '<button type="button" class="dnb-message-close" aria-label="Close this message">&times;</button>'  # head.js
 
 
-class StudioWords:
+class StudioStatus:
     """The two texts of a studio, and the guard that lets no error pass unreported.
 
     Attributes
@@ -24,7 +24,7 @@ class StudioWords:
 
     Examples
     --------
-    >>> words = StudioWords()
+    >>> words = StudioStatus()
     >>> words.guarded(lambda: print(1 / 0))
     False
     >>> "ZeroDivisionError" in words.notice.value
@@ -35,7 +35,7 @@ class StudioWords:
         self.status, self.notice = ipw.Label(""), ipw.HTML("")
         self.box = ipw.VBox([self.notice])
 
-    def say(self, text: str, *, is_error: bool = False) -> None:
+    def show(self, text: str, *, is_error: bool = False) -> None:
         """Show a text in the place of the one before; an empty text shows nothing."""
         self.notice.value = as_html(text, is_error)
 
@@ -44,13 +44,13 @@ class StudioWords:
         try:
             action()
         except Exception as error:
-            self.say(reason_of(error), is_error=True)
+            self.show(reason_of(error), is_error=True)
             return False
         return True
 
     def failed(self, error: Exception) -> None:
         """Report an error of a thread, which has been logged."""
-        self.say(_in_words(error), is_error=True)
+        self.show(_in_words(error), is_error=True)
 
 
 def as_html(text: str, is_error: bool = False) -> str:

@@ -26,7 +26,7 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.session.exports import export
-from deformnb.session.inputs import as_deformation, as_volume, best_view, source_of
+from deformnb.session.inputs import as_deformation, best_view, source_of, volume_from
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
@@ -40,12 +40,12 @@ from deformnb.widgets.cell_widgets import (
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
-from deformnb.widgets.studio.diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
-from deformnb.widgets.studio.status import StudioWords
+from deformnb.widgets.studio.status import StudioStatus
+from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
@@ -85,14 +85,14 @@ def as_labels(given: Any, volume: Volume) -> Volume | None:
             raise DeformError(f"labels of shape {given.shape} do not lie on a volume of {volume.shape}; give a Volume "
                               "with a grid of its own.")
         return Volume(given, volume.grid, "labels")
-    return as_volume(given)
+    return volume_from(given)
 
 
 def as_target(given: Any, volume: Volume) -> Volume | None:
     """A volume to become alike, from a volume, a file, or an array that lies as the volume does; None for none."""
     if isinstance(given, np.ndarray) and given.shape == volume.shape:
         return Volume(given, volume.grid, "target")
-    return None if given is None else as_volume(given)
+    return None if given is None else volume_from(given)
 
 
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
@@ -228,7 +228,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  output: Grid | None = None) -> None:
-        given = as_volume(volume)
+        given = volume_from(volume)
         shown = as_labels(labels, given), label_names, as_target(target, given)
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
         self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
@@ -238,7 +238,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.deformation = self.session.deformation
         self._shown = (self.session.deformation, self.session.index, self.session.key)
         self._panels: list[Panel] = []
-        self._words = StudioWords()
+        self._words = StudioStatus()
         self._worker = Worker("deformnb-studio", failed=self._words.failed)
         is_whole = threading.Event()
         self._worker.call(is_whole.wait)  # nothing is done for half a studio
@@ -252,23 +252,23 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         finally:
             is_whole.set()
         self._worker.latest("warm up", self.session.warm_up)
-        self._ask_for_status()
+        self._request_status()
 
     def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
               label_names: Mapping[int, str] | None, target: Volume | None) -> None:
         """Make the parts; once all are there, take the place of what the cell has shown before."""
-        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._ask_for_status))
+        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._request_status))
         self.view = make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
         self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
                                       self._weakly(Studio.undo))
-        self._edits.stand_on(self._editors, self._picture)
+        self._edits.take_edits_from(self._editors, self._picture)
         panels = self._make_panels(folder, labels, label_names, target)
         self._panels = panels.all
-        head = StudioHead(self.session, self._edits.edited, self._words.say, folder, self._worker.call)
+        head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
         close_earlier_of_this_cell(self)
-        self._bar = RestoreBar(self.session, self._edits.edited, self._words.say)  # finds what that one has left
+        self._bar = RestoreBar(self.session, self._edits.edited, self._words.show)  # finds what that one has left
         panels.history.recovery = self._bar.recovery
         rows = arranged(head, self._editors, self.view, panels, self._words, height)
         self._words.box.children = (self._picture.ways_on, self._words.notice)
@@ -278,7 +278,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._picture.turn()
         self._link.show(self._editors.current)
         self._words.status.value = status_text(self.session)
-        self._words.say(self.session.notice)
+        self._words.show(self.session.notice)
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
@@ -296,8 +296,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
-        session.observe(self._weakly(Studio._tell_history), "history")
-        session.observe(self._weakly(Studio._tell_notice), "notice")
+        session.observe(self._weakly(Studio._send_history), "history")
+        session.observe(self._weakly(Studio._show_notice), "notice")
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
         for name in ("shows", "projection"):
             if self.view.has_trait(name):
@@ -323,15 +323,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _document_changed(self, _change: Any) -> None:
         now = (self.session.deformation, self.session.index, self.session.key)
-        if now == self._shown:  # the session tells of each of the three
+        if now == self._shown:  # the session notifies of each of the three
             return
         self._shown = now
-        self._words.say(self.session.notice)
+        self._words.show(self.session.notice)
         if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
         self._refresh_panels()
-        self._ask_for_status()
+        self._request_status()
         self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
 
     @traitlets.validate("deformation")
@@ -344,12 +344,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._refresh_panels()
         self._picture.renew()
 
-    def _tell_history(self, _change: Any) -> None:
-        self._editors.tell(history=dict(self.session.history))
+    def _send_history(self, _change: Any) -> None:
+        self._editors.set_traits(history=dict(self.session.history))
 
-    def _tell_notice(self, _change: Any) -> None:
+    def _show_notice(self, _change: Any) -> None:
         if self.session.notice:
-            self._words.say(self.session.notice)
+            self._words.show(self.session.notice)
 
     def _transfer_changed(self, _change: Any) -> None:
         function = self.session.transfer_function
@@ -364,14 +364,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         for panel in self._panels:
             panel.refresh()
 
-    def _ask_for_status(self) -> None:
+    def _request_status(self) -> None:
         self._worker.latest("status", self._weakly(Studio._show_status))
 
     def _show_status(self) -> None:
-        self._tell_status()
-        self._worker.at_rest(_LATER, self._weakly(Studio._tell_status))  # by then the front end has told its times
+        self._update_status_line()
+        # By then the front end has sent its times.
+        self._worker.at_rest(_LATER, self._weakly(Studio._update_status_line))
 
-    def _tell_status(self) -> None:
+    def _update_status_line(self) -> None:
         latency = latency_text(self._edits.milliseconds, self.view.stats())
         self._words.status.value = status_text(self.session, latency, diagnostics_of(self.session))
 
@@ -433,7 +434,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         Parameters
         ----------
         title, about : of the page; a line under the title.
-        limit : voxels in the file at most; a larger volume is averaged and the page says so. Default is 128^3.
+        limit : voxels in the file at most; a larger volume is averaged, which the page reports. Default is 128^3.
         overwrite, progress : as of :meth:`export`.
         """
         from deformnb.widgets.standalone import LIMIT, write_standalone
@@ -450,8 +451,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def stats(self) -> dict[str, Any]:
         """Measurements: ``edit_ms`` and ``picture_ms`` in Python, counts of edits, and the view's own figures.
 
-        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` says how the
-        picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
+        ``previews`` counts the displacements that Python made while something was dragged. ``editor`` has the rate at
+        which the picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
@@ -459,7 +460,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                 "view": self.view.stats()}
 
     def wait(self, timeout: float = 60.0) -> None:
-        """Until what the studio's thread has to do is done, pictures among it. For scripts and tests."""
+        """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
         done = threading.Event()
         self._worker.latest("wait", done.set)  # behind all that waits now
         if not done.wait(timeout):
@@ -503,8 +504,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return f"Studio({self.volume.name or 'volume'} {x} x {y} x {z}, {len(self.deformation.steps)} steps)"
 
     def _display_(self) -> Any:
-        """Display in marimo, which knows anywidgets but no boxes, sliders and tabs: picture and volume."""
-        marimo = sys.modules["marimo"]  # which asks: it is there, and nobody else needs it
+        """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
+        marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 

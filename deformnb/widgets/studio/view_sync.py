@@ -1,7 +1,7 @@
 """Synchronisation of the studio's view with the displacement of the session and with a drag in progress.
 
 While a point of the last step on a picture is dragged, the view's front end follows the editor's by itself. Drags that
-it cannot know there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
+it cannot compute there (in an earlier step, in space, or of steps that are added up) are shown by Python, coarsely:
 the newest movement, whenever the one before is done.
 """
 
@@ -43,7 +43,7 @@ class StudioLink:
         self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
         self._editor: Any = None  # that was shown last
         self._has_previewed = False  # something that is no edit, since then
-        self._heard: Any = None  # the editor whose movements come to Python
+        self._observed: Any = None  # the editor whose movements come to Python
         self._in_space: Any = None  # the editor whose points are seen in the view as well
         self.previews = 0
 
@@ -63,7 +63,7 @@ class StudioLink:
         if in_space is not self._in_space:
             self._in_space = in_space
             self._view.edit_points(in_space, self._field_of)
-        self._hear(None if follows or in_space is not None else editor)
+        self._observe_editor(None if follows or in_space is not None else editor)
 
     def preview(self, step: Step | None) -> None:
         """Show what the document would do with this in place of the step that is edited; of several the newest only.
@@ -88,7 +88,7 @@ class StudioLink:
 
     def close(self) -> None:
         """Stop observing the editors."""
-        self._hear(None)
+        self._observe_editor(None)
         if self._in_space is not None:
             self._view.edit_points(None)
 
@@ -98,12 +98,12 @@ class StudioLink:
         maps = count_maps(field)
         return maps is not None and maps <= MOST_MAPS
 
-    def _hear(self, editor: Any) -> None:
-        if editor is self._heard:
+    def _observe_editor(self, editor: Any) -> None:
+        if editor is self._observed:
             return
-        if self._heard is not None:
-            self._heard.on_edit(self._moved, remove=True)
-        self._heard = editor
+        if self._observed is not None:
+            self._observed.on_edit(self._moved, remove=True)
+        self._observed = editor
         if editor is not None:
             editor.on_edit(self._moved)
 
@@ -119,7 +119,7 @@ class StudioLink:
     def _preview(self, make: Callable[[], AbstractField], serial: int) -> None:
         try:
             field = make()
-        except DeformError:  # two points met on their way; the edit will say it if it ends so
+        except DeformError:  # two points met on their way; the edit will report it if it ends so
             return
         with self._lock:
             if serial == self._serial:

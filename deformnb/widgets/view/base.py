@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
-    """For views that are widgets: ABC and HasTraits have a metaclass each, and Python wants one."""
+    """For views that are widgets: ABC and HasTraits have a metaclass each, and Python allows one."""
 
 
 class AbstractView(ABC):
@@ -162,14 +162,14 @@ _OBSERVED = ["points", "settings", "lone_support", "cuts", "parts", "cut_rule"]
 
 @dataclass(frozen=True, eq=False)
 class PlanarFit:
-    """How points on a picture are fitted: all that an editor holds of it besides the points.
+    """The fit of points on a picture: all that an editor holds of it besides the points.
 
     Parameters
     ----------
     settings : of the fit.
     parts, cuts, cut_rule : of the picture, as in :class:`~deformnb.document.deformation.Step`.
     softness : width over which the opacity falls at a cut.
-    lone : support radius where the points say nothing of it.
+    lone : support radius where the points do not determine it.
     """
 
     settings: FitSettings
@@ -194,7 +194,7 @@ def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractF
     field : an extrusion, cut or not, or a composition that ends with one. Plane, depths and weights stay.
     index : which of its maps is another one.
     flat : what takes its place, over the plane; its cuts become those of the field. Where the other maps would have to
-        be divided by other cuts than before, the field stays as it is, for only their points could tell how.
+        be divided by other cuts than before, the field stays as it is, for only their points could determine how.
     """
     if isinstance(field, Composed):
         return replace(field, then=with_map(field.then, index, flat))
@@ -285,7 +285,7 @@ class Following:
         self._editor, self._refit = editor, refit
         self._put = weakref.WeakMethod(put)
         self._moving: tuple[ControlPoints, PlanarFit] | None = None
-        editor.on_edit(self._tell)
+        editor.on_edit(self._apply)
         editor.observe(self._changed, _OBSERVED)
 
     def goes_on(self, editor: Any, index: int) -> bool:
@@ -302,10 +302,10 @@ class Following:
 
     def close(self) -> None:
         """Stop observing the editor."""
-        self._editor.on_edit(self._tell, remove=True)
+        self._editor.on_edit(self._apply, remove=True)
         self._editor.unobserve(self._changed, _OBSERVED)
 
-    def _tell(self, points: ControlPoints, phase: str) -> None:
+    def _apply(self, points: ControlPoints, phase: str) -> None:
         put = self._put()
         if put is None:
             return
@@ -314,4 +314,4 @@ class Following:
         put(partial(self._refit, points, how))
 
     def _changed(self, change: Any) -> None:
-        self._tell(self._editor.points, "end")
+        self._apply(self._editor.points, "end")

@@ -19,14 +19,15 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.cell_widgets import parts_of_another
-from deformnb.widgets.synced import PageComm
+from deformnb.widgets.messages import VolumeInfo
+from deformnb.widgets.synced import LocalComm
 from deformnb.widgets.view.volume_view import VolumeView
 
-_PLAYED_MS = 60.0  # how often Python hears of the time that a player has come to: its pictures are no faster
+_PLAYED_MS = 60.0  # how often Python receives the time of a player: its pictures are no faster
 
 _SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
 
-Say = Callable[[dict[str, Any], list[bytes]], None]
+Send = Callable[[dict[str, Any], list[bytes]], None]
 
 
 class ServerRenderer:
@@ -35,24 +36,24 @@ class ServerRenderer:
     Parameters
     ----------
     view : the view whose pictures it renders, held weakly; the two share camera, clip and the like.
-    say : a method of it that sends a message to its front ends, held weakly too.
+    send : a method of it that sends a message to its front ends, held weakly too.
     options : of the :class:`~deformnb.widgets.VolumeView` that draws.
     """
 
-    def __init__(self, view: traitlets.HasTraits, say: Say, **options: Any) -> None:
+    def __init__(self, view: traitlets.HasTraits, send: Send, **options: Any) -> None:
         with parts_of_another():
-            self._view = VolumeView(comm=PageComm(partial(_pass_on, weakref.WeakMethod(say))), **options)
-        self._view.observe(lambda change: self._view.send({"type": "info", "info": change["new"]}), "volume_info")
+            self._view = VolumeView(comm=LocalComm(partial(_pass_on, weakref.WeakMethod(send))), **options)
+        self._view.observe(lambda change: self._view.send(VolumeInfo(type="info", info=change["new"])), "volume_info")
         shared = [name for name in _SHARED if view.has_trait(name) and self._view.has_trait(name)]
         self._links = [traitlets.link((view, name), (self._view, name)) for name in shared]
         self._volume: Volume | None = None
         self._player: Any = None
         self._came: Callable[[Any], None] | None = None
 
-    def receive(self, said: Any) -> bool:
+    def receive(self, content: Any) -> bool:
         """Take a front end's message to the server renderer; returns whether any front end is left."""
-        self._view._receive(None, said, [])
-        return bool(self._view._pages)
+        self._view._receive(None, content, [])
+        return bool(self._view._front_ends)
 
     @property
     def info(self) -> dict[str, Any]:
@@ -75,11 +76,11 @@ class ServerRenderer:
         else:
             self._view.show_deformation(field, output=output)
 
-    def hear(self, player: Any, moment: Callable[[], None]) -> None:
+    def observe_player(self, player: Any, moment: Callable[[], None]) -> None:
         """Call ``moment()``, a method held weakly, whenever a player has come to another time."""
         if player is self._player:
             return
-        self._hear_no_more()
+        self._unobserve_player()
         held = weakref.WeakMethod(moment)
 
         def came(_change: Any) -> None:
@@ -95,7 +96,7 @@ class ServerRenderer:
         """Show with other colours and opacities."""
         self._view.set_transfer(transfer)
 
-    def _hear_no_more(self) -> None:
+    def _unobserve_player(self) -> None:
         if self._player is not None:
             self._player.unobserve(self._came, "time")
             self._player = None
@@ -106,14 +107,14 @@ class ServerRenderer:
 
     def close(self) -> None:
         """Give back the window that was drawn in, and stop observing the editor."""
-        self._hear_no_more()
+        self._unobserve_player()
         for link in self._links:
             link.unlink()
         self._view.close()
 
 
-def _pass_on(say: weakref.WeakMethod[Say], data: dict[str, Any], buffers: list[bytes]) -> None:
+def _pass_on(held: weakref.WeakMethod[Send], data: dict[str, Any], buffers: list[bytes]) -> None:
     """Send a message of the view that draws to the other view's front ends; they need none of its traits."""
-    send = say()
+    send = held()
     if send is not None and data.get("method") == "custom":
         send(data["content"], buffers)

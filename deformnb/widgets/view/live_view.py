@@ -5,12 +5,12 @@ sample of a ray, as the paper does on its GPU. A live view can also play the mom
 itself.
 
 Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
-has been found to hold no more, renderer, background: the page's), ``chunk`` (id, index: requests a piece), ``seen``
-(seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn`` (see
-:mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip), ``field``
-(see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an editor
-moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and ``drawn``.
-Messages of the front end are checked and dropped if they are wrong.
+has been found to hold no more, renderer, background: that of the page around), ``chunk`` (id, index: requests a piece),
+``seen`` (seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn``
+(see :mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
+``field`` (see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an
+editor moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and
+``drawn``. Messages of the front end are checked and dropped if they are wrong.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import asyncio
 import itertools
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -35,11 +35,12 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.messages import Chunk, DrawnByPython, FieldMaps, ScreenshotRequest
 from deformnb.widgets.packed_volume import (
     PackedVolume,
     Pieces,
@@ -53,7 +54,7 @@ from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.textures import FieldTextures, count_maps, differ_only_in, field_textures, texture_frames
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
 from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
-from deformnb.widgets.view.stills import Scene, from_png, preview_png, render_scene, with_png
+from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
 from deformnb.widgets.view.transport import Pacer
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ _ANY = 2**53  # a number of voxels that no GPU limits
 
 OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
                      "settle_ms"})
-"""Traits that a page may change: the camera by hand, the others by links of one widget with another in the page."""
+"""Traits that a front end may change: the camera by the pointer, the others by links of widgets in the front end."""
 
 
 _REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
@@ -85,7 +86,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
         together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
-    limit : voxels sent to the front end at most; a larger volume is averaged and the view says so.
+    limit : voxels sent to the front end at most; a larger volume is averaged, which the view reports.
     width, height : size on the page in CSS pixels; a narrow page makes it smaller.
     fill : True takes the size of the box it stands in instead.
     map_size : samples of a displacement map along its longer side.
@@ -145,19 +146,19 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._output: Grid | None = None
         self._followed: dict[str, Any] | None = None
         self._moments: TimeMaps | None = None
-        self._maps: FieldTextures | None = None  # of the field, made when a front end wants them
+        self._maps: FieldTextures | None = None  # of the field, made when a front end requests them
         self._server_renderer: ServerRenderer | None = None  # draws for the front ends that cannot
-        self._largest = 2048  # along an axis of a texture, until a front end says less
+        self._largest = 2048  # along an axis of a texture, until a front end reports less
         self._sent_cut: str | None = None  # whose distances all front ends have
         self._pacer = Pacer(self._send_field)
-        self._has_page = False
-        self._page_theme = "dark"
+        self._has_front_end = False
+        self._front_end_theme = "dark"
         self._waiting: dict[int, Callable[[bytes], None]] = {}
         self._numbers = itertools.count(1)
-        self._page_stats: dict[str, float] = {}
+        self._front_end_stats: dict[str, float] = {}
         self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
         self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
-        self._preview: tuple[Scene, bytes] | None = None
+        self._preview: tuple[SceneDescription, bytes] | None = None
         self._sharpener: threading.Timer | None = None
         self._transfer: TransferFunction | None = None
         self._wanted_transfer = transfer
@@ -174,9 +175,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         Parameters
         ----------
-        window : values that are told apart; default is the whole range for bytes, and up to the densest tissue (all
+        window : values that are resolved; default is the whole range for bytes, and up to the densest tissue (all
             but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
-            that, only this part is told apart, more finely: the voxels are then sent again, and the view says so.
+            that, only this part is resolved, more finely: the voxels are then sent again, which the view reports.
         """
         self._put(volume, window, None, None, None)
         self._offer()
@@ -185,7 +186,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
              output: Grid | None, followed: dict[str, Any] | None) -> None:
         with self._lock:  # throughout: of two that are shown at once, one is shown whole
-            function = _function(self._wanted_transfer, volume)
+            function = as_transfer(self._wanted_transfer, volume)
             narrow = self._fine(function, volume) if window is None else None
             shown = packed_volume(volume, self._limit, self._largest, narrow or window)
             if narrow is not None:
@@ -198,7 +199,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self.set_transfer(self._wanted_transfer)
 
     def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
-        """The part of the values that bytes shall tell apart, if not all; a maximum projection shows all."""
+        """The window of values that bytes shall resolve, if not all; a maximum projection shows all."""
         return None if self.projection == "mip" else fine_window(function, volume, whole_window(volume))
 
     @traitlets.observe("projection")
@@ -263,19 +264,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
-        """Let an editor in the same page move the picture's displacement, without a byte to Python.
+        """As :meth:`AbstractView.follow`, in the same page: without a message to Python.
 
-        Parameters
-        ----------
-        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
-            one. Its plane, depths and weights stay, also while points move.
-        index : which of its maps the editor's points make.
-
-        Notes
-        -----
-        May be called after every edit: the front end keeps its connection, and what the editor has gone on to show
-        stays. To let the editor move another map, follow with the other index first and then give it that map's points.
+        To let the editor move another map, follow with the other index first and then give it that map's points.
         """
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
@@ -295,7 +286,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if self._volume is None or self._shown is None:
             return
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
-            function = self._transfer = _function(self._wanted_transfer, self._volume)
+            function = self._transfer = as_transfer(self._wanted_transfer, self._volume)
             table = function.table(*self._shown.window)  # alphas as they are: the front end fits them
             with self.hold_sync():
                 self.unit = function.unit
@@ -347,12 +338,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     # -- to the front ends ---------------------------------------------------------------------------------------------
 
-    def _post(self, content: dict[str, Any], buffers: list[bytes]) -> None:
+    def _post(self, content: Mapping[str, Any], buffers: list[bytes]) -> None:
         self._sent["messages"] += 1
         self.send(content, buffers)
 
     def _offer(self) -> None:
-        if self._has_page:  # a front end that comes later asks
+        if self._has_front_end:  # a front end that comes later requests it
             self._pacer.offer()
 
     def _send_field(self, number: int, view: str | None = None) -> None:
@@ -367,7 +358,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif view is None:
             self._sent_cut = cut and cut["id"]
         self._sent["field_bytes"] += maps.size
-        self._post({"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}, maps.buffers)
+        message: FieldMaps = {"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}
+        self._post(message, maps.buffers)
 
     def _made_maps(self, shown: PackedVolume) -> FieldTextures:
         if self._moments is not None:
@@ -376,7 +368,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return field_textures(self._field, shown, self._output, self._map_size, nodes)
 
     def _update_server_renderer(self) -> None:
-        """Let whoever draws for front ends that cannot draw what is shown now."""
+        """Let the server renderer, if there is one, draw what is shown now."""
         with self._lock:
             if self._server_renderer is None or self._volume is None:
                 return
@@ -385,10 +377,10 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
             self._server_renderer.show(self._volume, moment, self._output, followed)
             if self._moments is not None:
-                self._server_renderer.hear(self.player, self._update_server_renderer)
+                self._server_renderer.observe_player(self.player, self._update_server_renderer)
 
     def _draw_here(self) -> ServerRenderer:
-        """Whoever draws for front ends that cannot."""
+        """The server renderer for front ends that cannot draw; started if there is none."""
         from deformnb.widgets.view.fallback import ServerRenderer
 
         with self._lock:
@@ -411,7 +403,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         take_traits(sync_data, OF_PAGE, super().set_state)
 
     def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Whatever a front end sends: a mistake is logged and dropped, never raised into the front end's channel."""
+        """Take a message of a front end: a wrong one is logged and dropped, never raised into the channel."""
         try:
             kind = content.get("type") if isinstance(content, dict) else None
             answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
@@ -419,14 +411,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 raise ValueError("unknown kind")
             answer(self, text(content.get("view")), content, buffers or [])
         except (ValueError, TypeError, KeyError, DeformError) as error:
-            _LOG.warning("a message of the page was dropped: %s", error)
+            _LOG.warning("a message of the front end was dropped: %s", error)
 
     def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
         largest = whole(content.get("largest"), 0, 2**16)
         self._take_theme(content)
         if largest == 0:
-            return  # it cannot draw, and will ask to be drawn for
-        self._has_page = True
+            return  # it cannot draw, and will request a server renderer
+        self._has_front_end = True
         voxels = whole(content.get("voxels", _ANY), 1, _ANY)
         if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
             view = None  # for all front ends: what they have is of a finer volume
@@ -451,7 +443,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _take_theme(self, content: dict[str, Any]) -> None:
         if content.get("background") in ("dark", "light"):
-            self._page_theme = content["background"]
+            self._front_end_theme = content["background"]
 
     def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._pacer.seen(whole(content.get("seq"), 1, 2**53))
@@ -463,12 +455,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
         start, packed = pieces[index]
         self._sent["volume_bytes"] += len(packed)
-        self._post({"type": "chunk", "view": view, "id": pieces.shown.id, "index": index, "start": start}, [packed])
+        self._post(Chunk(type="chunk", view=view, id=pieces.shown.id, index=index, start=start), [packed])
 
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._take_theme(content)
         if self._volume is not None:
-            self._post({"type": "drawn", "view": view, "info": self._draw_here().info}, [])
+            self._post(DrawnByPython(type="drawn", view=view, info=self._draw_here().info), [])
 
     def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         if self._volume is not None and not self._draw_here().receive(content.get("say")):
@@ -481,21 +473,21 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         deliver(picture(buffers))
 
     def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._page_stats = measured(content)
+        self._front_end_stats = measured(content)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def _shade(self) -> str:
-        return self._page_theme if self.background == "auto" else self.background
+        return self._front_end_theme if self.background == "auto" else self.background
 
-    def _scene(self) -> Scene:
+    def _scene(self) -> SceneDescription:
         shown = self._ready()
         assert self._transfer is not None
         with self._lock:
             field, output = self._at_present(self._field), self._output
         background = self._shade()
-        return Scene(shown, field, output, self.camera, self._transfer, self.projection, background, self.shows,
-                     self.clip)
+        return SceneDescription(shown, field, output, self.camera, self._transfer, self.projection, background,
+                                self.shows, self.clip)
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
         return render_scene(self._scene(), size or (self.width, self.height))
@@ -516,7 +508,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         self._waiting[number] = deliver
         try:
-            self._post({"type": "screenshot", "id": number}, [])
+            self._post(ScreenshotRequest(type="screenshot", id=number), [])
             return from_png(await asyncio.wait_for(answer, timeout))
         except TimeoutError:
             return self.still()
@@ -546,7 +538,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         renderer = self._server_renderer
         drawn = {} if renderer is None else {"server_renderer": renderer.stats()}
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
-        return {**self._page_stats, **self._sent, **own, **drawn}
+        return {**self._front_end_stats, **self._sent, **own, **drawn}
 
 
 _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
@@ -560,7 +552,3 @@ _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
     if not answer.done():
         answer.set_result(png)
-
-
-def _function(transfer: TransferFunction | str, volume: Volume) -> TransferFunction:
-    return preset(transfer, volume) if isinstance(transfer, str) else transfer

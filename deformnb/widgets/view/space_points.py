@@ -20,7 +20,7 @@ from deformnb.volume.volume import Grid
 # What lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
 QUICK_SIZE = 32
 
-_REST = 1.5  # seconds after the last movement, if no end of it is heard: a pointer may rest, and a kernel be slow
+_REST = 1.5  # seconds after the last movement, if its end does not arrive: a pointer may rest, and a kernel be slow
 
 FieldOf = Callable[[ControlPoints], AbstractField]
 
@@ -67,7 +67,7 @@ class ShowsPoints(traitlets.HasTraits):
         try:
             field = make(points)
         except DeformError:
-            return  # the last good picture stays, and the editor says what is wrong
+            return  # the last good picture stays, and the editor reports the error
         timer = getattr(self, "_rest_timer", None)
         if timer is not None:
             timer.cancel()
@@ -86,17 +86,17 @@ class ShowsPoints(traitlets.HasTraits):
 def _follow(editor: Any, field: FieldOf | None, held: weakref.WeakMethod[Any]) -> Callable[[], None]:
     """Notify a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
 
-    def tell(points: ControlPoints, phase: str) -> None:
+    def notify(points: ControlPoints, phase: str) -> None:
         show = held()
         if show is not None:
             show(editor.field if field is None else field, points, phase)
 
     def changed(change: Any) -> None:
-        tell(editor.points, "end")
+        notify(editor.points, "end")
 
     def moved(points: ControlPoints, phase: str) -> None:
-        if phase == "move":  # its end is heard as a change of the points
-            tell(points, phase)
+        if phase == "move":  # its end arrives as a change of the points
+            notify(points, phase)
 
     names = ["points", "settings", "revision"]
     editor.on_edit(moved)

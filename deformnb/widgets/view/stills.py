@@ -9,26 +9,23 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.projection import project
-from deformnb.imaging.raycast import PerspectiveCamera
-from deformnb.imaging.render import gl_status
+from deformnb.imaging.core_volume import bytes_of, draw_core, draw_core_mip
+from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
 from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
-from deformnb.volume.plane import Picture, Plane
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-from deformnb.widgets.camera import BACKGROUNDS, INKS, STANDOFF, checked_camera, seen_height, within
+from deformnb.widgets.camera import BACKGROUNDS, INKS, camera_of, checked_camera, within
 from deformnb.widgets.packed_volume import PackedVolume, coarser, factors_of, packed_volume
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
@@ -42,7 +39,7 @@ _PREVIEW_VOXELS = 128**3
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SceneDescription:
     """All that a picture of a view follows from; equal where the picture is.
 
     Parameters
@@ -66,10 +63,10 @@ class Scene:
     clip: Clip = WHOLE
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Scene):
+        if not isinstance(other, SceneDescription):
             return NotImplemented
         mine, others = vars(self), vars(other)
-        # Fields are compared by identity: they never change, and comparing what they say costs as much as a picture.
+        # Fields are compared by identity: they never change, and comparing their values costs as much as a picture.
         return all(mine[name] is others[name] or (name in _PLAIN and mine[name] == others[name]) for name in mine)
 
     __hash__ = None  # type: ignore[assignment]
@@ -78,7 +75,7 @@ class Scene:
 _PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip")
 
 
-def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None,
+def render_scene(scene: SceneDescription, size: tuple[int, int], most: int | None = None,
                  progress: Progress | None = None) -> Image:
     """A picture of a scene, (height, width, 3); original and deformed share it where they are side by side.
 
@@ -95,28 +92,27 @@ def render_scene(scene: Scene, size: tuple[int, int], most: int | None = None,
     return np.concatenate(halves, axis=1)
 
 
-def _render(scene: Scene, size: tuple[int, int], is_original: bool, most: int | None,
+def _render(scene: SceneDescription, size: tuple[int, int], is_original: bool, most: int | None,
             progress: Progress | None = None) -> Image:
-    shown, camera = scene.shown, scene.camera
+    shown = scene.shown
     box = scene.output or shown.volume.grid
     lattice = scene.output if most is None else coarser(box, factors_of(box, most, most))
     field = None if is_original else scene.field
     warped = 0.0 if field is None else 0.3
     seen = shown.volume if field is None else warp(shown.volume, field, output=lattice,
                                                    progress=within(progress, 0.0, warped))
-    sides, zoom = (camera["direction"], camera.get("up")), float(camera.get("zoom") or 1.0)
-    height = seen_height(box, *sides, size[0] / size[1], zoom)
-    plane = Plane.through(box.center, *sides)
-    right, above = (float(v) for v in camera.get("pan") or (0.0, 0.0))
-    plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
+    camera = camera_of(scene.camera, box, size[0] / size[1])
     part = Part.of(shown.volume.grid, scene.clip, scene.output or shown.original)
-    width = height * size[0] / size[1]
-    eye = PerspectiveCamera(STANDOFF * height, width, height) if camera.get("perspective") else None
-    draw = _mip if scene.projection == "mip" else _composite
-    return draw(scene, seen, plane, height, size, part, eye, within(progress, warped, 1.0))
+    background, rest = BACKGROUNDS[scene.background], within(progress, warped, 1.0)
+    if scene.projection == "mip":
+        return draw_core_mip(seen, camera, size, 255 * shown.white, INKS[scene.background], background, part=part,
+                             progress=rest)
+    # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
+    return draw_core(seen, camera, size, _in_bytes(scene.transfer, *shown.window), background,
+                     projection=scene.projection, part=part, progress=rest)
 
 
-def preview_png(scene: Scene) -> bytes:
+def preview_png(scene: SceneDescription) -> bytes:
     """A small picture with captions as a PNG, quickly: from fewer voxels and fewer pixels than it has."""
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
@@ -125,7 +121,7 @@ def preview_png(scene: Scene) -> bytes:
     few = (round(_PREVIEW_SHARE * width), round(_PREVIEW_SHARE * height))
     canvas = Pillow.fromarray(render_scene(scene, few, _PREVIEW_VOXELS)).resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)
     captions = {"original": ["original"], "side_by_side": ["original", "deformed"]}.get(scene.shows, [])
-    draw, ink = ImageDraw.Draw(canvas), tuple(round(255 * c) for c in INKS[scene.background])
+    draw, ink = ImageDraw.Draw(canvas), bytes_of(INKS[scene.background])
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
     return as_png(np.asarray(canvas))
@@ -153,44 +149,6 @@ def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFu
     colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in transfer.colors)
     opacities = tuple(((v - low) * scale, alpha) for v, alpha in transfer.opacities)
     return TransferFunction(colors, opacities, transfer.unit)
-
-
-def _composite(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
-               eye: PerspectiveCamera | None, progress: Progress | None) -> Image:
-    from PIL import Image as Pillow
-
-    # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value. Half a
-    # voxel between two samples (a whole one makes surfaces grainy), or a pixel if that is larger.
-    background = BACKGROUNDS[scene.background]
-    picture = project(volume, plane, scene.projection, transfer=_in_bytes(scene.transfer, *scene.shown.window),
-                      spacing=max(min(volume.grid.spacing) / 2, height / size[1]), part=part, eye=eye,
-                      progress=progress)
-    ink: Any = tuple(round(255 * c) for c in background)
-    drawn = Pillow.fromarray(picture.rgb8(background)).transform(
-        size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BICUBIC, fillcolor=ink)
-    return np.asarray(drawn)
-
-
-def _mip(scene: Scene, volume: Volume, plane: Plane, height: float, size: tuple[int, int], part: Part | None,
-         eye: PerspectiveCamera | None, progress: Progress | None) -> Image:
-    from PIL import Image as Pillow
-
-    picture = project(volume, plane, "mip", spacing=max(min(volume.grid.spacing), height / size[1]), part=part, eye=eye,
-                      progress=progress)
-    low, white = volume.background, 255 * scene.shown.white
-    share = np.clip((picture.values.astype(np.float64) - low) / max(white - low, 1e-12), 0, 1)
-    drawn = Pillow.fromarray(share.astype(np.float32)).transform(
-        size, Pillow.Transform.AFFINE, _places(picture, height, size), Pillow.Resampling.BILINEAR, fillcolor=0)
-    v, ground = np.asarray(drawn)[..., None], np.asarray(BACKGROUNDS[scene.background])
-    color: NDArray[np.float64] = np.asarray(INKS[scene.background]) * v + ground * (1 - v)
-    return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
-
-
-def _places(picture: Picture, height: float, size: tuple[int, int]) -> tuple[float, ...]:
-    """Places in a picture of the pixels of a canvas: the plane's origin is the middle of the canvas."""
-    a0, _, b0, _ = picture.raster.box
-    d, step = picture.raster.spacing[0], height / size[1]
-    return (step / d, 0.0, (-size[0] / 2 * step - a0) / d, 0.0, step / d, (-size[1] / 2 * step - b0) / d)
 
 
 _LOG = logging.getLogger(__name__)
@@ -275,7 +233,7 @@ class CoreScene:
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities."""
         self._wanted_transfer = transfer
-        self._transfer = preset(transfer, self._volume) if isinstance(transfer, str) else transfer
+        self._transfer = as_transfer(transfer, self._volume)
 
     def set_projection(self, projection: str) -> None:
         """Show shaded, as composite or mip."""
@@ -306,7 +264,7 @@ class CoreScene:
                progress: Callable[[float], None] | None = None) -> Image | None:
         """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
         width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
-        scene = Scene(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
+        scene = SceneDescription(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
                       self._background, self._shows if shows is None else shows, self._clip)
         return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
 
@@ -319,7 +277,7 @@ METHODS = ("auto", "texture", "array", "core")
 
 def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, map_size: int = 192,
                space_size: int = 64, **looks: Any) -> tuple[VtkScene | CoreScene, str]:
-    """The best scene that works here, and what people must know about it, or an empty text.
+    """The best scene that works here, and a notice for users, or an empty text.
 
     Parameters
     ----------

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Image
+from deformnb.widgets.messages import FrameSent
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
-from deformnb.widgets.vtk.render_loop import Frame, Scene
+from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
 _QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
 _IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the way of the first
@@ -25,7 +26,7 @@ _PREVIEW_SHARE = 0.6  # of a preview's pixels
 
 
 class FrameSender:
-    """Makes messages of frames and knows which of them have been seen; may be used by several threads.
+    """Makes messages of frames and records which of them have been seen; may be used by several threads.
 
     All front ends get all frames, so the slowest of those that answer sets the pace: what is sent faster than a front
     end shows it would wait there, and the front end would lag behind more and more.
@@ -49,15 +50,21 @@ class FrameSender:
     def _on_the_way(self) -> int:
         """Count the frames that the slowest front end has yet to show, without those that are silent for too long."""
         late = time.monotonic() - _LOST_AFTER
-        for page, newest in list(self._seen.items()):
+        for view, newest in list(self._seen.items()):
             if any(at < late for number, at in self._sent.items() if number > newest):
-                del self._seen[page]
+                del self._seen[view]
         slowest = min(self._seen.values(), default=0)
         self._sent = {n: at for n, at in self._sent.items() if n > slowest and at >= late}
         return len(self._sent)
 
-    def pack(self, frame: Frame, **content: Any) -> tuple[dict[str, Any], list[bytes]]:
-        """The message of a frame, with more entries, and its buffers. It counts as sent."""
+    def pack(self, frame: Frame, *, camera: int = 0, by: str = "") -> tuple[FrameSent, list[bytes]]:
+        """The message of a frame and its buffers. It counts as sent.
+
+        Parameters
+        ----------
+        camera : number of the change of the camera that it shows.
+        by : id of the front end that made it.
+        """
         buffers = [_jpeg(image) for image in frame.images]
         with self._lock:
             self._number += 1
@@ -66,18 +73,18 @@ class FrameSender:
             self._sent[number] = time.monotonic()
             self._last_bytes = sum(map(len, buffers))
             self._bytes += self._last_bytes
-        return {"type": "frame", "seq": number, "full": frame.is_full, **content}, buffers
+        return FrameSent(type="frame", seq=number, full=frame.is_full, camera=camera, by=by), buffers
 
-    def seen(self, number: int, page: str = "") -> bool:
-        """A front end shows this frame. Returns whether someone was refused meanwhile and may send now."""
+    def seen(self, number: int, view: str = "") -> bool:
+        """Record that a front end shows this frame. Returns whether a refused send may be made now."""
         with self._lock:
-            self._seen[page] = max(min(number, self._number), self._seen.get(page, 0))
+            self._seen[view] = max(min(number, self._number), self._seen.get(view, 0))
             return self._is_free_again()
 
-    def left(self, page: str) -> bool:
+    def left(self, view: str) -> bool:
         """A front end is closed. Returns what :meth:`seen` does."""
         with self._lock:
-            self._seen.pop(page, None)
+            self._seen.pop(view, None)
             return self._is_free_again()
 
     def lost(self) -> None:
@@ -103,7 +110,7 @@ class FrameSender:
         return {"bytes_per_frame": self._last_bytes, "frame_bytes": self._bytes, "sent": self._number}
 
 
-def drawn(scene: Scene, size: tuple[int, int], shows: str, **options: Any) -> Image:
+def drawn(scene: LoopScene, size: tuple[int, int], shows: str, **options: Any) -> Image:
     """A picture of another size than the scene's own, which stays."""
     before = scene.size
     scene.set_size(size)
@@ -115,7 +122,7 @@ def drawn(scene: Scene, size: tuple[int, int], shows: str, **options: Any) -> Im
     return image
 
 
-def preview_png(scene: Scene, shows: str) -> bytes:
+def preview_png(scene: LoopScene, shows: str) -> bytes:
     """A small picture as a PNG, from fewer pixels than it has: it must not hold up its cell."""
     from PIL import Image as Pillow
 
@@ -140,8 +147,8 @@ class Pacer:
     Parameters
     ----------
     send : called with a number that the front end confirms. It looks up what is newest itself. Calls never overlap.
-    patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell hears no
-        page, and a hidden page draws nothing.
+    patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell receives
+        nothing from a view, and a hidden view draws nothing.
     """
 
     def __init__(self, send: Callable[[int], None], patience: float = 0.25) -> None:
@@ -157,7 +164,7 @@ class Pacer:
         return self._timer is not None
 
     def offer(self) -> None:
-        """There is a newer state: send it now, or as soon as the front end is ready."""
+        """Offer a newer state: it is sent now, or as soon as the front end is ready."""
         with self._lock:
             wait = self._sent + self._patience - time.monotonic() if self._number > self._seen else 0.0
             if wait <= 0:
@@ -180,8 +187,8 @@ class Pacer:
                 return  # it was sent meanwhile
             try:
                 self._go()
-            except Exception:  # in a thread of its own nobody else would hear of it
-                _LOG.exception("a deformation could not be sent to its pages")
+            except Exception:  # in a thread of its own nothing else would report it
+                _LOG.exception("a deformation could not be sent to its front ends")
 
     def _go(self) -> None:
         if self._timer is not None:

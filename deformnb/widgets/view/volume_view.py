@@ -1,7 +1,7 @@
 """Volume view: a volume drawn by VTK in Python, for browsers that are weak and for features of VTK.
 
 One thread makes the window and does every call of VTK. The front end gets pictures as JPEG and sends the viewer's
-position; the newest of all changes is drawn, at most two pictures are under way. The view knows of each of its front
+position; the newest of all changes is drawn, at most two pictures are under way. The view records of each of its front
 ends its size and whether it is dark. Folds can be painted red, with a badge in the corner of the picture.
 
 Messages of a front end (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
@@ -33,6 +33,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.messages import Badge, Notice, TrameAddress
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
@@ -48,14 +49,14 @@ LARGEST = 4096
 _MOST = 8  # of one view; an older one has been closed without a word
 
 
-class Pages:
+class FrontEnds:
     """Sizes by name of a front end; may be used by several threads.
 
     Examples
     --------
-    >>> pages = Pages()
-    >>> pages.put("a", {"width": 300, "height": 200, "background": "light"})
-    >>> pages.size((720, 540)), pages.theme, bool(pages)
+    >>> front_ends = FrontEnds()
+    >>> front_ends.put("a", {"width": 300, "height": 200, "background": "light"})
+    >>> front_ends.size((720, 540)), front_ends.theme, bool(front_ends)
     ((300, 200), 'light', True)
     """
 
@@ -157,7 +158,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     gone, or some time after the last still. A cell of a notebook that runs again closes the views of its earlier runs.
     :meth:`call` reaches the ``pyvista.Plotter`` itself: whatever VTK can draw may be added to the scene.
 
-    Where VTK cannot draw off screen, the package draws the pictures itself and the page says so.
+    Where VTK cannot draw off screen, the package draws the pictures itself, which the front end reports.
 
     Examples
     --------
@@ -207,7 +208,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._path = ""
         self._has_guests = False  # whether someone has put things into the scene that only it knows
         self._following: Following | None = None
-        self._pages = Pages()
+        self._front_ends = FrontEnds()
         self._frames = FrameSender()
         self._notice = ""
         self._carrier: Any = None  # of pictures that do not go the notebook's way
@@ -218,7 +219,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if method not in METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self.on_msg(self._receive)
-        self.observe(self._look, ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms",
+        self.observe(self._changed, ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms",
                                   "settle_ms"])
         if volume is not None:
             self.show(volume)
@@ -254,19 +255,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
-        """Let an editor move the picture's displacement: its points come to Python with every movement.
-
-        Parameters
-        ----------
-        editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the next drag: an extrusion over the editor's plane, or a composition that ends with
-            one. Its plane, depths and weights stay, also while points move.
-        index : which of its maps the editor's points make.
-
-        Notes
-        -----
-        May be called after every edit: what is dragged meanwhile stays where the pointer is.
-        """
+        """As :meth:`AbstractView.follow`: the points of the editor come to Python with every movement."""
         following = self._following
         if following is not None and following.goes_on(editor, index):
             self._put(self._ready()[0], following.show(field), output)
@@ -322,7 +311,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """
         self._has_guests = True  # from now on the scene stays, also while no front end shows it
         result = self._do(lambda scene: function(scene.plotter))
-        if self._pages:
+        if self._front_ends:
             self._awake().touch()
         return result
 
@@ -336,7 +325,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 raise DeformError("the view is closed; make a new one.")
             if self._loop is None:
                 held = weakref.ref(self)  # the thread keeps no view alive
-                self._loop = SceneLoop(self._make, self._deliver, self._say, ready=lambda: self._frames.may_send,
+                self._loop = SceneLoop(self._make, self._deliver, self._show_notice,
+                                       ready=lambda: self._frames.may_send,
                                        target_ms=self.target_ms, settle_ms=self.settle_ms,
                                        is_kept=lambda: (view := held()) is not None and view._is_watched)
                 self._loop.set_shows(self.shows)
@@ -345,7 +335,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     @property
     def _is_watched(self) -> bool:
         """True if the scene must stay: a front end shows it, or it holds state that only it has."""
-        return bool(self._pages) or self._has_guests
+        return bool(self._front_ends) or self._has_guests
 
     def _make(self) -> Any:
         volume, _, _ = self._ready()
@@ -354,7 +344,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         scene, notice = make_scene(volume, self._size(), self._method, **looks, **self._sampling)
         try:
             if notice:
-                self._say(notice)
+                self._show_notice(notice)
             self._path = scene.path
             scene.set_camera(self.camera)
             scene.set_clip(self.clip)
@@ -369,25 +359,25 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if scene.volume is not volume:
             scene.set_volume(volume)
         scene.set_field(field(), output)
-        self._tell_folds(scene)
+        self._show_fold_badge(scene)
 
-    def _tell_folds(self, scene: Any) -> None:
+    def _show_fold_badge(self, scene: Any) -> None:
         """In the thread that renders, whenever something else is shown."""
         scene.folding.show = self.show_folds
         text = "" if self.shows == "original" else scene.folding.remark
         if text != self.badge:
             self.badge = text
-            self.send({"type": "badge", "text": text})
+            self.send(Badge(type="badge", text=text))
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
         if self._is_closed:  # a front end's mouse may go on for a moment
             return
-        loop = self._awake() if self._pages and self._content is not None else self._loop
+        loop = self._awake() if self._front_ends and self._content is not None else self._loop
         if loop is not None:
-            loop.change(key, function, draw=bool(self._pages))
+            loop.change(key, function, draw=bool(self._front_ends))
 
-    def _look(self, change: Any) -> None:
-        """A trait has another value."""
+    def _changed(self, change: Any) -> None:
+        """Apply the new value of a trait to the scene."""
         name, value, loop = change["name"], change["new"], self._loop
         if name == "camera":
             self._change("camera", lambda scene: scene.set_camera(value))
@@ -396,13 +386,13 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif name == "projection":
             self._change("projection", lambda scene: scene.set_projection(value))
         elif name == "background":
-            self._change_page()
+            self._change_size()
         elif name == "show_folds":
-            self._change("folds", self._tell_folds)
+            self._change("folds", self._show_fold_badge)
         elif loop is not None and name == "shows":
             loop.set_shows(value)
             self._change("shows", lambda scene: scene.set_shows(value))
-            self._change("folds", self._tell_folds)
+            self._change("folds", self._show_fold_badge)
         elif loop is not None:
             setattr(loop, name, value)
 
@@ -432,9 +422,9 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         else:
             self._carrier.deliver(message, pictures, frame)
 
-    def _say(self, notice: str) -> None:
+    def _show_notice(self, notice: str) -> None:
         self._notice = notice
-        self.send({"type": "notice", "text": notice})
+        self.send(Notice(type="notice", text=notice))
 
     # -- from the front ends -------------------------------------------------------------------------------------------
 
@@ -451,13 +441,14 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             answer(self, text(content.get("view")), content)
 
     def _resized(self, view: str, content: dict[str, Any]) -> None:
-        self._pages.put(view, content)
+        self._front_ends.put(view, content)
         if content["type"] == "hello":
             self._carry(view, content.get("origin"))
-        self._change_page()
-        for kind, words in (("notice", self._notice), ("badge", self.badge)):
-            if content["type"] == "hello" and words:
-                self.send({"type": kind, "text": words})
+        self._change_size()
+        if content["type"] == "hello" and self._notice:
+            self.send(Notice(type="notice", text=self._notice))
+        if content["type"] == "hello" and self.badge:
+            self.send(Badge(type="badge", text=self.badge))
 
     def _carry(self, view: str, origin: Any) -> None:
         """Send a front end the address from which its frame gets the pictures, if they take another way."""
@@ -465,12 +456,12 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if make is None:
             return
         self._carrier = self._carrier or make(self)
-        self._carrier.open(origin, lambda url: self.send({"type": self.transport, "view": view, "url": url}))
+        self._carrier.open(origin, lambda url: self.send(TrameAddress(type="trame", view=view, url=url)))
 
     def draw_again(self) -> None:
         """A front end has come that was not there when the last picture was sent: none is on its way to it."""
         self._frames.lost()
-        if self._loop is not None and self._pages:
+        if self._loop is not None and self._front_ends:
             self._loop.touch()
 
     def _put_carrier_away(self) -> None:
@@ -479,9 +470,9 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             carrier.close()
 
     def _bye(self, view: str, content: dict[str, Any]) -> None:
-        self._pages.drop(view)
+        self._front_ends.drop(view)
         self._go_on(self._frames.left(view))
-        if not self._pages and not self._has_guests:
+        if not self._front_ends and not self._has_guests:
             self._rest()
 
     def _camera(self, view: str, content: dict[str, Any]) -> None:
@@ -504,20 +495,20 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     # -- what the pictures take from them ------------------------------------------------------------------------------
 
     def _shade(self) -> str:
-        return self._pages.theme if self.background == "auto" else str(self.background)
+        return self._front_ends.theme if self.background == "auto" else str(self.background)
 
     def _size(self) -> tuple[int, int]:
         """The largest size of the front ends, or that of the traits."""
-        return self._pages.size((self.width, self.height))
+        return self._front_ends.size((self.width, self.height))
 
-    def _change_page(self) -> None:
+    def _change_size(self) -> None:
         size, background = self._size(), self._shade()
 
         def resize(scene: Any) -> None:
             scene.set_size(size)
             scene.set_background(background)
 
-        self._change("page", resize)
+        self._change("size", resize)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
@@ -528,9 +519,9 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         ----------
         size : (width, height) in pixels; default is that of the traits.
         """
-        wanted = size or (self.width, self.height)
+        pixels = size or (self.width, self.height)
 
-        return self._do(lambda scene: drawn(scene, wanted, self.shows, bands=max(1, wanted[1] // 64)))
+        return self._do(lambda scene: drawn(scene, pixels, self.shows, bands=max(1, pixels[1] // 64)))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
         """The full picture of all changes so far in the front end; without one that of :meth:`still`.
@@ -540,7 +531,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         timeout : seconds to wait for it, for pictures are quick and small at first; then it is drawn for this alone.
         """
         end = time.monotonic() + timeout
-        while self._pages and time.monotonic() < end:
+        while self._front_ends and time.monotonic() < end:
             last, loop = self._frames.last, self._loop
             if last is not None and last.is_full and loop is not None and loop.is_settled:
                 return last.images[0]
@@ -577,8 +568,8 @@ _ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
 
 def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
     if isinstance(transfer, str) and transfer not in PRESETS and volume is not None:
-        preset(transfer, volume)  # says which there are
+        preset(transfer, volume)  # raises for an unknown one
 
 
 def _none() -> None:
-    """No deformation."""
+    """The field of a volume without deformation."""

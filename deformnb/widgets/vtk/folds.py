@@ -23,7 +23,7 @@ from deformnb.widgets.textures import FieldTextures
 RED = "red: where the map folds"
 UNSEEN = "the map folds; this way of drawing does not show where"
 
-# Nodes along the longest side where nothing but the field itself can be asked.
+# Nodes along the longest side where nothing but the field itself can be evaluated.
 _NODES = 33
 
 # Changes of slope of the weights of several maps; of more than these a bound must do.
@@ -146,7 +146,7 @@ def _slopes(samples: NDArray[np.float32], spacing: list[float]) -> Iterator[NDAr
         yield np.stack([np.moveaxis(step[where], -1, 0) for step, where in zip(steps, at, strict=True)], axis=1)
 
 
-# ---- what a scene knows of it ----------------------------------------------------------------------------------------
+# ---- the folds of a scene -------------------------------------------------------------------------------------------
 
 
 class Folding:

@@ -30,14 +30,14 @@ _Result = TypeVar("_Result")
 _BAND_MS = 50.0  # a part of a full picture: a change waits for this and one quick picture
 _SMALLEST, _FIRST = 0.12, 0.3  # shares of the full width
 _AIMED_AT = 0.75  # of the time that a quick picture may take, for pictures differ
-_RETRY = 1.0  # seconds after which nobody waits any longer for a front end to say that it has shown a picture
+_RETRY = 1.0  # seconds after which the confirmation of a picture by a front end is no longer awaited
 _KEPT = 50  # times that medians are taken of
 _RATES = 3
 _WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a third of what would be its share
 
 
-class Scene(Protocol):
-    """Scene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
+class LoopScene(Protocol):
+    """LoopScene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -76,11 +76,11 @@ class SceneLoop:
     make : makes the scene; called in the thread, before the first picture.
     deliver : called in the thread with each picture.
     failed : called in the thread with what went wrong, for people; the last good picture stays.
-    ready : returns whether another picture may be delivered; whoever answers no calls :meth:`touch` later.
+    ready : returns whether another picture may be delivered; one that returns False calls :meth:`touch` later.
     target_ms : time that a quick picture may take.
     settle_ms : rest after which the full picture is drawn.
     longest_ms : time that a full picture may take; on slow machines it has fewer pixels.
-    is_kept : whether the scene must stay when nothing has been asked of it for a while; else it is closed, its thread
+    is_kept : whether the scene must stay when nothing has been requested for a while; else it is closed, its thread
         ends, and both are made again by the next wish.
     """
 
@@ -107,7 +107,7 @@ class SceneLoop:
 
         Parameters
         ----------
-        draw : False where nobody looks: the next picture that someone requests is early enough.
+        draw : False where no picture is shown: the next one that is requested is early enough.
         """
         with self._lock:
             self._changes[key] = function
@@ -205,7 +205,7 @@ class SceneLoop:
         except Exception as error:
             self._say(error)
 
-    def _images(self, scene: Scene, **options: Any) -> tuple[Image, ...] | None:
+    def _images(self, scene: LoopScene, **options: Any) -> tuple[Image, ...] | None:
         both = ("deformed", "original") if self._shows == "flicker" else (self._shows,)
         images = []
         for shows in both:
@@ -226,7 +226,7 @@ class SceneLoop:
 
     def _learn(self, ms: float) -> None:
         self._rates.append(ms / self._scale**2 * _coarseness(self._scale))
-        if self._is_new:  # the first picture compiles shaders, which says nothing of the others
+        if self._is_new:  # the first picture compiles shaders: its time is no measure of the others
             self._is_new = False
             self._rates[-1] = min(self._rates[-1], self.longest_ms)
             return
@@ -241,7 +241,7 @@ class SceneLoop:
 
 
 class _Holder:
-    """The scene, from the first picture to the end of its thread; it knows nothing of the loop."""
+    """The scene, from the first picture to the end of its thread; it has no reference to the loop."""
 
     def __init__(self) -> None:
         self._scene: Any = None
@@ -270,5 +270,5 @@ def _give_way() -> None:
 
 
 def _coarseness(scale: float) -> float:
-    """Samples farther apart in smaller pictures: what is saved would else be spent on depth that nobody sees."""
+    """Samples farther apart in smaller pictures: what is saved would else be spent on depth that is not seen."""
     return 1.0 + 2.2 * (1.0 - scale)

@@ -4,9 +4,10 @@ All calls must come from one thread, which OpenGL requires (see :mod:`~deformnb.
 to the GPU once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
 of VTK cannot, the core warps the voxels and they are written over the old ones in place.
 
-The scene draws in an off-screen window. It takes from a volume its voxels within the visible box, its frame, and its
-white value. A small volume and a deformation of which every part has a visible effect check that a shader deforms
-rightly.
+The scene draws in a :class:`~deformnb.imaging.vtk_volume.VolumeWindow`, as stills and movies do, and adds what is
+interactive: the deformation in the shader, the box, the visible part and folds. It takes from a volume its voxels
+within the visible box, its frame, and its white value. A small volume and a deformation of which every part has a
+visible effect check that a shader deforms rightly.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from deformnb._typing import Image
+from deformnb.checks import one_of
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.render import clipped_for, for_vtk, gl_status, placement, set_vtk_transfer, straight_image
+from deformnb.imaging.camera import checked_size
+from deformnb.imaging.vtk_volume import VolumeWindow, check_gl, clipped_for, for_vtk, mark_modified, straight_image
 from deformnb.io.headers import human_bytes
 from deformnb.io.memory import available_memory
 from deformnb.rbf.cuts import Decoupled
@@ -33,53 +35,14 @@ from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Iden
 from deformnb.rbf.regions import Line
 from deformnb.volume.clip import WHOLE, Clip, checked_clip
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.transfer import TransferFunction, levels, preset
+from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, STANDOFF, checked_camera, known, seen_height, within
+from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, camera_of, checked_camera, within
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import FieldTextures, field_textures
 from deformnb.widgets.vtk.folds import Folding, pressed
 from deformnb.widgets.vtk.shader import VolumeWarp
-
-_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
-
-
-def new_plotter() -> Any:
-    """A ``pyvista.Plotter`` without a screen, with the light of the stills; its thread is the only one to use it."""
-    import pyvista
-
-    # One lamp at the camera: the three of pyvista's kit stain what faces the viewer.
-    plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
-    plotter.add_light(pyvista.Light(light_type="headlight"))
-    plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none
-    return plotter
-
-
-def pixels(window: Any) -> Image:
-    """Read the pixels of a render window, (height, width, 3), without drawing it again."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
-
-    width, height = window.GetSize()
-    data = vtkUnsignedCharArray()
-    window.GetPixelData(0, 0, width - 1, height - 1, 0, data, 0)
-    rgb: Image = vtk_to_numpy(data).reshape(height, width, 3)  # type: ignore[no-untyped-call]
-    return np.ascontiguousarray(rgb[::-1])
-
-
-def has_overlay(plotter: Any, usual: int) -> bool:
-    """Check whether something lies on the picture instead of in space: it would be drawn once in every part.
-
-    Parameters
-    ----------
-    usual : renderers that the window had at first.
-    """
-    if plotter.render_window.GetRenderers().GetNumberOfItems() > usual:
-        return True  # the corner with axes has one of its own
-    return any(not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
-               for renderer in plotter.renderers for prop in renderer.GetViewProps())
-
 
 Vector = NDArray[np.float64]
 Box = tuple[Vector, Vector]
@@ -185,8 +148,7 @@ class SceneVoxels:
             self._put_inside(self._plain, field)
         if kept is not None:
             self._empty_around(kept)
-        self.image.GetPointData().GetScalars().Modified()
-        self.image.Modified()
+        mark_modified(self.image)
         self.written = state
 
     def _put_inside(self, plain: NDArray[Any], field: AbstractField | None) -> None:
@@ -294,7 +256,7 @@ PROJECTIONS = ("shaded", "composite", "mip")
 
 
 class VtkScene:
-    """One volume in a window of VTK that nobody sees.
+    """One volume in an off-screen window of VTK.
 
     Parameters
     ----------
@@ -321,18 +283,14 @@ class VtkScene:
     def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
                  transfer: TransferFunction | str = "specimen", projection: str = "shaded", background: str = "dark",
                  map_size: int = 192, space_size: int = 64, method: str = "auto") -> None:
-        works, found, remedy = gl_status()
-        if not works:
-            raise DeformError(f"{found}; {remedy}.")
+        check_gl()
         if method not in ("auto", "texture", "array"):
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
         self._is_trusted = method == "texture"
         self.folding = Folding(None if self._is_trusted else folds_work)
         self._map_size, self._space_size = int(map_size), int(space_size)
-        self._plotter = new_plotter()
-        self._renderers = self._plotter.render_window.GetRenderers().GetNumberOfItems()
-        self._actor: Any = None
+        self._window: VolumeWindow | None = VolumeWindow()
         self._warp: VolumeWarp | None = None
         self._maps: FieldTextures | None = None
         self._loaded: FieldTextures | None = None  # what the shader has of them
@@ -342,7 +300,7 @@ class VtkScene:
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
-        self._projection = known(projection, PROJECTIONS, "projection")
+        self._projection = one_of(projection, PROJECTIONS, "projection")
         self._wanted_transfer = transfer
         self.set_volume(volume)
 
@@ -351,8 +309,15 @@ class VtkScene:
     @property
     def plotter(self) -> Any:
         """The ``pyvista.Plotter``: meshes, axes and clipping planes can be added; the camera is set by the scene."""
-        self._plotter.render_window.SetSize(*self._size)  # not that of a part, for sizes of letters
-        return self._plotter
+        plotter = self._shown.plotter
+        plotter.render_window.SetSize(*self._size)  # not that of a part, for sizes of letters
+        return plotter
+
+    @property
+    def _shown(self) -> VolumeWindow:
+        if self._window is None:
+            raise DeformError("this scene was closed; make another one.")
+        return self._window
 
     @property
     def volume(self) -> Volume:
@@ -364,7 +329,7 @@ class VtkScene:
         self._volume = volume
         self._field: AbstractField | None = None
         self.folding.set(None)
-        self._transfer = self._named(self._wanted_transfer)
+        self._transfer = as_transfer(self._wanted_transfer, volume)
         self._load(None)
 
     def set_field(self, field: Deformation | AbstractField | None, output: Grid | None = None) -> None:
@@ -399,29 +364,26 @@ class VtkScene:
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
         self._wanted_transfer = transfer
-        self._transfer = self._named(transfer)
+        self._transfer = as_transfer(transfer, self._volume)
         if clipped_for(self._volume, self._transfer).value_range != self._voxels.volume.value_range:
             self._load(self._output)
             if self._field is not None:
                 self.set_field(self._field, self._output)
         self._apply_looks()
 
-    def _named(self, transfer: TransferFunction | str) -> TransferFunction:
-        return preset(transfer, self._volume) if isinstance(transfer, str) else transfer
-
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
-        self._projection = known(projection, PROJECTIONS, "projection")
+        self._projection = one_of(projection, PROJECTIONS, "projection")
         self._apply_looks()
 
     def set_background(self, background: str) -> None:
         """A "dark" or a "light" one."""
-        self._background = known(background, tuple(BACKGROUNDS), "background")
-        self._plotter.renderer.SetBackground(*BACKGROUNDS[background])
+        self._background = one_of(background, BACKGROUNDS, "background")
+        self._shown.set_background(BACKGROUNDS[background])
         self._apply_looks()
 
     def set_camera(self, camera: dict[str, Any]) -> None:
-        """Look from another side: direction, up, zoom, pan and perspective as in a view's ``camera``."""
+        """Set the camera: direction, up, zoom, pan and perspective as in a view's ``camera``."""
         self._camera = checked_camera(camera)
 
     def set_clip(self, clip: Clip) -> None:
@@ -431,13 +393,11 @@ class VtkScene:
 
     def set_shows(self, shows: str) -> None:
         """Set the display mode, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
-        self._shows = known(shows, tuple(SHOWS), "kind of picture")
+        self._shows = one_of(shows, SHOWS, "kind of picture")
 
     def set_size(self, size: tuple[int, int]) -> None:
         """Another (width, height) of the picture in pixels."""
-        if len(size) != 2 or min(size) < 1 or any(int(n) != n for n in size):
-            raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {size}.")
-        self._size = (int(size[0]), int(size[1]))
+        self._size = checked_size(size)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -461,7 +421,7 @@ class VtkScene:
         progress : called after each part with the finished share; what it raises ends the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
-        kind = self._shows if shows is None else known(shows, tuple(SHOWS), "kind of picture")
+        kind = self._shows if shows is None else one_of(shows, SHOWS, "kind of picture")
         if kind != "side_by_side":
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
         left_half, right_half = (within(progress, first, first + 0.5) for first in (0.0, 0.5))
@@ -475,47 +435,10 @@ class VtkScene:
     def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
                  interrupted: Callable[[], bool] | None, progress: Callable[[float], None] | None) -> Image | None:
         self._deform(deformed)
-        seen = self._look(size)
-        # Half a voxel (a whole one makes surfaces grainy), or a pixel if that is larger.
-        self._actor.mapper.SetSampleDistance(max(min(self._volume.grid.spacing) / 2, seen / size[1]) * coarseness)
-        count = 1 if has_overlay(self._plotter, self._renderers) else max(1, min(bands, size[1] // 8))
-        rows = np.linspace(0, size[1], count + 1).astype(int)
-        parts: list[Image] = []
-        for top, bottom in pairwise(rows.tolist()):
-            if parts and interrupted is not None and interrupted():
-                return None
-            parts.append(self._band(size, top, bottom, seen))
-            if progress is not None:
-                progress(len(parts) / count)
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-    def _band(self, size: tuple[int, int], top: int, bottom: int, seen: float) -> Image:
-        """Some rows of the picture: what a window as high as they are sees through its own part of the camera."""
-        window, camera = self._plotter.render_window, self._plotter.camera
-        share = (bottom - top) / size[1]
-        camera.SetWindowCenter(0.0, (1 - (top + bottom) / size[1]) / share)
-        camera.SetParallelScale(seen / 2 * share)
-        camera.SetViewAngle(float(np.degrees(2 * np.arctan(share / 2 / STANDOFF))))
-        window.SetSize(size[0], bottom - top)
-        if self._warp is not None:
-            self._warp.set_row(size[1] - bottom)
-        window.Render()
-        return pixels(window)
-
-    def _look(self, size: tuple[int, int]) -> float:
-        """Put the camera in its place; the length in space that the picture is high."""
-        wanted, box, camera = self._camera, self._output or self._volume.grid, self._plotter.camera
-        plane = Plane.through(box.center, wanted["direction"], wanted["up"])
-        seen = seen_height(box, wanted["direction"], wanted["up"], size[0] / size[1], wanted["zoom"])
-        right, above = wanted["pan"]
-        focus, n = plane.from_plane([right, -above]), np.asarray(plane.normal)
-        bent = bool(wanted.get("perspective"))
-        camera.SetFocalPoint(*focus)
-        camera.SetPosition(*(focus - n * (seen * STANDOFF if bent else 2 * self._voxels.lattice.diagonal)))
-        camera.SetViewUp(*(-np.asarray(plane.v)))
-        camera.SetParallelProjection(not bent)
-        self._plotter.renderer.ResetCameraClippingRange()
-        return seen
+        camera = camera_of(self._camera, self._output or self._volume.grid, size[0] / size[1])
+        distance = camera.sample_distance(self._volume.grid, size[1]) * coarseness
+        return self._shown.draw(camera, size, distance, bands=bands, interrupted=interrupted, progress=progress,
+                                before=None if self._warp is None else self._warp.set_row)
 
     # -- VTK -----------------------------------------------------------------------------------------------------------
 
@@ -524,33 +447,25 @@ class VtkScene:
         assert self._transfer is not None
         self._output, self._voxels = output, SceneVoxels(clipped_for(self._volume, self._transfer), output)
         self._maps = self._loaded = None
-        self._close_actor()
-        self._actor = self._plotter.add_volume(self._voxels.image, mapper="gpu", shade=True, show_scalar_bar=False,
-                                               cmap="gray", opacity="linear", reset_camera=False, render=False,
-                                               opacity_unit_distance=1.0)
-        self._actor.user_matrix = placement(self._voxels.lattice)
-        self._actor.mapper.SetAutoAdjustSampleDistances(False)
+        self._close_warp()
+        window = self._shown
+        window.load(self._voxels.image, self._voxels.lattice)
         if self.path == "texture":
-            self._plotter.render_window.SetSize(8, 8)
-            self._plotter.render_window.Render()  # makes the context that textures live in
-            self._warp = VolumeWarp(self._actor, self._plotter.render_window)
+            render_window = window.plotter.render_window
+            render_window.SetSize(8, 8)
+            render_window.Render()  # makes the context that textures live in
+            self._warp = VolumeWarp(window.actor, render_window)
         self._apply_clip()
         self._apply_looks()
 
     def _apply_looks(self) -> None:
-        if self._actor is None or self._transfer is None:
+        if self._transfer is None:
             return
-        prop, mapper, values = self._actor.prop, self._actor.mapper, self._voxels.volume.value_range
+        transfer, values = self._transfer, self._voxels.volume.value_range
         if self._projection == "mip":
-            low, white = self._voxels.volume.background, white_of(self._volume)
-            ink = INKS[self._background]
-            ramp = TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0)))
-            set_vtk_transfer(prop, ramp, values)
-            mapper.SetBlendModeToMaximumIntensity()
-        else:
-            set_vtk_transfer(prop, self._transfer, values)
-            mapper.SetBlendModeToComposite()
-        prop.SetShade(self._projection == "shaded")
+            low, white, ink = self._voxels.volume.background, white_of(self._volume), INKS[self._background]
+            transfer = TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0)))
+        self._shown.set_transfer(transfer, values, self._projection)
         if self._warp is not None:
             self._warp.set_projection(self._projection == "mip", self._projection == "shaded")
 
@@ -558,10 +473,8 @@ class VtkScene:
         if self._warp is not None:
             is_cut = np.not_equal(np.transpose(self._clip), [[0.0], [1.0]]).astype(float)
             self._warp.set_box(*self._voxels.box(self._clip), self._voxels.lattice, is_cut)
-        elif self._actor is not None:
-            self._actor.mapper.RemoveAllClippingPlanes()
-            for plane in clipping_planes(self._voxels.lattice, self._voxels.kept(self._clip)):
-                self._actor.mapper.AddClippingPlane(plane)
+        else:
+            self._shown.set_clipping_planes(clipping_planes(self._voxels.lattice, self._voxels.kept(self._clip)))
 
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
@@ -579,20 +492,17 @@ class VtkScene:
             is_whole = self._warp is not None or (self._output is None and kept is None)
             self._voxels.write("plain" if is_whole else "cropped", None, kept)
 
-    def _close_actor(self) -> None:
+    def _close_warp(self) -> None:
         if self._warp is not None:
             self._warp.close()
             self._warp = None
-        if self._actor is not None:
-            self._plotter.remove_actor(self._actor, render=False)
-            self._actor = None
 
     def close(self) -> None:
         """Give back the window and all that is on the GPU; a second time does nothing."""
-        if self._plotter is not None:
-            self._close_actor()
-            self._plotter.close()
-            self._plotter = None
+        if self._window is not None:
+            self._close_warp()
+            self._window.close()
+            self._window = None
 
 
 @cache
@@ -638,14 +548,14 @@ def folds_work() -> bool:
 def _is_right(volume: Volume, field: AbstractField) -> bool:
     from vtkmodules.vtkCommonCore import vtkObject
 
-    says = vtkObject.GetGlobalWarningDisplay()
+    shown = vtkObject.GetGlobalWarningDisplay()
     vtkObject.GlobalWarningDisplayOff()
     try:
         got, wanted = _still_of(volume, field, "texture"), _still_of(warped(volume, field), None, "array")
     except DeformError:
         return False
     finally:
-        vtkObject.SetGlobalWarningDisplay(says)
+        vtkObject.SetGlobalWarningDisplay(shown)
     return is_like(got, wanted, has_cuts=field.has_cuts)
 
 

@@ -19,6 +19,7 @@ are the same, and so is the picture.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
+from deformnb.widgets.bundle import SHADERS
 from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.vtk.folds import REPLACED_FOR_FOLDS, fold_glsl, fold_step
 
@@ -50,6 +52,8 @@ vec3 dnb_at = vec3(0.0), dnb_fade_p = vec3(1.0), dnb_fade_n = vec3(1.0);
 float dnb_seen = 1.0, dnb_open = 1.0;
 int dnb_found = 0, dnb_home = 0;
 
+%(choice)s
+
 vec3 dnb_inside(vec3 place, vec3 q)
 {
   %(inside)s
@@ -73,8 +77,8 @@ vec3 dnb_look(vec3 q, int keep)
   vec2 at = vec2(dot(dnb_column, x), clamp(dot(dnb_row, x), dnb_edges.x, dnb_edges.y));
   %(depth)s
   vec2 c = vec2(dot(dnb_cut_column, x), dot(dnb_cut_row, x)), e;
-  float total = 0.0, cover, most = -1e9;
-  int own = 0, best;
+  float edge = -1e9;
+  int own = 0;
   %(here)s
   %(each)s
   %(rule)s
@@ -98,14 +102,9 @@ float dnb_faded(float value, float seen)
 """
 
 _RULES = {
-    "source": """best = own;
-  dnb_seen = min(1.0, total);
-  if (cover < 0.5)
-  {
-    %(others)s
-  }""",
-    "paper": """best = own;
-  dnb_seen = min(1.0, cover / clamp(0.5 + most / dnb_softness, 0.5, 1.0));""",
+    "source": """%(others)s
+  dnb_seen = min(1.0, choice.cover);""",
+    "paper": "dnb_seen = min(1.0, closedByPlace(choice.cover, edge, dnb_softness));",
 }
 
 _AXES = "xyz"
@@ -130,6 +129,12 @@ REPLACED_FOR_CUTS = {
 """Replacements in VTK's shader for cuts."""
 
 
+@cache
+def cut_choice() -> str:
+    """The choice at a cut (Eq. 8), the same text as in the page's shader."""
+    return (SHADERS / "cut_choice.glsl").read_text(encoding="utf-8")
+
+
 def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside: str, space: str) -> str:
     """The functions for these regions.
 
@@ -142,21 +147,20 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
     """
     count, cuts = len(sides), len(sides[0])
     here = [f"float a{c} = dnb_away(c, {c}.0);" for c in range(cuts)]
-    here += [f"if ({_depth(side, 'a{}')} > most) {{ most = {_depth(side, 'a{}')}; own = {r}; }}"
+    here += [f"if ({_depth(side, 'a{}')} > edge) {{ edge = {_depth(side, 'a{}')}; own = {r}; }}"
              for r, side in enumerate(sides)]
     each = []
     for r, side in enumerate(sides):
         each += [f"vec2 d{r} = dnb_strength * dnb_map(at, {'depth' if weighted else '0.0'}, {r}.0);",
                  f"e = c + d{r} * dnb_cut_scale;",
-                 f"float v{r} = clamp(0.5 + {_depth(side, 'dnb_away(e, {}.0)')} / dnb_softness, 0.0, 1.0);",
-                 f"total += v{r};"]
-    others = "\n    ".join(f"if (v{r} > cover) {{ cover = v{r}; best = {r}; }}" for r in range(count))
-    chosen = f"cover = {_picked('v', count, 'own')};\n  " + _RULES[rule] % {"others": others}
+                 f"float v{r} = covered({_depth(side, 'dnb_away(e, {}.0)')}, dnb_softness);"]
+    others = "\n  ".join(f"if (own != {r}) {{ adds(choice, {r}, v{r}); }}" for r in range(count))
+    chosen = f"Choice choice = begun(own, {_picked('v', count, 'own')});\n  " + _RULES[rule] % {"others": others}
     return _CUTS_GLSL % {
-        "inside": inside, "map": _MAP[weighted] % {"regions": count} if weighted else _MAP[False], "cuts": cuts,
-        "depth": _DEPTH if weighted else "", "here": "\n  ".join(here), "each": "\n  ".join(each),
-        "rule": f"{chosen}\n  dnb_found = best;", "chosen": _picked("d", count, "best"),
-        "kept": _picked("d", count, "keep"), "space": space,
+        "choice": cut_choice(), "inside": inside, "cuts": cuts, "depth": _DEPTH if weighted else "",
+        "map": _MAP[weighted] % {"regions": count} if weighted else _MAP[False], "here": "\n  ".join(here),
+        "each": "\n  ".join(each), "rule": f"{chosen}\n  dnb_found = choice.region;",
+        "chosen": _picked("d", count, "choice.region"), "kept": _picked("d", count, "keep"), "space": space,
     }
 
 
@@ -227,7 +231,7 @@ _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "
 
 # Coordinates of textures throughout. Row k of the weights belongs to map k; the maps lie one below the other. A place
 # outside the box of what is seen is looked up in the corner 0, where the scene keeps background. The slope needs six
-# look-ups around a sample: three displacements beside its own tell where those are, since a displacement is smooth.
+# look-ups around a sample: three displacements beside its own give their places, since a displacement is smooth.
 #
 # Only what a deformation needs is in the shader, and no branches: Mesa's software renderer executes both sides of each,
 # which made a volume without any deformation 2.7 times as slow as with VTK's own shader.
@@ -334,7 +338,7 @@ class VolumeWarp:
             add(RAY_HOOK, True, f"{SKIP_EMPTY}{RAY_HOOK}", False)
             for theirs, replacement in REPLACED_FOR_EMPTY.items():  # VTK takes the words in the order of the alphabet
                 add(theirs, False, replacement, True)
-        for name, kind in _SAMPLERS.items():  # vtkUniforms knows numbers only: declared as int, turned into a sampler
+        for name, kind in _SAMPLERS.items():  # vtkUniforms has numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
         replaced = _REPLACED if cut is None else REPLACED_FOR_CUTS
         for theirs, replacement in (replaced | REPLACED_FOR_FOLDS if is_red else replaced).items():

@@ -44,12 +44,12 @@ class TrameFrames:
         self._lock = threading.Lock()
         self._served: dict[str, _Served] = {}
 
-    def open(self, origin: Any, tell: Callable[[str], None]) -> None:
-        """A page of this origin wants the pictures.
+    def open(self, origin: Any, notify: Callable[[str], None]) -> None:
+        """Start a server of the pictures for a page of this origin.
 
         Parameters
         ----------
-        tell : called with the frame's address, once it can be opened and from any thread.
+        notify : called with the frame's address, once it can be opened and from any thread.
 
         Raises
         ------
@@ -65,7 +65,7 @@ class TrameFrames:
             served = self._served.get(allowed)
             if served is None:
                 served = self._served[allowed] = _Served(view, allowed)
-        served.when_ready(tell)
+        served.when_ready(notify)
 
     def deliver(self, message: dict[str, Any], pictures: list[bytes], frame: Frame) -> None:
         """A picture, by the thread that draws."""
@@ -111,12 +111,12 @@ class _Served:
             self._ready.set()
             self.area.close()
 
-    def when_ready(self, tell: Callable[[str], None]) -> None:
-        """Call ``tell(address)`` once pages can come, in a thread that may wait for it."""
+    def when_ready(self, notify: Callable[[str], None]) -> None:
+        """Call ``notify(address)`` once pages can come, in a thread that may wait for it."""
         def wait() -> None:
             self._ready.wait(60)
             if self._server is not None and self._server.url:
-                tell(self._server.url)
+                notify(self._server.url)
 
         threading.Thread(target=wait, name="deformnb-trame-ready", daemon=True).start()
 
@@ -198,7 +198,7 @@ class _ViewArea:
         self._mouse.on_event(event, view.shown_box, view.shows)
 
     def _seen(self, number: Any, page: Any = "") -> None:
-        self._say({"type": "seen", "seq": whole(number, 1, 2**53)}, text(page))
+        self._send_to_view({"type": "seen", "seq": whole(number, 1, 2**53)}, text(page))
 
     def _look_from(self, side: Any) -> None:
         """Look from a side, by its name."""
@@ -210,14 +210,14 @@ class _ViewArea:
     def _look(self, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
         self._camera = change(self._camera)
         self._number += 1
-        self._say({"type": "camera", "camera": self._camera, "number": self._number}, _NAME)
+        self._send_to_view({"type": "camera", "camera": self._camera, "number": self._number}, _NAME)
 
     def _at_rest(self) -> None:
         view = self._view()
         if view is not None:
             view.camera = self._camera
 
-    def _say(self, content: dict[str, Any], page: str) -> None:
+    def _send_to_view(self, content: dict[str, Any], page: str) -> None:
         view = self._view()
         if view is not None:
             view._receive(view, {**content, "view": page}, [])

@@ -83,7 +83,7 @@ def is_loopback(host: str) -> bool:
 
 
 def own_names(host: str, port: int) -> frozenset[str]:
-    """Allowed values of the header Host: a foreign site whose name was turned into our address sends its own."""
+    """Allowed values of the header Host: a foreign site whose name was resolved to our address sends its own."""
     names = {f"[{host}]" if ":" in host else host}
     if is_loopback(host):
         names.add("localhost")
@@ -91,7 +91,7 @@ def own_names(host: str, port: int) -> frozenset[str]:
 
 
 def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
-    """Headers of every answer: the page loads from and speaks to this server only, and nobody else may frame it."""
+    """Headers of every answer: the page loads from and connects to this server only, and no other page may frame it."""
     # The client that trame brings compiles its templates in the page: that is what unsafe-eval is for.
     policy = {
         "default-src": "'self'", "script-src": "'self' 'unsafe-eval' blob:", "style-src": "'self' 'unsafe-inline'",
@@ -124,7 +124,7 @@ def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], f
     Parameters
     ----------
     names : the server's own, see :func:`own_names`; looked up at each request, for the port is chosen late.
-    handlers : wslink's handlers of sockets. They keep whatever reaches them as a connection until it says goodbye, so
+    handlers : wslink's handlers of sockets. They keep whatever reaches them as a connection until it is closed, so
         that a plain request, as of an ``<img>`` in any page, would stay for ever.
     framed_by : the one origin whose pages may show ours in a frame.
     """
@@ -143,7 +143,7 @@ def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], f
         is_socket = any(request.match_info.handler == one.handleWsRequest for one in handlers)
         if name not in names() or len(request.headers.getall("Host")) != 1:
             return refused(403, "another name")
-        # A browser says of every socket where its page came from; one that does not say is no page of ours.
+        # A browser sends the origin of its page with every socket; one without an origin is no page of ours.
         if (origins or is_socket) and origins != [f"http://{name}"]:
             return refused(403, "another origin")
         if request.method not in (("GET",) if is_socket else ("GET", "HEAD")):
@@ -202,7 +202,7 @@ class PasswordCheck(LinkProtocol):  # type: ignore[misc]  # wslink has no types
 
 
 class MessageGuard:
-    """Stands before wslink's handler of one socket route and lets through what the table knows.
+    """Stands before wslink's handler of one socket route and lets through what the table has.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ class MessageGuard:
 
     async def receive(self, is_binary: bool, message: Any, client_id: str) -> None:
         """Called by wslink with each message of a page."""
-        if not self._may_speak(client_id):
+        if not self._may_send(client_id):
             self._drop("too many at once")
             return
         try:
@@ -268,14 +268,14 @@ class MessageGuard:
             try:
                 await self._close(client_id)
             except Exception:
-                _LOG.exception("the end of a page's connection could not be told")
+                _LOG.exception("the end of a page's connection could not be reported")
 
     async def leave_all(self) -> None:
         """Called by wslink when the server ends."""
         await part_from(list(self._handler.connections.values()))
         self._handler.publishManager.unregisterProtocol(self._handler)
 
-    def _may_speak(self, client_id: str) -> bool:
+    def _may_send(self, client_id: str) -> bool:
         now = time.monotonic()
         if client_id not in self._buckets:
             here = self._handler.connections
@@ -306,7 +306,7 @@ def _decoded(data: Any, longest: int) -> dict[str, Any]:
         raise ValueError("a message in pieces")
     try:
         call = msgpack.unpackb(data[_HEADER:])
-    except Exception as error:  # msgpack has many ways to say so
+    except Exception as error:  # msgpack raises many kinds
         raise ValueError(f"no message: {type(error).__name__}") from None
     if not isinstance(call, dict) or not set(call) <= {"wslink", "id", "method", "args", "kwargs"}:
         raise ValueError("another form")

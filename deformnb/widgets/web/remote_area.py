@@ -53,7 +53,7 @@ class MouseCamera:
 
     @property
     def is_held(self) -> bool:
-        """Whether a button is down."""
+        """True while a button is down."""
         return self._held is not None
 
     def on_event(self, event: Any, box: Grid, shows: str = "deformed") -> None:
@@ -197,7 +197,7 @@ def _turned(ahead: Any, other: Any, angle: float) -> tuple[Any, Any]:
 
 
 def number_of(event: Any, key: str, default: float | None = None) -> float:
-    """A finite number that the page has said; DeformError if there is none."""
+    """A finite number that the page has sent; DeformError if there is none."""
     value = event.get(key, default) if isinstance(event, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > 1e6:
         raise DeformError(f"{key} of an event is a number.")

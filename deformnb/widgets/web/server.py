@@ -141,7 +141,7 @@ class PageServer:
                 await self._shut()
                 await serving
 
-    def stop(self, reason: str = "asked to") -> None:
+    def stop(self, reason: str = "on request") -> None:
         """End the server; may be called from any thread."""
         self.reason = self.reason or reason
         self.in_loop(self._end.set)
@@ -183,7 +183,7 @@ class PageServer:
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:
         loop, caught = asyncio.get_running_loop(), []
-        reasons = {"SIGINT": "Ctrl-C", "SIGTERM": "the system asked to", "SIGHUP": "the terminal has gone"}
+        reasons = {"SIGINT": "Ctrl-C", "SIGTERM": "by the system", "SIGHUP": "the terminal has gone"}
         for name, why in reasons.items():
             number = getattr(signal, name, None)
             # Signals belong to the main thread; tests run a server in another.

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from PIL import Image
 
 from deformnb.datasets.phantoms import PHANTOMS
@@ -53,7 +54,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def receive(editor: Editor, content: Any) -> None:
     """A custom message by the page."""
-    editor._handle_custom_msg(content, [])
+    deliver(editor, content)
 
 
 def test_a_page_that_opens_is_answered_and_changes_nothing(sent: list[Any]) -> None:
@@ -141,6 +142,17 @@ def test_settings_that_make_no_sense_are_refused(picture: Picture, name: str, va
     with pytest.raises(DeformError, match=words):
         setattr(editor, name, value)
     assert (getattr(editor, name), editor.settings) == (before, settings)
+
+
+def test_the_view_goes_to_a_point_that_is_there(picture: Picture, points: ControlPoints,
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    editor = Editor(picture, points)
+    sent: list[Any] = []
+    monkeypatch.setattr(editor, "send", sent.append)
+    with pytest.raises(DeformError, match="99"):
+        editor.look_at(99)
+    editor.look_at(points.ids[1])
+    assert sent == [{"type": "look", "id": points.ids[1]}]
 
 
 def test_settings_are_changed_together_and_told_once(picture: Picture, points: ControlPoints) -> None:

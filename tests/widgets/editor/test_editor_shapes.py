@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from hypothesis import given
 from hypothesis import strategies as st
 from scripts import run_script
@@ -212,7 +213,7 @@ def test_a_choice_that_is_none_is_refused(points: ControlPoints, wrong: dict[str
     content = {"type": "choose", "sender": "page", "seq": 1, "what": "parts", "index": 0, "shape": {"name": "ground"}}
     sent: list[Any] = []
     editor.send = lambda message, buffers=None: sent.append(message)  # type: ignore[method-assign]
-    editor._handle_custom_msg({**content, **wrong}, [])
+    deliver(editor, {**content, **wrong})
     assert [message["type"] for message in sent] == ["error", "done"]
     assert editor.chosen_shape == {"what": "parts", "index": 0}
     with pytest.raises(DeformError, match="chosen shape"):

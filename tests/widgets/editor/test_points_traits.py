@@ -8,7 +8,7 @@ import pytest
 
 from deformnb.errors import DeformError
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.editor.points import PAGE_TRAITS
+from deformnb.widgets.editor.points import FRONT_END_TRAITS
 
 GOOD = {"mirror": {"on": True, "axis": "b", "at": 3.5}, "snap": 7.5, "brush_radius": 12, "stop_at_folds": True}
 
@@ -17,7 +17,7 @@ def test_the_page_sets_what_is_right() -> None:
     editor = Editor()
     editor.set_state(GOOD)
     assert {name: getattr(editor, name) for name in GOOD} == GOOD
-    assert set(PAGE_TRAITS) == set(GOOD)
+    assert set(FRONT_END_TRAITS) == set(GOOD)
 
 
 @pytest.mark.parametrize(("name", "value"), [

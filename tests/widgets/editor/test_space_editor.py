@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
@@ -58,7 +59,7 @@ def editor(volume: Volume, points: ControlPoints, monkeypatch: pytest.MonkeyPatc
 
 
 def receive(editor: SpaceEditor, content: Any) -> None:
-    editor._handle_custom_msg(content, [])
+    deliver(editor, content)
 
 
 def edit(points: Any, seq: int = 1, phase: str = "end", kind: str = "move") -> dict[str, Any]:

@@ -12,7 +12,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
-from deformnb.widgets.studio.controls import LookPanel
+from deformnb.widgets.studio.controls import DisplayPanel
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.volume_view import VolumeView
 
@@ -68,7 +68,7 @@ def test_the_page_decides_on_nothing_of_the_sliders_themselves() -> None:
 
 
 def test_the_studios_panel_has_the_sliders_of_its_view(view: Any) -> None:
-    panel = LookPanel(Session(volume()), lambda edit: True, view, TransferEditor(volume()))
+    panel = DisplayPanel(Session(volume()), lambda edit: True, view, TransferEditor(volume()))
     assert panel.clip.view is view
     assert any(panel.clip in place.children for place in panel.box.children[-1].children)
     panel.close()

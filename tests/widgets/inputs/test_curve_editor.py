@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
+from front_end import deliver
 from hypothesis import given
 from hypothesis import strategies as st
 from scripts import run_script
@@ -35,7 +36,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def receive(editor: CurveEditor, value: Any, *, seq: Any = 1, phase: Any = "end", view: Any = "v") -> None:
     content = {"type": "edit", "seq": seq, "view": view, "phase": phase, "value": value}
-    editor._handle_custom_msg(json.loads(json.dumps(content)), [])
+    deliver(editor, json.loads(json.dumps(content)))
 
 
 def nodes(rows: Any, smooth: bool = False) -> dict[str, Any]:
@@ -266,7 +267,7 @@ def test_what_is_no_edit_is_dropped(changes: Any, sent: list[Any], caplog: pytes
     editor = CurveEditor("1-z")
     good = {"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": {"formula": "1"}}
     for content in ({**good, **changes}, [good], None, "edit"):
-        editor._handle_custom_msg(content, [])
+        deliver(editor, content)
     assert (editor.curve, sent) == ("1-z", [])
     assert "was dropped" in caplog.text
 

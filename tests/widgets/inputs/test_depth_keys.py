@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import pytest
+from front_end import deliver
 
 from deformnb.errors import DeformError
 from deformnb.widgets import DepthKeys
@@ -24,7 +25,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 def receive(keys: DepthKeys, kind: Any, index: Any, knots: Any, selected: Any, phase: str = "end") -> None:
     value = {"kind": kind, "index": index, "knots": knots, "selected": selected}
     content = {"type": "edit", "seq": 1, "view": "v", "phase": phase, "value": value}
-    keys._handle_custom_msg(json.loads(json.dumps(content)), [])
+    deliver(keys, json.loads(json.dumps(content)))
 
 
 def test_fewer_knots_keep_the_selection_inside() -> None:

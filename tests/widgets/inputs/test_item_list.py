@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from front_end import deliver
 
 from deformnb.widgets.inputs.item_list import LONGEST_NAME, ItemList
 
@@ -17,7 +18,7 @@ def a_list() -> tuple[ItemList, list[tuple[str, int, Any]]]:
 
 
 def says(made: ItemList, **content: Any) -> None:
-    made._handle_custom_msg({"type": "act", "index": 0, "value": None, "version": made.version, **content}, [])
+    deliver(made, {"type": "act", "index": 0, "value": None, "version": made.version, **content})
 
 
 def test_what_is_asked_for_reaches_the_callback() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
+from front_end import deliver
 from scripts import run_script
 
 from deformnb.datasets import PHANTOMS
@@ -17,7 +18,7 @@ from deformnb.volume.transfer import PRESETS, TransferFunction, levels, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets import LiveView, TransferEditor
 from deformnb.widgets.inputs.transfer_editor import shown_histogram
-from deformnb.widgets.studio.controls import LookPanel
+from deformnb.widgets.studio.controls import DisplayPanel
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 def receive(editor: TransferEditor, value: Any, phase: str = "end") -> None:
     content = {"type": "edit", "seq": 1, "view": "v", "phase": phase, "value": value}
-    editor._handle_custom_msg(json.loads(json.dumps(content)), [])
+    deliver(editor, json.loads(json.dumps(content)))
 
 
 # ---- histogram -------------------------------------------------------------------------------------------------------
@@ -231,7 +232,7 @@ def test_the_page_stretches_a_window_as_python_does() -> None:
 
 def test_the_panel_of_the_look_gives_it_one_width_whatever_it_says(volume: Volume) -> None:
     editor = TransferEditor(volume)
-    panel = LookPanel(Session(volume), lambda action: bool(action() or True), LiveView(volume), editor)
+    panel = DisplayPanel(Session(volume), lambda action: bool(action() or True), LiveView(volume), editor)
     place = next(box for box in panel.box.children[-1].children if editor in box.children)
     assert isinstance(place, ipw.VBox)  # stretches what it holds; a Box would be as wide as the words below the plot
     assert place.layout.max_width == "720px"

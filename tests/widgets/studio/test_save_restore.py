@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from driven_studio import a_drag, a_volume, act, crash, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, act, crash, drag, notice_of, panel, wait_for
+from front_end import deliver
 
 from deformnb.app.application import Application
 from deformnb.session.autosave import saved_sessions
@@ -23,7 +24,7 @@ def studio_of(volume: Volume | None = None, **options: Any) -> Studio:
 
 def click(studio: Studio, what: Any, version: Any = None) -> None:
     bar = studio._bar
-    bar._handle_custom_msg({"type": "act", "what": what, "version": bar.version if version is None else version}, [])
+    deliver(bar, {"type": "act", "what": what, "version": bar.version if version is None else version})
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_old_and_wrong_messages_are_dropped(lost: Any) -> None:
     wait_for(lambda: studio._bar.offer)
     for what, version in (("restore", studio._bar.version - 1), ("rm", None), (["restore"], None), (None, None)):
         click(studio, what, version)
-    studio._bar._handle_custom_msg(["restore"], [])
+    deliver(studio._bar, ["restore"])
     studio._bar.set_state({"offer": "pay here"})
     assert "was not saved" in studio._bar.offer
     assert len(studio.editor.points) == 4
@@ -68,7 +69,7 @@ def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
     studio = studio_of()
     drag(studio, a_drag(studio))
     studio._bar.recovery.autosave.flush()
-    wait_for(lambda: "save the session yourself" in studio._words.notice.value)
+    wait_for(lambda: "save the session yourself" in notice_of(studio))
     assert len(studio.editor.points) == 5
     studio.close()
 
@@ -120,7 +121,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     content = {"content": (tmp_path / "half.json").read_bytes()}
     files._open([content])
     assert files.question.box.layout.display == ""
-    assert "another volume (half" in files.question.text.value
+    assert "another volume (&#x27;half" in files.question.text.value
     assert studio.session.step.strength == 1.0
     files.question.refuse.click()
     assert files.question.box.layout.display == "none"
@@ -133,7 +134,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
 
     files.name.value = "mine.json"
     files.write.click()
-    wait_for(lambda: files.said.value.startswith("Wrote mine.json"))
+    wait_for(lambda: files.message.value.startswith("Wrote mine.json"))
     assert studio.session.saved is not None
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)

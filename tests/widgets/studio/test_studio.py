@@ -12,7 +12,8 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, act, box_of, controls, drag, page_says, panel, wait_for
+from driven_studio import a_drag, a_volume, act, box_of, controls, drag, notice_of, page_says, panel, wait_for
+from front_end import deliver
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
@@ -72,10 +73,10 @@ def test_points_that_cannot_be_fitted_come_back_with_a_reason(studio: Studio) ->
     wrong = before.add([3.0, 3.0], [5.0, 5.0]).add([9.0, 9.0], [5.0, 5.0])
     drag(studio, wrong)
     assert studio.editor.points == before
-    assert "control point 4" in studio._words.notice.value
+    assert "control point 4" in notice_of(studio)
     assert studio.stats()["refused"] == 1
     drag(studio, a_drag(studio))  # and the studio goes on
-    assert "control point" not in studio._words.notice.value
+    assert "control point" not in notice_of(studio)
 
 
 def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
@@ -94,14 +95,14 @@ def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None
         raise ZeroDivisionError("of a cell")
     studio.observe(fails, "deformation")
     drag(studio, a_drag(studio))
-    said = studio._words.notice.value + str(sent)
+    said = notice_of(studio) + str(sent)
     assert "ZeroDivisionError" in said
     studio.unobserve(fails, "deformation")
 
 
 def test_edits_of_a_followed_picture_send_the_view_nothing(studio: Studio) -> None:
     hello = {"type": "hello", "view": "page", "largest": 2048, "renderer": "", "software": True}
-    studio.view._handle_custom_msg(hello, [])
+    deliver(studio.view, hello)
     drag(studio, a_drag(studio))
     before = studio.view.stats()["field_bytes"]
     for k in range(5):
@@ -224,7 +225,7 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     keys = panel(studio, "Depth").keys
     assert keys.knots == studio.session.step.knots == (0.0, 0.5, 1.0)
     message = {"kind": "select", "index": 2, "knots": [0.0, 0.5, 1.0], "selected": 2}
-    keys._handle_custom_msg({"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message}, [])
+    deliver(keys, {"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message})
     assert studio.session.key == 2
     drag(studio, a_drag(studio, -3.0))
     assert studio.session.step.maps[2] != studio.session.step.maps[0]
@@ -252,7 +253,7 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
     before = studio.view.table
     value = {"nodes": [[0, 0], [100, 0.3], [230, 0.9]]}
     message = {"type": "edit", "seq": 1, "view": "v", "phase": "move", "value": value}
-    studio._opacity._handle_custom_msg(message, [])
+    deliver(studio._opacity, message)
     assert studio.session.transfer.opacities == ((0.0, 0.0), (100.0, 0.3), (230.0, 0.9))
     assert studio.view.table != before
     studio.session.transfer = "bone"
@@ -301,7 +302,7 @@ def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     controls(studio)["Side"].value = "+z"
     studio.wait()
-    assert "Step 2 begins" in studio._words.notice.value
+    assert "Step 2 begins" in notice_of(studio)
     for _ in range(3):  # each changes the words of the menu of steps
         drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
         drag(studio, a_drag(studio))
@@ -325,10 +326,10 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
 
 
 def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
-    studio._words.say("<img src=x onerror=alert(1)>", is_error=True)
-    assert "<img" not in studio._words.notice.value
+    studio._words.show("<img src=x onerror=alert(1)>", is_error=True)
+    assert "<img" not in notice_of(studio)
     drag(studio, a_drag(studio))
-    assert "img" not in studio._words.notice.value
+    assert "img" not in notice_of(studio)
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
@@ -341,12 +342,12 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
         files.name.value = name
         files.write.click()
         wait_for(lambda: not files.write.disabled)
-        assert (tmp_path / name).stat().st_size > 0, studio._words.notice.value
-        assert name in files.said.value
+        assert (tmp_path / name).stat().st_size > 0, notice_of(studio)
+        assert name in files.message.value
     for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
         files.name.value = wrong
         files.write.click()
-        assert studio._words.notice.value
+        assert notice_of(studio)
         assert not files.write.disabled
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
 
@@ -361,9 +362,9 @@ def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> N
     assert not files.write.disabled
     assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
     files.question.agree.click()
-    wait_for(lambda: files.said.value.startswith("Wrote"))
+    wait_for(lambda: files.message.value.startswith("Wrote"))
     files.write.click()  # its own file
-    wait_for(lambda: not files.write.disabled and files.said.value.startswith("Wrote"))
+    wait_for(lambda: not files.write.disabled and files.message.value.startswith("Wrote"))
 
 
 def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
@@ -372,7 +373,7 @@ def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
     files.write.click()
     files.cancel.click()
     wait_for(lambda: not files.write.disabled)
-    assert "Stopped" in files.said.value
+    assert "Stopped" in files.message.value
     wait_for(lambda: not list(tmp_path.iterdir()))  # the panel is free before the writer has ended
 
 
@@ -384,7 +385,7 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     files._open([{"name": "s.json", "content": memoryview(saved)}])
     assert studio.session.points.displacement.any()
     files._open([{"name": "s.json", "content": b"{nonsense"}])
-    assert "JSON" in studio._words.notice.value
+    assert "JSON" in notice_of(studio)
 
 
 # -- display and the end -----------------------------------------------------------------------------------------------
@@ -454,7 +455,7 @@ def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
     values = np.random.default_rng(5).random((8, 9, 10))
     values[2, 3, 4] = np.nan
     studio = Studio(values)
-    said = studio._words.notice.value
+    said = notice_of(studio)
     assert "1 voxel is not finite, shown as background." in said
     assert studio._words.box in box_of(studio, "dnb-studio-messages").children, "over the panes: it moves no picture"
     studio.close()

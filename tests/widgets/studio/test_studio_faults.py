@@ -11,7 +11,8 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, all_of, controls, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, all_of, controls, drag, notice_of, panel, status_of, wait_for
+from front_end import deliver
 from ipywidgets.widgets import widget as registry
 from traitlets import TraitError
 
@@ -132,7 +133,7 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     back.click()  # to the picture that still stands there
     studio.wait()
     assert studio.session.view == before
-    assert "Undone" in studio._words.notice.value
+    assert "Undone" in notice_of(studio)
     assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
     studio.redo()
     studio.wait()
@@ -159,15 +160,15 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         patched.setattr("deformnb.widgets.studio.studio.diagnostics_of", fails)
         drag(studio, a_drag(studio))
         studio.wait()
-        assert "FloatingPointError: of the status line" in studio._words.notice.value
+        assert "FloatingPointError: of the status line" in notice_of(studio)
     with monkeypatch.context() as patched:
         patched.setattr(type(studio._link), "_field_of", fails)
         studio._link._moved(studio.session.points, "move")
-        wait_for(lambda: "of the status line" in studio._words.notice.value)
+        wait_for(lambda: "of the status line" in notice_of(studio))
     drag(studio, a_drag(studio, 1.0))  # and it goes on
     studio.wait()
-    assert "of the status line" not in studio._words.notice.value
-    assert "5 points, 1 dragged" in studio._words.status.value
+    assert "of the status line" not in notice_of(studio)
+    assert "5 points, 1 dragged" in status_of(studio)
 
 
 def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
@@ -202,20 +203,20 @@ def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
 
 def test_the_status_line_tells_how_long_edit_and_volume_take(studio: Studio) -> None:
     assert studio.stats()["edit_ms"] is None
-    assert "edit" not in studio._words.status.value
+    assert "edit" not in status_of(studio)
     drag(studio, a_drag(studio))
     first = studio.stats()["edit_ms"]
     studio.wait()
     assert first > 0
-    assert latency_text(first, {}) in studio._words.status.value
+    assert latency_text(first, {}) in status_of(studio)
     controls(studio)["Strength"].value = 2.0
     second = studio.stats()["edit_ms"]
     assert second != first  # a slider edits as well
     controls(studio)["Show"].value = "original"  # and this edits nothing
     assert studio.stats()["edit_ms"] == second
     stats = {"type": "stats", "view": "page", "drag_ms": 41.0, "full_ms": 300.0, "frames": 3}
-    studio.view._handle_custom_msg(stats, [])
-    wait_for(lambda: "volume 41 ms" in studio._words.status.value)  # in a moment of rest
+    deliver(studio.view, stats)
+    wait_for(lambda: "volume 41 ms" in status_of(studio))  # in a moment of rest
     controls(studio)["Side"].value = "+z"
     studio.wait()
     assert studio.stats()["picture_ms"] > 0
@@ -268,11 +269,11 @@ def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None
     files.name.value = "ball.py"
     files.write.click()
     files.question.agree.click()
-    wait_for(lambda: files.said.value.startswith("Wrote"))
+    wait_for(lambda: files.message.value.startswith("Wrote"))
     assert b"import deformnb" in (tmp_path / "ball.py").read_bytes()
-    files.said.value = ""
+    files.message.value = ""
     files.write.click()  # its own by now
-    wait_for(lambda: files.said.value.startswith("Wrote"))
+    wait_for(lambda: files.message.value.startswith("Wrote"))
 
 
 def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -305,8 +306,8 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     assert not head.unsaved
     drag(studio, a_drag(studio))
     assert head.unsaved
-    head._handle_custom_msg({"type": "save"}, [])
-    wait_for(lambda: "Saved ball-2.json." in studio._words.notice.value)
+    deliver(head, {"type": "save"})
+    wait_for(lambda: "Saved ball-2.json." in notice_of(studio))
     assert not head.unsaved
     assert "ball-2.json" in head.tip
     assert (tmp_path / "ball.json").read_text() == "somebody's"
@@ -320,19 +321,19 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     (tmp_path / "mine.json").write_text("changed by someone")
     drag(studio, a_drag(studio, 2.0))
     head.press()
-    wait_for(lambda: "changed by someone else" in studio._words.notice.value)
+    wait_for(lambda: "changed by someone else" in notice_of(studio))
     assert head.unsaved
     assert (tmp_path / "mine.json").read_text() == "changed by someone"
     panel(studio, "Export")._open([{"name": "s.json", "content": memoryview(first)}])
     assert not head.unsaved
     head.press()  # what was opened from elsewhere goes over nobody's file
-    wait_for(lambda: "Saved ball-3.json." in studio._words.notice.value)
+    wait_for(lambda: "Saved ball-3.json." in notice_of(studio))
 
 
 def test_a_page_cannot_say_where_to_save(studio: Studio, tmp_path: Path) -> None:
     head = head_of(studio)
     for wrong in (None, "save", {"type": "delete"}, ["save"]):
-        head._handle_custom_msg(wrong, [])
+        deliver(head, wrong)
     head.set_state({"unsaved": True, "tip": "x"})
     assert not head.unsaved
     assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,8 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, act, controls, drag, page_says, panel
+from driven_studio import a_drag, a_volume, act, controls, drag, notice_of, page_says, panel
+from front_end import deliver
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
@@ -80,7 +81,7 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
     around = {"name": "stone", "enabled": True, "motion": None, "weight": "saturated", "reach": None,
               "region": {"kind": "polygon", "vertices": corners}}
     draws(studio, "parts", "add part", around)
-    assert "stone" in studio._words.notice.value
+    assert "stone" in notice_of(studio)
     assert studio.editor.parts == ()
     assert studio.session.step.parts == ()
     assert studio.stats()["refused"] == 1
@@ -97,7 +98,7 @@ def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
     part = RigidPart(HalfSpace((0.0, 14.0), (0.0, -1.0)), name="floor")
     studio.session.edit_cuts([cut])
     studio.session.edit_parts([part])
-    studio.session.set_cut_rule("paper")
+    studio.session.change(cut_rule="paper")
     assert studio.editor.cuts[0].name == "half"
     assert studio.editor.parts[0].name == "floor"
     assert studio.editor.cut_rule == "paper"
@@ -284,7 +285,7 @@ def test_steps_are_ordered_named_and_added_up_in_the_list(studio: Studio) -> Non
     assert_array_equal(studio.result().values, Deformation((b, a), mode="blend").apply(studio.volume).values)
     assert studio.view.editor is None  # a sum is not followed in the page
     stale = {"type": "act", "what": "remove", "index": 0, "value": None, "version": items.version - 1}
-    items._handle_custom_msg(stale, [])
+    deliver(items, stale)
     assert len(studio.deformation.steps) == 2
     act(items, "double", 1)
     act(items, "remove", 0)

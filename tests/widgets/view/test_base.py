@@ -8,7 +8,7 @@ import ipywidgets as ipw
 import numpy as np
 import pytest
 
-from deformnb.analysis.extent import grown
+from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
@@ -88,7 +88,7 @@ def test_a_view_of_ones_own_follows_an_editor() -> None:
 
 
 def test_a_view_of_ones_own_follows_in_the_box_that_was_named_last() -> None:
-    view, editor, larger = Mine(), Editor(None, points()), grown(GRID, 3.0)
+    view, editor, larger = Mine(), Editor(None, points()), padded(GRID, 3.0)
     view.follow(editor, extrusion(0.0), output=GRID)
     view.follow(editor, extrusion(1.0), output=larger)
     assert view.output == larger

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from PIL import Image
 
 from deformnb.document.deformation import Deformation
@@ -30,7 +31,7 @@ class Recorded(LiveView):
         self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
 
     def say(self, view: str = "a", **content: Any) -> None:
-        self._handle_custom_msg({"view": view, **content}, [])
+        deliver(self, {"view": view, **content})
 
     def draws(self, **said: Any) -> None:
         """What a page says to whoever draws for it."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import traitlets
+from front_end import deliver
 from PIL import Image
 from scripts import run_script
 
@@ -62,7 +63,7 @@ class Recorded(LiveView):
     def say(self, content: Any, buffers: list[Any] | None = None) -> list[tuple[Any, list[bytes]]]:
         """What the view answers to a message of a page."""
         self.__dict__["out"] = []
-        self._handle_custom_msg(content, buffers or [])
+        deliver(self, content, buffers or [])
         return list(self.__dict__["out"])
 
 

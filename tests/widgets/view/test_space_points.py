@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from scripts import run_script
 
 from deformnb.document.deformation import Deformation, Step
@@ -58,17 +59,17 @@ def opened(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
         if content["type"] == "field":
             fields.append(content)
             if content["seq"]:
-                view._handle_custom_msg({"type": "seen", "view": "v", "seq": content["seq"]}, [])
+                deliver(view, {"type": "seen", "view": "v", "seq": content["seq"]})
 
     view.send = send  # type: ignore[method-assign]
-    view._handle_custom_msg({"type": "hello", "view": "v", "largest": 2048}, [])
+    deliver(view, {"type": "hello", "view": "v", "largest": 2048})
     fields.clear()
     return view, fields
 
 
 def told(editor: SpaceEditor, points: ControlPoints, phase: str, seq: int) -> None:
-    editor._handle_custom_msg({"type": "edit", "sender": "w", "seq": seq, "phase": phase, "kind": "move",
-                               "points": points_to_json(points)}, [])
+    deliver(editor, {"type": "edit", "sender": "w", "seq": seq, "phase": phase, "kind": "move",
+                     "points": points_to_json(points)})
 
 
 def test_a_view_follows_every_movement_coarsely_and_the_end_finely(volume: Volume, editor: SpaceEditor,

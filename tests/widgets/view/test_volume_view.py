@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from PIL import Image
 
 from deformnb.document.deformation import Deformation, Step
@@ -63,7 +64,7 @@ class Recorded(VolumeView):
         self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
 
     def say(self, **content: Any) -> None:
-        self._handle_custom_msg({"view": "a", **content}, [])
+        deliver(self, {"view": "a", **content})
 
     @property
     def frames(self) -> list[tuple[dict[str, Any], list[bytes]]]:
@@ -190,7 +191,7 @@ def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(o
 def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture, opened: Any) -> None:
     view, before = opened(), threading.active_count()
     with caplog.at_level(logging.WARNING):
-        view._handle_custom_msg(message, [])
+        deliver(view, message)
         view.set_state({"label": "x", "camera": {"zoom": 0}})
     assert caplog.text.count("dropped") == 3
     assert view.frames == []

@@ -13,6 +13,7 @@ import pytest
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
+from deformnb.imaging.render import render_volume
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import DisplacementField, Identity
@@ -22,8 +23,8 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
+from deformnb.widgets.camera import BACKGROUNDS, seen_height
 from deformnb.widgets.view.stills import CoreScene, make_scene
-from deformnb.widgets.vtk import scene as vtk_scene
 from deformnb.widgets.vtk import shader as vtk_warp
 from deformnb.widgets.vtk.scene import VtkScene, cuts_work, texture_works
 from deformnb.widgets.worker import Worker
@@ -420,9 +421,8 @@ def test_twenty_scenes_one_after_the_other_leave_no_thread_and_no_window() -> No
 
 
 def test_without_opengl_the_core_draws_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (vtk_scene, "deformnb.widgets.view.stills"):
-        name = module if isinstance(module, str) else module.__name__
-        monkeypatch.setattr(f"{name}.gl_status", lambda: (False, "no OpenGL library was found", "apt-get install it"))
+    for module in ("deformnb.imaging.vtk_volume", "deformnb.widgets.view.stills"):
+        monkeypatch.setattr(f"{module}.gl_status", lambda: (False, "no OpenGL library was found", "apt-get install it"))
     with pytest.raises(DeformError, match="apt-get install it"):
         VtkScene(shape_without_symmetry(), SIZE)
     scene, notice = make_scene(shape_without_symmetry(), SIZE)
@@ -431,6 +431,35 @@ def test_without_opengl_the_core_draws_and_it_is_said(monkeypatch: pytest.Monkey
     assert "apt-get install it" in notice
     with pytest.raises(DeformError, match="no plotter"):
         _ = scene.plotter
+
+
+@pytest.mark.parametrize("background", ["dark", "light"])
+@pytest.mark.parametrize("method", ["array", "texture"])
+def test_a_still_is_the_picture_of_the_view(scene: Any, method: str, background: str) -> None:
+    """One window of VTK draws both: the same camera, colours, light, samples and pixels."""
+    volume, look = shape_without_symmetry(SKEW), {"direction": (0.4, 1.0, -0.3), "up": (0.0, 0.1, 1.0)}
+    view = scene(volume, method, transfer=WHITE, background=background)
+    view.set_camera(look)
+    height = seen_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
+    still = render_volume(volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS[background],
+                          backend="vtk", **look)
+    assert np.ptp(still) > 100
+    # The view's shader computes where a sample comes from, here from its own place, with the rounding of a float32.
+    assert np.abs(view.render().astype(int) - still).max() <= (0 if method == "array" else 2)
+
+
+def test_a_still_of_the_core_is_the_picture_of_the_cores_view() -> None:
+    """One ray caster draws both; a view gives it bytes, of which values up to 200 are a few grey levels off at most."""
+    volume, look = shape_without_symmetry(SKEW), {"direction": (0.4, 1.0, -0.3), "up": (0.0, 0.1, 1.0)}
+    view = CoreScene(volume, SIZE, transfer=WHITE)
+    view.set_camera(look)
+    height = seen_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
+    still = render_volume(volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS["dark"],
+                          backend="core", **look)
+    got = view.render()
+    assert got is not None
+    assert np.ptp(still) > 100
+    assert np.abs(got.astype(int) - still).mean() < 0.5
 
 
 def test_the_core_s_scene_shows_the_same(scene: Any) -> None:

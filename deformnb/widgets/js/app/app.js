@@ -48,7 +48,7 @@ export class AppWidgets {
     /** @type {Record<string, AppModel>} */
     this.models = {};
     /** @type {Record<string, Promise<AppModel>>} */
-    this.opening = {};
+    this.pending = {};
     /** @type {Session | null} */
     this.session = null;
   }
@@ -59,7 +59,7 @@ export class AppWidgets {
     if (session === this.session) return session;
     this.session = session;
     this.models = {};
-    this.opening = {};
+    this.pending = {};
     session.subscribe(APP_TOPIC, (/** @type {WidgetMessage[]} */ [message]) => this.receive(message));
     return session;
   }
@@ -79,8 +79,8 @@ export class AppWidgets {
    */
   async open(name) {
     const session = this.connect();
-    this.opening[name] ??= this.#open(session, name);
-    return this.opening[name];
+    this.pending[name] ??= this.#open(session, name);
+    return this.pending[name];
   }
 
   /**
@@ -90,7 +90,7 @@ export class AppWidgets {
   async #open(session, name) {
     /** @type {Answer | null} */
     const answer = await session.call("deformnb.open", [name]);
-    if (!answer) throw new Error("the server does not know this part of the page");
+    if (!answer) throw new Error("the server does not have this part of the page");
     const ids = answer.models;
     /** @type {AppModel} */
     const model = new PlainModel(appState(answer.state), {
@@ -143,7 +143,7 @@ const AppWidget = {
       document.body.dataset.jpThemeLight = String(this.theme !== "dark");
     },
     /**
-     * Undo and redo wherever the focus is, but where text is written or somebody else has taken the key.
+     * Undo and redo wherever the focus is, but where text is written or another listener has taken the key.
      * @param {KeyboardEvent} event
      */
     keyed(event) {
@@ -161,17 +161,17 @@ const AppWidget = {
     try {
       this.trame.deformnb ??= new AppWidgets(this.trame);
       const widgets = this.trame.deformnb;
-      const [model, page] = await Promise.all([widgets.open(this.name),
+      const [model, frontEnd] = await Promise.all([widgets.open(this.name),
         import(new URL(this.source, document.baseURI).href)]);
       if (this.isGone) return;
       if (!model.isInitialized) { // once for each model, as anywidget does
         model.isInitialized = true;
-        await page.default.initialize?.({ model });
+        await frontEnd.default.initialize?.({ model });
       }
       if (this.name === "editor") model.update({ fill: true });
       this.model = model;
       this.paint();
-      const close = await page.default.render({ model, el: place });
+      const close = await frontEnd.default.render({ model, el: place });
       const unfit = this.fills ? fitted(this.name, model, place) : null;
       this.close = () => { unfit?.(); close?.(); };
       if (this.isGone) this.close();

@@ -7,7 +7,7 @@ import { OrientationCube } from "../ui/orientation_cube.js";
 import { captionsOf, Frames } from "../ui/view_parts.js";
 import { APP_PAGE, callPython } from "./session.js";
 
-/** @import { Look } from "../view/types.d.ts" */
+/** @import { ViewDirection } from "../view/types.d.ts" */
 /** @import { Component, Session } from "./types.d.ts" */
 
 const REMOTE_TOPIC = "trame.rca.topic.stream";
@@ -15,13 +15,13 @@ const REMOTE_TOPIC = "trame.rca.topic.stream";
 /**
  * @typedef {object} RemotePicture a message of trame's
  * @property {string} name
- * @property {{n: number, camera: Look, shows: string, layer: number, badge?: string}} [meta]
+ * @property {{n: number, camera: ViewDirection, shows: string, layer: number, badge?: string}} [meta]
  */
 
 /**
  * @typedef {object} Remote
  * @property {string} area
- * @property {Record<string, Look>} views by the name of a side
+ * @property {Record<string, ViewDirection>} views by the name of a side
  * @property {{root: HTMLElement}} $refs
  * @property {Session} session
  * @property {object} subscription

@@ -4,7 +4,7 @@ import { shownLength } from "../maths/numbers.js";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 
 /** @import { Stroke } from "../maths/brushes.js" */
-/** @import { EditorPage } from "./editor.js" */
+/** @import { EditorView } from "./editor.js" */
 
 /** @type {Record<string, string>} */
 const BRUSH_WORDS = { smudge: "Smudge", size: "Expand" };
@@ -20,9 +20,9 @@ const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
 /** A brush in use, its circle and its bar. */
 export class Brush {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
     /** @type {string | null} */
     this.tool = null;
     /** The place of the circle in CSS pixels. @type {number[] | null} */
@@ -32,7 +32,7 @@ export class Brush {
     this.stroke = null;
     this.isByKeys = false;
     this.timer = 0;
-    this.bar = pageElement("div", "dnb-ed-brush", page.stage, { hidden: "", role: "group", "aria-label": "Brush" });
+    this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Brush" });
     this.title = pageElement("span", "", this.bar);
     this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100,
       "aria-label": "radius of the brush", ...OWN_KEYS });
@@ -40,31 +40,31 @@ export class Brush {
     this.done = pageElement("button", "dnb-ed-button", this.bar, { type: "button",
       "aria-label": "put the brush away", ...OWN_KEYS });
     this.done.textContent = "Done";
-    this.slider.addEventListener("input", () => page.guard(() => this.setRadius(this.#limits[0]
+    this.slider.addEventListener("input", () => editor.guard(() => this.setRadius(this.#limits[0]
       * (this.#limits[1] / this.#limits[0]) ** (Number(this.slider.value) / 100))));
-    this.slider.addEventListener("change", () => page.guard(() => page.focusStage()));
-    this.done.addEventListener("click", () => page.guard(() => { this.stop(); page.focusStage(); }));
+    this.slider.addEventListener("change", () => editor.guard(() => editor.focusStage()));
+    this.done.addEventListener("click", () => editor.guard(() => { this.stop(); editor.focusStage(); }));
   }
 
   get isOn() { return this.tool !== null; }
 
   get #diagonal() {
-    const [a0, a1, b0, b1] = this.page.box;
+    const [a0, a1, b0, b1] = this.editor.box;
     return Math.hypot(a1 - a0, b1 - b0);
   }
 
-  get #limits() { return BRUSH_PIXELS.map((pixels) => pixels / this.page.view.k); }
+  get #limits() { return BRUSH_PIXELS.map((pixels) => pixels / this.editor.view.k); }
 
   /** In units of the picture. @returns {number} */
-  get radius() { return this.page.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal; }
+  get radius() { return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal; }
 
   /** @param {number} radius */
   setRadius(radius) {
     const [least, most] = this.#limits;
-    this.page.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
+    this.editor.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
     clearTimeout(this.timer); // a slider moves pixel by pixel
-    this.timer = setTimeout(() => this.page.model.save_changes(), 200);
-    this.page.invalidate();
+    this.timer = setTimeout(() => this.editor.model.save_changes(), 200);
+    this.editor.invalidate();
   }
 
   /**
@@ -75,22 +75,22 @@ export class Brush {
 
   /** @param {string} tool a name of BRUSH_WORDS */
   start(tool) {
-    const { page } = this;
+    const { editor } = this;
     this.tool = tool;
     this.isByKeys = false;
-    page.stage.classList.add("dnb-ed-brushing");
-    page.hint(BRUSH_HINTS[tool], 8000);
-    page.speak(`${BRUSH_WORDS[tool]} brush: arrows move it, Enter presses and lifts it, Escape ends`);
-    page.invalidate();
+    editor.stage.classList.add("dnb-ed-brushing");
+    editor.hint(BRUSH_HINTS[tool], 8000);
+    editor.announce(`${BRUSH_WORDS[tool]} brush: arrows move it, Enter presses and lifts it, Escape ends`);
+    editor.invalidate();
   }
 
   stop() {
     if (!this.isOn) return false;
     this.lift(true);
     this.tool = null;
-    this.page.stage.classList.remove("dnb-ed-brushing");
-    this.page.hideHint(Object.values(BRUSH_HINTS));
-    this.page.invalidate();
+    this.editor.stage.classList.remove("dnb-ed-brushing");
+    this.editor.hideHint(Object.values(BRUSH_HINTS));
+    this.editor.invalidate();
     return true;
   }
 
@@ -109,14 +109,14 @@ export class Brush {
   hover(at) {
     this.at = at;
     this.isByKeys = false;
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /** @param {number[]} at */
   press(at) {
-    const { page, page: { pointTools } } = this;
+    const { editor, editor: { pointTools } } = this;
     this.at = this.from = at;
-    const stroke = this.tool ? pointTools.beginStroke(page.placeAt(at), this.radius, this.tool) : null;
+    const stroke = this.tool ? pointTools.beginStroke(editor.placeAt(at), this.radius, this.tool) : null;
     if (!stroke) return;
     this.stroke = stroke;
     pointTools.paintStroke(stroke);
@@ -125,13 +125,13 @@ export class Brush {
   /** @param {number[]} at */
   drag(at) {
     this.at = at;
-    const { stroke, page } = this;
-    page.invalidate();
+    const { stroke, editor } = this;
+    editor.invalidate();
     if (!stroke) return;
     const was = { points: stroke.points, middle: stroke.middle, swell: stroke.swell };
-    if (stroke.tool === "smudge") stroke.smudge(page.placeAt(at));
+    if (stroke.tool === "smudge") stroke.smudge(editor.placeAt(at));
     else stroke.size((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
-    if (page.pointTools.paintStroke(stroke)) return;
+    if (editor.pointTools.paintStroke(stroke)) return;
     Object.assign(stroke, was); // no further: it would fold, or enter what is rigid
   }
 
@@ -140,8 +140,8 @@ export class Brush {
     const { stroke } = this;
     this.stroke = null;
     const isIdle = stroke.tool === "smudge" ? stroke.done === 0 : stroke.swell === 0;
-    this.page.pointTools.endDrag(isCancelled || isIdle, "brush");
-    if (!isCancelled && !isIdle) this.page.speak(`${stroke.name} done`);
+    this.editor.pointTools.endDrag(isCancelled || isIdle, "brush");
+    if (!isCancelled && !isIdle) this.editor.announce(`${stroke.name} done`);
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ export class Brush {
    * @param {number[]} [arrow] the direction of an arrow key
    */
   key(key, event, arrow) {
-    const { page } = this, middle = [page.view.width / 2, page.view.height / 2];
+    const { editor } = this, middle = [editor.view.width / 2, editor.view.height / 2];
     if (key === "[" || key === "]") { this.grow(key === "]" ? 1 : -1); return true; }
     if (key === "Escape") { if (this.stroke) this.lift(true); else this.stop(); return true; }
     if (arrow) {
@@ -162,15 +162,15 @@ export class Brush {
       if (this.stroke) this.drag(next);
       else this.at = next;
       this.isByKeys = true;
-      page.speak(`brush at ${page.placeAt(next).map(shownLength).join(", ")}`);
-      page.invalidate();
+      editor.announce(`brush at ${editor.placeAt(next).map(shownLength).join(", ")}`);
+      editor.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (this.stroke) this.lift();
     else {
       this.press(this.at ?? middle);
-      page.speak(this.stroke ? "brush pressed" : "no stroke here");
+      editor.announce(this.stroke ? "brush pressed" : "no stroke here");
     }
     return true;
   }

@@ -1,10 +1,11 @@
-// The part that the editor of a picture and that in space have in common: frames, messages, colours of the theme. And
+// The base of the editors of a picture and in space: frames, messages, colours of the theme. And
 // the rate at which pictures follow the pointer, which goes to Python with the edit that ends a drag: a message of its
 // own would cost the drag time.
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+import { ThemeObserver } from "../ui/theme.js";
 
 /** @import { Model } from "../types.d.ts" */
 
@@ -15,7 +16,7 @@ const PAUSE = 400; // milliseconds: after such a rest of the pointer the next pi
 /** Pictures a second while points move, and milliseconds from a movement to its picture. No DOM. */
 export class DrawRate {
   /** @type {number | null} */
-  asked = null;
+  movedAt = null;
 
   /** @type {number | null} */
   last = null;
@@ -30,24 +31,24 @@ export class DrawRate {
    * The pointer has moved points, at this time in milliseconds.
    * @param {number} now
    */
-  moved(now) { this.asked ??= now; }
+  moved(now) { this.movedAt ??= now; }
 
   /**
    * The picture of the last movement is drawn.
    * @param {number} now
    */
   drew(now) {
-    if (this.asked === null) return;
-    this.waits.push(now - this.asked);
+    if (this.movedAt === null) return;
+    this.waits.push(now - this.movedAt);
     if (this.last !== null && now - this.last < PAUSE) this.spans.push(now - this.last);
-    Object.assign(this, { last: now, asked: null });
+    Object.assign(this, { last: now, movedAt: null });
     for (const list of [this.waits, this.spans]) if (list.length > MOST_PICTURES) list.shift();
   }
 
   /** {hz, ms} of the drag that ends now, or null after a short one; the next begins anew. */
   taken() {
     const { spans, waits } = this;
-    Object.assign(this, { asked: null, last: null, spans: [], waits: [] });
+    Object.assign(this, { movedAt: null, last: null, spans: [], waits: [] });
     if (waits.length < FEWEST_PICTURES || spans.length === 0) return null;
     const mean = spans.reduce((sum, span) => sum + span, 0) / spans.length;
     const middle = waits.sort((a, b) => a - b)[waits.length >> 1];
@@ -61,14 +62,14 @@ export const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its 
  * Messages about a kernel that does not answer, by the sender's status.
  * @type {Record<string, string>}
  */
-const SILENCE = {
+const NO_ANSWER = {
   busy: "The kernel is busy; the volume in Python follows later",
-  silent: "No answer from Python yet; these points stay in the page until it answers",
-  deaf: "This view was loaded too slowly and does not hear Python: run the cell again",
+  unanswered: "No answer from Python yet; these points stay in the browser until it answers",
+  detached: "This view was loaded too slowly and receives nothing from Python: run the cell again",
   lost: "The kernel was restarted or is gone: Python does not get these edits. Run the cell again",
 };
 
-const FINAL = new Set(["deaf", "lost"]); // these messages stay as long as the page is open
+const FINAL = new Set(["detached", "lost"]); // these messages stay as long as the page is open
 const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
 
 /** The drawing and the messages that both editors share. */
@@ -82,8 +83,8 @@ export class EditorDrawing {
     this.root = pageElement("div", "dnb-editor", null, { tabindex: "-1", role: "group", ...OWN_KEYS });
     this.tip = pageElement("div", "dnb-ed-hint", null, { hidden: "", "aria-hidden": "true" });
     this.alert = pageElement("div", "dnb-ed-alert", null, { role: "alert", hidden: "" });
-    this.spoken = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
+    this.liveRegion = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
+    this.theme = new ThemeObserver(this.root, () => this.guard(() => this.applyTheme()));
     this.colours = { stage: "#777", grid: "#777" };
     this.frame = 0; // the request of the next one, or 0
     this.tipTimer = 0;
@@ -98,7 +99,7 @@ export class EditorDrawing {
   guard(action) {
     try { return action(); } catch (error) {
       console.error(error);
-      this.say(`The editor met an error: ${error instanceof Error ? error.message : error}`);
+      this.showMessage(`The editor met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
     }
   }
@@ -121,9 +122,7 @@ export class EditorDrawing {
   /** Take the colours of the page around, light or dark: Jupyter's or VS Code's, else the browser's preference. */
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    const [r, g, b, alpha = 1] = (getComputedStyle(this.root).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-    const isDark = alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
-    this.root.classList.toggle("dnb-ed-dark", isDark);
+    this.root.classList.toggle("dnb-dark", this.theme.isDark);
     const style = getComputedStyle(this.root);
     const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map((name) => style.getPropertyValue(name).trim() || "#777");
     this.colours = { stage, grid };
@@ -133,16 +132,16 @@ export class EditorDrawing {
   // ---- messages -----------------------------------------------------------------------------------------------------
 
   showStatus() {
-    const text = SILENCE[this.sender.status];
+    const text = NO_ANSWER[this.sender.status];
     if (text) this.hint(text, FINAL.has(this.sender.status) ? LONGEST_TIMER : 8000);
-    else if (Object.values(SILENCE).includes(this.tip.textContent)) this.tip.hidden = true;
+    else if (Object.values(NO_ANSWER).includes(this.tip.textContent)) this.tip.hidden = true;
   }
 
   /**
    * Show a sentence over the picture; a passing one goes after a while.
    * @param {string} message
    */
-  say(message, isPassing = false) {
+  showMessage(message, isPassing = false) {
     clearTimeout(this.alertTimer);
     this.alert.hidden = !message;
     this.alert.textContent = message;
@@ -170,7 +169,7 @@ export class EditorDrawing {
    * Give a text to screen readers.
    * @param {string} text
    */
-  speak(text) { setText(this.spoken, text); }
+  announce(text) { setText(this.liveRegion, text); }
 }
 
 /**

@@ -11,12 +11,12 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { RestingTrait, } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
-import { helpPanel } from "../ui/keys.js";
+import { HelpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
 import { DrawRate, EditorDrawing, initialize } from "./drawing.js";
 import { GridNodes } from "./grid_nodes.js";
-import { Handles, HandMarks } from "./handles.js";
+import { Handles, ToolMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
 import { decodePicture, drawGrid, Painter } from "./painter.js";
 import { PointTools } from "./point_tools.js";
@@ -45,26 +45,28 @@ const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the edi
 
 /**
  * Commands of the toolbar and of keys; `ids` are the points that they are about.
- * @type {Record<string, (page: EditorPage, ids: number[]) => void>}
+ * @type {Record<string, (editor: EditorView, ids: number[]) => void>}
  */
 const COMMANDS = {
-  add: (page) => page.setAdding(!page.isAdding), select: (page) => page.setSelecting(!page.isSelecting),
-  remove: (page, ids) => page.pointTools.remove(ids),
-  rename: (page, ids) => { if (ids.length === 1) page.pointTools.rename(ids[0]); },
-  switch: (page, ids) => page.pointTools.switch(ids), reset: (page, ids) => page.pointTools.reset(ids),
-  lock: (page, ids) => page.pointTools.toggleLock(ids),
-  undo: (page) => page.stepHistory("undo"), redo: (page) => page.stepHistory("redo"),
-  smudge: (page) => page.setBrush("smudge"), size: (page) => page.setBrush("size"),
-  cut: (page) => page.setPen("cut"), part: (page) => page.setPen("part"), ground: (page) => page.setPen("ground"),
-  mirror: (page) => page.pointTools.toggleMirror(), "mirror-axis": (page) => page.pointTools.turnMirror(),
-  snap: (page) => page.pointTools.toggleSnap(), stop: (page) => page.toggle("stop_at_folds"),
-  "turn-left": (page) => page.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
-  "turn-right": (page) => page.pointTools.turnKey(1, { isLarge: true, isScale: false }),
-  grid: (page) => page.toggle("show_grid"), radius: (page) => page.toggle("show_radius"),
-  overlay: (page) => page.overlay.next(),
-  compare: (page) => { page.isComparing = !page.isComparing; page.invalidate(); },
-  "zoom-in": (page) => page.zoomAt(1.25), "zoom-out": (page) => page.zoomAt(0.8), fit: (page) => page.fitView(),
-  help: (page) => page.toggleHelp(),
+  add: (editor) => editor.setAdding(!editor.isAdding), select: (editor) => editor.setSelecting(!editor.isSelecting),
+  remove: (editor, ids) => editor.pointTools.remove(ids),
+  rename: (editor, ids) => { if (ids.length === 1) editor.pointTools.rename(ids[0]); },
+  switch: (editor, ids) => editor.pointTools.switch(ids), reset: (editor, ids) => editor.pointTools.reset(ids),
+  lock: (editor, ids) => editor.pointTools.toggleLock(ids),
+  undo: (editor) => editor.stepHistory("undo"), redo: (editor) => editor.stepHistory("redo"),
+  smudge: (editor) => editor.setBrush("smudge"), size: (editor) => editor.setBrush("size"),
+  cut: (editor) => editor.setPen("cut"), part: (editor) => editor.setPen("part"),
+  ground: (editor) => editor.setPen("ground"),
+  mirror: (editor) => editor.pointTools.toggleMirror(), "mirror-axis": (editor) => editor.pointTools.turnMirror(),
+  snap: (editor) => editor.pointTools.toggleSnap(), stop: (editor) => editor.toggle("stop_at_folds"),
+  "turn-left": (editor) => editor.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
+  "turn-right": (editor) => editor.pointTools.turnKey(1, { isLarge: true, isScale: false }),
+  grid: (editor) => editor.toggle("show_grid"), radius: (editor) => editor.toggle("show_radius"),
+  overlay: (editor) => editor.overlay.next(),
+  compare: (editor) => { editor.isComparing = !editor.isComparing; editor.invalidate(); },
+  "zoom-in": (editor) => editor.zoomAt(1.25), "zoom-out": (editor) => editor.zoomAt(0.8),
+  fit: (editor) => editor.fitView(),
+  help: (editor) => editor.toggleHelp(),
 };
 
 /**
@@ -77,7 +79,7 @@ const SHAPE_COMMANDS = {
 };
 
 /** The front end of one view of an editor. */
-export class EditorPage extends EditorDrawing {
+export class EditorView extends EditorDrawing {
   id = Math.random().toString(36).slice(2);
 
   rate = new DrawRate();
@@ -112,11 +114,8 @@ export class EditorPage extends EditorDrawing {
   /** @type {Folds | null} */
   folds = null;
 
-  /** The name that is being asked for. @type {Naming | null} */
+  /** The name that is being requested. @type {Naming | null} */
   naming = null;
-
-  /** The element that had the focus before the list of keys. @type {HTMLElement | SVGElement | null} */
-  beforeHelp = null;
 
   restTimer = 0;
 
@@ -125,7 +124,7 @@ export class EditorPage extends EditorDrawing {
   /** @type {(() => void)[]} */
   #ends = [];
 
-  #pictures = 0; // that were asked for
+  #pictures = 0; // that were requested
 
   /**
    * @param {Model} model
@@ -152,9 +151,9 @@ export class EditorPage extends EditorDrawing {
     this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
       "aria-label": "name", ...OWN_KEYS });
     this.stage.append(this.tip, this.alert);
-    this.help = helpPanel(this.stage);
+    this.help = new HelpPanel(this.stage, this.root, () => this.focusStage());
     this.statusLine = new StatusLine(this);
-    this.root.append(this.spoken);
+    this.root.append(this.liveRegion);
     this.painter = new Painter(this.canvas);
     this.ghost = new Ghost(this);
     this.overlay = new Overlay(this);
@@ -164,10 +163,10 @@ export class EditorPage extends EditorDrawing {
     this.pointTools = new PointTools(this);
     this.pen = new Pen(this);
     this.brush = new Brush(this);
-    this.marks = new HandMarks(this.svg, this.handles.points);
+    this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.gridNodes = new GridNodes(this);
-    Object.assign(this.root, { deformnb: this }); // for tests and for whoever looks into the page
+    Object.assign(this.root, { deformnb: this }); // for tests and for debugging
     this.#followModel();
     this.#followPage();
     this.guard(() => this.shapeTools.receiveChosen());
@@ -205,14 +204,10 @@ export class EditorPage extends EditorDrawing {
   }
 
   #followPage() {
-    const { signal } = this.closing, repaint = () => this.guard(() => this.applyTheme());
+    const { signal } = this.closing;
     const sizes = new ResizeObserver(() => this.guard(() => this.layout()));
     sizes.observe(this.root);
-    this.dark.addEventListener("change", repaint, { signal });
-    const themes = new MutationObserver(repaint); // Jupyter and VS Code change attributes of the body
-    themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
-    this.#ends.push(() => { sizes.disconnect(); themes.disconnect(); });
+    this.#ends.push(() => { sizes.disconnect(); this.theme.close(); });
     this.input.addEventListener("keydown", (e) => {
       e.stopPropagation();
       if (e.key === "Enter") this.endNaming(true);
@@ -232,7 +227,7 @@ export class EditorPage extends EditorDrawing {
     cancelAnimationFrame(this.frame);
     for (const timer of [this.restTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.bus.views = (this.bus.views ?? 1) - 1;
-    if (this.bus.views === 0) this.bus.latest = null; // nobody fits any more: followers take the traits
+    if (this.bus.views === 0) this.bus.latest = null; // nothing fits any more: followers take the traits
     this.root.remove();
     this.host.classList.remove("dnb-ed-host");
   }
@@ -263,7 +258,7 @@ export class EditorPage extends EditorDrawing {
   /** @param {{ type: string, message?: string, tool?: string, id?: number } | undefined} message */
   message(message) {
     const { type, message: text, tool = "", id } = message ?? {};
-    if (type === "error") this.say(String(text), true);
+    if (type === "error") this.showMessage(String(text), true);
     if (type === "draw" && tool in PEN_WORDS && this.pen.draft?.tool !== tool) this.setPen(tool);
     if (type === "look" && id !== undefined) this.lookAt(id);
   }
@@ -299,7 +294,7 @@ export class EditorPage extends EditorDrawing {
       this.painter.source = source;
     } catch (error) {
       const reason = error instanceof Error ? error.message : error;
-      if (this.#pictures === number) this.say(`The picture could not be shown: ${reason}`);
+      if (this.#pictures === number) this.showMessage(`The picture could not be shown: ${reason}`);
     }
     this.guard(() => this.layout());
   }
@@ -425,7 +420,7 @@ export class EditorPage extends EditorDrawing {
     this.handles.blink([id]);
   }
 
-  /** Some of the picture stays in the view, so that nobody is lost in the grey. */
+  /** Keep some of the picture in the view. */
   #keepInView() {
     const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
@@ -499,7 +494,7 @@ export class EditorPage extends EditorDrawing {
     this.pointTools.sendMove();
   }
 
-  /** The fit where there are no cuts, for tests and for whoever looks into the page. */
+  /** The fit where there are no cuts, for tests and for debugging. */
   get fit() { return this.layered?.fit ?? null; }
 
   /** @param {LayeredFit | null} layered */
@@ -530,7 +525,7 @@ export class EditorPage extends EditorDrawing {
     const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
     if (!fit) return 0;
     const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has its own reach: this is the first one's
-    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels know no radius
+    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels have no radius
   }
 
   #updateToolbar() {
@@ -541,7 +536,7 @@ export class EditorPage extends EditorDrawing {
       cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
       size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
       stop: model.get("stop_at_folds"), lock: own.length > 0 && own.every((p) => p.locked),
-      grid: model.get("show_grid"), radius: model.get("show_radius"), help: !this.help.hidden });
+      grid: model.get("show_grid"), radius: model.get("show_radius"), help: this.help.isOpen });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
       turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
       steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
@@ -552,9 +547,9 @@ export class EditorPage extends EditorDrawing {
    * Show a sentence over the picture, in place of a question about a rigid part.
    * @param {string} message
    */
-  say(message, isPassing = false) {
+  showMessage(message, isPassing = false) {
     this.shapeTools.forgetOffer();
-    super.say(message, isPassing);
+    super.showMessage(message, isPassing);
   }
 
   // ---- points, selection and commands -------------------------------------------------------------------------------
@@ -573,7 +568,7 @@ export class EditorPage extends EditorDrawing {
     if (next.size) this.shapeTools.choose(null);
     this.invalidate();
     if (isSame || !isShared) return;
-    this.selection.tellSoon([...this.selected]);
+    this.selection.sendSoon([...this.selected]);
   }
 
   /** @param {number} id */
@@ -613,7 +608,7 @@ export class EditorPage extends EditorDrawing {
   /** @param {"undo" | "redo"} way */
   stepHistory(way) {
     if (this.pointTools.drag0 || this.isLocked || !this.sender.step(way)) return;
-    this.speak(way === "undo" ? "undone" : "redone");
+    this.announce(way === "undo" ? "undone" : "redone");
   }
 
   // ---- modes: adding, selecting, pen and brush ----------------------------------------------------------------------
@@ -684,13 +679,13 @@ export class EditorPage extends EditorDrawing {
   // ---- names and help -----------------------------------------------------------------------------------------------
 
   /**
-   * Ask for a name beside a place of the view.
+   * Request a name beside a place of the view.
    * @param {string} text
    * @param {string} placeholder
    * @param {number[]} at
    * @param {Naming} naming
    */
-  askName(text, placeholder, [x, y], naming) {
+  promptName(text, placeholder, [x, y], naming) {
     const { input, view: { width, height } } = this;
     this.naming = naming;
     input.hidden = false;
@@ -714,18 +709,12 @@ export class EditorPage extends EditorDrawing {
 
   /** The focus goes to the list, and back to where it was. */
   toggleHelp() {
-    const { activeElement } = treeOf(this.root);
-    this.help.hidden = !this.help.hidden;
-    if (!this.help.hidden) {
-      this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
-      this.help.focus();
-    } else if (this.beforeHelp?.isConnected) this.beforeHelp.focus({ preventScroll: true });
-    else this.focusStage();
+    this.help.toggle();
     this.invalidate();
   }
 
   closeHelp() {
-    if (this.help.hidden) return false;
+    if (!this.help.isOpen) return false;
     this.toggleHelp();
     return true;
   }
@@ -735,8 +724,8 @@ export class EditorPage extends EditorDrawing {
 
 /** @param {{ model: Model, el: HTMLElement }} context */
 function render({ model, el }) {
-  const page = new EditorPage(model, el);
-  return () => page.close();
+  const editor = new EditorView(model, el);
+  return () => editor.close();
 }
 
 export default { initialize, render };

@@ -9,7 +9,7 @@ import { gridPlaces, gridShape } from "../maths/warp_map.js";
 import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.js";
 
 /** @import { LayeredFit, Point } from "../types.d.ts" */
-/** @import { EditorPage } from "./editor.js" */
+/** @import { EditorView } from "./editor.js" */
 /** @typedef {ReturnType<typeof gridPlaces>} GridPlaces */
 /** @typedef {{ root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number }} NodeParts */
 /** id: of the new point.
@@ -25,9 +25,9 @@ const STILL_GRID = "Drags are magnified 0 times: the grid is that of the origina
 
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class GridNodes {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
     /** @type {NodeParts[]} */
     this.nodes = [];
     /** Places of the nodes, and what they were made of. @type {{ key: unknown[], places: GridPlaces } | null} */
@@ -36,23 +36,23 @@ export class GridNodes {
     /** @type {NodeDrag | null} */
     this.drag = null;
     this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the grid" });
-    page.svg.insertBefore(this.group, page.handles.arrows); // under the points
+    editor.svg.insertBefore(this.group, editor.handles.arrows); // under the points
     this.closing = new AbortController();
     const { group, closing: { signal } } = this;
-    group.addEventListener("pointerdown", (e) => page.guard(() => this.#down(e)), { signal });
-    group.addEventListener("pointermove", (e) => page.guard(() => this.#move(e)), { signal });
-    group.addEventListener("pointerup", (e) => page.guard(() => this.#up(e, false)), { signal });
+    group.addEventListener("pointerdown", (e) => editor.guard(() => this.#down(e)), { signal });
+    group.addEventListener("pointermove", (e) => editor.guard(() => this.#move(e)), { signal });
+    group.addEventListener("pointerup", (e) => editor.guard(() => this.#up(e, false)), { signal });
     for (const name of /** @type {const} */ (["pointercancel", "lostpointercapture"])) {
-      group.addEventListener(name, (e) => page.guard(() => this.#up(e, true)), { signal });
+      group.addEventListener(name, (e) => editor.guard(() => this.#up(e, true)), { signal });
     }
     group.addEventListener("dblclick", (e) => {
       e.stopPropagation();
-      page.guard(() => this.#take(this.#at(e)));
+      editor.guard(() => this.#take(this.#at(e)));
     }, { signal });
-    group.addEventListener("keydown", (e) => page.guard(() => this.#keyDown(e)), { signal });
-    page.root.addEventListener("keydown", (e) => {
+    group.addEventListener("keydown", (e) => editor.guard(() => this.#keyDown(e)), { signal });
+    editor.root.addEventListener("keydown", (e) => {
       const { drag } = this;
-      if (drag && e.key === "Escape") { e.stopPropagation(); page.guard(() => this.#end(drag, true)); }
+      if (drag && e.key === "Escape") { e.stopPropagation(); editor.guard(() => this.#end(drag, true)); }
     }, { signal, capture: true });
   }
 
@@ -62,18 +62,18 @@ export class GridNodes {
 
   /** "before", "after", or "" in a view that stands for itself. */
   get side() {
-    const around = this.page.root.closest(".dnb-th-before, .dnb-th-after");
+    const around = this.editor.root.closest(".dnb-th-before, .dnb-th-after");
     return !around ? "" : around.classList.contains("dnb-th-before") ? "before" : "after";
   }
 
   get isOn() {
-    const { model } = this.page, isWanted = this.side === "after" || (this.side === "" && model.get("drag_grid"));
+    const { model } = this.editor, isWanted = this.side === "after" || (this.side === "" && model.get("drag_grid"));
     return Boolean(isWanted && model.get("show_grid") && model.get("density") > 0);
   }
 
   /** The movement of a target that moves what it holds by one; 0 where nothing moves it. */
   get pull() {
-    const strength = this.page.strength;
+    const strength = this.editor.strength;
     return !this.isOn ? 1 : Math.abs(strength) < LEAST_STRENGTH ? 0 : 1 / strength;
   }
 
@@ -82,7 +82,7 @@ export class GridNodes {
    * @param {Point[]} points
    */
   shown(points) {
-    const { strength } = this.page;
+    const { strength } = this.editor;
     if (strength === 1 || !this.isOn) return points;
     return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
   }
@@ -94,7 +94,7 @@ export class GridNodes {
    * @param {{ least: number }} folds
    */
   warning(folds) {
-    const { strength } = this.page, isBeyond = strength < 0 || strength > 1;
+    const { strength } = this.editor, isBeyond = strength < 0 || strength > 1;
     if (!this.isOn || !isBeyond || folds.least > 0) return "";
     return `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less`;
   }
@@ -106,7 +106,7 @@ export class GridNodes {
    * @param {LayeredFit} layered
    */
   placesOf(layered) {
-    const { page: { model, box, view }, made } = this, cells = model.get("density") || 12;
+    const { editor: { model, box, view }, made } = this, cells = model.get("density") || 12;
     const key = [layered, cells, String(box)];
     if (made && key.every((value, k) => value === made.key[k])) return made.places;
     this.made = { key, places: gridPlaces(layered, box, cells, 0.05 / view.k) };
@@ -118,8 +118,9 @@ export class GridNodes {
     const isShown = this.isOn && layered !== null;
     setAttributes(this.group, { visibility: isShown ? "visible" : "hidden" });
     if (!isShown) { if (!this.drag) this.#trim(0); return; }
-    const { columns, rows, target, isSeen } = this.placesOf(layered), { k, x, y } = this.page.view, held = this.#held();
-    const [a0, a1] = this.page.box, reach = Math.max(5, Math.min(11, 0.42 * k * (a1 - a0) / (columns - 1)));
+    const { columns, rows, target, isSeen } = this.placesOf(layered), held = this.#held();
+    const { k, x, y } = this.editor.view;
+    const [a0, a1] = this.editor.box, reach = Math.max(5, Math.min(11, 0.42 * k * (a1 - a0) / (columns - 1)));
     this.#trim(columns * rows);
     for (let n = 0; n < columns * rows; n++) {
       const node = this.nodes[n] ?? this.#make(n);
@@ -161,7 +162,7 @@ export class GridNodes {
 
   /** The numbers of the nodes that are control points. */
   #held() {
-    const { box, points, model } = this.page, [a0, a1, b0, b1] = box;
+    const { box, points, model } = this.editor, [a0, a1, b0, b1] = box;
     const [across, down] = gridShape(box, model.get("density"));
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0), held = new Set();
     for (const { source: [a, b] } of points) {
@@ -190,48 +191,49 @@ export class GridNodes {
    * @param {number} n
    */
   #point({ columns, source, target }, n) {
-    const { page, pull } = this, id = nextId(page.points, page.sender.nextId);
+    const { editor, pull } = this, id = nextId(editor.points, editor.sender.nextId);
     const from = [source[2 * n], source[2 * n + 1]], at = [target[2 * n], target[2 * n + 1]];
     const to = from.map((value, k) => value + pull * (at[k] - value));
     const name = `grid ${n % columns},${Math.floor(n / columns)}`;
-    return { id, points: [...page.points, newPoint(id, from, to, name)] };
+    return { id, points: [...editor.points, newPoint(id, from, to, name)] };
   }
 
   /** Whether nodes can be dragged now; a hint if their drags would come to nothing. */
   #isFree() {
-    const { page } = this;
-    if (page.isLocked) return false;
-    if (this.pull === 0) page.hint(STILL_GRID, 5000);
+    const { editor } = this;
+    if (editor.isLocked) return false;
+    if (this.pull === 0) editor.hint(STILL_GRID, 5000);
     return this.pull !== 0;
   }
 
   /** @param {PointerEvent} event */
   #down(event) {
-    const { page } = this, n = this.#at(event);
-    if (event.button !== 0 || n === null || page.isLocked || page.pen.isOn || page.isAdding || page.gestures.isSpaceDown
-      || page.gestures.pointers.size) return; // the others' business
+    const { editor } = this, n = this.#at(event);
+    if (event.button !== 0 || n === null || editor.isLocked || editor.pen.isOn || editor.isAdding ||
+        editor.gestures.isSpaceDown
+      || editor.gestures.pointers.size) return; // the others' business
     event.stopPropagation();
     event.preventDefault();
     if (this.drag || !this.#isFree()) return;
     this.#focusable(n);
     this.nodes[n].root.focus({ preventScroll: true });
     this.group.setPointerCapture(event.pointerId);
-    this.drag = { n, pointer: event.pointerId, from: page.gestures.place(event), id: null,
+    this.drag = { n, pointer: event.pointerId, from: editor.gestures.place(event), id: null,
       slack: SLACK[event.pointerType] ?? 2 };
   }
 
   /** @param {PointerEvent} event */
   #move(event) {
-    const { drag, page, page: { pointTools } } = this;
+    const { drag, editor, editor: { pointTools } } = this;
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
-    const at = page.gestures.place(event), by = [at[0] - drag.from[0], at[1] - drag.from[1]];
+    const at = editor.gestures.place(event), by = [at[0] - drag.from[0], at[1] - drag.from[1]];
     if (drag.id === null) {
       if (Math.hypot(by[0], by[1]) < drag.slack || !this.made) return;
       const { id, points } = this.#point(this.made.places, drag.n);
       drag.id = id;
       if (!pointTools.beginDrag(points)) { this.drag = null; return; }
-      page.select([id], false);
+      editor.select([id], false);
     }
     pointTools.drag([drag.id], by, "target", drag.id, event.shiftKey);
   }
@@ -245,14 +247,14 @@ export class GridNodes {
 
   /** @param {NodeDrag} drag @param {boolean} isCancelled */
   #end(drag, isCancelled) {
-    const { page } = this;
+    const { editor } = this;
     this.drag = null;
     if (this.group.hasPointerCapture(drag.pointer)) this.group.releasePointerCapture(drag.pointer);
-    if (drag.id === null) { if (!isCancelled) page.hint(NODE_HINT, 4000); return; }
-    const before = page.sender.points; // of which the new point is none yet
-    page.pointTools.endDrag(isCancelled);
-    if (isCancelled || page.sender.points === before) { page.select([]); return; }
-    page.pointTools.present(drag.id, "holds the grid");
+    if (drag.id === null) { if (!isCancelled) editor.hint(NODE_HINT, 4000); return; }
+    const before = editor.sender.points; // of which the new point is none yet
+    editor.pointTools.endDrag(isCancelled);
+    if (isCancelled || editor.sender.points === before) { editor.select([]); return; }
+    editor.pointTools.present(drag.id, "holds the grid");
   }
 
   /**
@@ -261,7 +263,7 @@ export class GridNodes {
    */
   #take(n) {
     if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
-    const { page: { pointTools } } = this, { id, points } = this.#point(this.made.places, n);
+    const { editor: { pointTools } } = this, { id, points } = this.#point(this.made.places, n);
     if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");
   }
 

@@ -19,7 +19,7 @@ import { REGION_FORMS } from "./shape_handles.js";
  * @typedef {{ label: (p: P) => string, tip: (p: P, reach: number) => string }} PointWords
  */
 
-/** The scene that HandMarks draw.
+/** The state that ToolMarks draw.
  * @typedef {object} MarksScene
  * @property {Mirror} mirror
  * @property {View} view
@@ -155,7 +155,7 @@ export class Handles {
   }
 
   /**
-   * Let Tab lead to one point: with two hundred, nobody wants to press it two hundred times.
+   * Let Tab lead to one point: with two hundred it would have to be pressed two hundred times.
    * @param {number} id
    */
   #stopAt(id) {
@@ -340,7 +340,7 @@ const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
  * Marks that can be dragged besides points and shapes: the handle that turns what is selected, and the axis of a
  * mirror. And the circle of the brush, which shows where it works.
  */
-export class HandMarks {
+export class ToolMarks {
   /**
    * @param {SVGSVGElement} svg
    * @param {SVGElement} points

@@ -7,7 +7,7 @@ import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.js";
 import { bytesOf, context2d, drawGrid } from "./painter.js";
 
 /** @import { LayeredFit, Raster } from "../types.d.ts" */
-/** @import { EditorPage, Folds } from "./editor.js" */
+/** @import { EditorView, Folds } from "./editor.js" */
 /** @import { GridPlaces } from "./grid_nodes.js" */
 /** @import { View } from "./painter.js" */
 /** @typedef {{ from: number[], to: number[], grows: boolean }} StrainArm */
@@ -97,12 +97,12 @@ export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 
 /** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
 export class Ghost {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
-    this.image = pageElement("img", "dnb-ed-ghost", page.stage, { alt: "", "aria-hidden": "true", draggable: "false",
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.image = pageElement("img", "dnb-ed-ghost", editor.stage, { alt: "", "aria-hidden": "true", draggable: "false",
       hidden: "" });
-    page.svg.before(this.image);
+    editor.svg.before(this.image);
     /** @type {DataView<ArrayBuffer> | null} */
     this.bytes = null;
     this.url = "";
@@ -110,7 +110,7 @@ export class Ghost {
 
   /** As the traits have it, over the whole of the picture. */
   draw() {
-    const { model, view: { k, x, y }, box: [a0, a1, b0, b1] } = this.page;
+    const { model, view: { k, x, y }, box: [a0, a1, b0, b1] } = this.editor;
     const bytes = model.get("ghost"), opacity = Number(model.get("ghost_opacity")) || 0;
     if (bytes !== this.bytes) this.#load(bytes);
     this.image.hidden = !this.url || opacity <= 0;
@@ -159,16 +159,16 @@ const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
 export class Overlay {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
-    this.canvas = pageElement("canvas", "dnb-ed-overlay", page.stage, { "aria-hidden": "true" });
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.canvas = pageElement("canvas", "dnb-ed-overlay", editor.stage, { "aria-hidden": "true" });
     this.context = context2d(this.canvas);
     this.small = document.createElement("canvas"); // for an image that is magnified
     this.hatch = hatchPattern(this.context);
-    this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, page.svg);
+    this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, editor.svg);
     for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
-    this.key = pageElement("div", "dnb-ed-key", page.stage, { role: "img", "aria-label": "legend", hidden: "" });
+    this.key = pageElement("div", "dnb-ed-key", editor.stage, { role: "img", "aria-label": "legend", hidden: "" });
     /** The values that the canvas was drawn from. @type {unknown[] | null} */
     this.drawn = null;
     /** The folds that are drawn, in places of the picture. @type {FoldPieces | null} */
@@ -176,31 +176,31 @@ export class Overlay {
     this.isUsed = false; // whether there is anything on the canvas
     this.described = ""; // the values that the legend was made from
     this.gain = ""; // the same of the strains
-    page.svg.before(this.canvas); // the handles lie over it
-    const menus = page.toolbar.buttons.get("compare")?.button.parentElement ?? null;
+    editor.svg.before(this.canvas); // the handles lie over it
+    const menus = editor.toolbar.buttons.get("compare")?.button.parentElement ?? null;
     this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });
     for (const [value, [label, title]] of Object.entries(OVERLAYS)) {
       pageElement("option", "", this.select, { value, title }).textContent = label;
     }
-    this.select.addEventListener("change", () => page.guard(() => this.choose(this.select.value)));
+    this.select.addEventListener("change", () => editor.guard(() => this.choose(this.select.value)));
   }
 
   /** @returns {string} */
   get kind() {
-    const kind = this.page.model.get("overlay");
+    const kind = this.editor.model.get("overlay");
     return Object.hasOwn(OVERLAYS, kind) ? kind : "folds";
   }
 
   /** @param {string} kind */
   choose(kind) {
-    this.page.set("overlay", kind);
-    this.page.speak(`overlay: ${OVERLAYS[kind][1]}`);
+    this.editor.set("overlay", kind);
+    this.editor.announce(`overlay: ${OVERLAYS[kind][1]}`);
   }
 
   next() {
     const names = Object.keys(OVERLAYS), kind = names[(names.indexOf(this.kind) + 1) % names.length];
     this.choose(kind);
-    this.page.hint(`${OVERLAYS[kind][0]}: ${OVERLAYS[kind][1]}`);
+    this.editor.hint(`${OVERLAYS[kind][0]}: ${OVERLAYS[kind][1]}`);
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -220,7 +220,7 @@ export class Overlay {
 
   /** @param {LayeredFit | null} layered @param {string} kind @param {Folds | null} folds @param {boolean} isMoving */
   #lay(layered, kind, folds, isMoving) {
-    const { view, model, box, sheet } = this.page;
+    const { view, model, box, sheet } = this.editor;
     const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
       model.get("density"), model.get("show_grid"),
       ...(kind === "uncertainty" ? [model.get("uncertainty"), model.get("uncertainty_facts")] : [])];
@@ -237,7 +237,7 @@ export class Overlay {
   }
 
   #clear() {
-    const { view: { width, height, ratio } } = this.page, { canvas, context: c } = this;
+    const { view: { width, height, ratio } } = this.editor, { canvas, context: c } = this;
     const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
     if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
     c.setTransform(1, 0, 0, 1, 0, 0);
@@ -247,7 +247,7 @@ export class Overlay {
 
   /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
   #visible() {
-    const { view: { k, x, y, width, height }, sheet: [a0, a1, b0, b1] } = this.page;
+    const { view: { k, x, y, width, height }, sheet: [a0, a1, b0, b1] } = this.editor;
     const [left, right] = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k)];
     const [top, bottom] = [Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
     return right > left && bottom > top ? [left, right, top, bottom] : null;
@@ -255,7 +255,7 @@ export class Overlay {
 
   /** @param {LayeredFit} layered @param {number[]} part @param {Folds} folds @param {boolean} isMoving */
   #drawMap(layered, part, folds, isMoving) {
-    const { kind, page: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, layered.count);
+    const { kind, editor: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, layered.count);
     const pace = isMoving ? "moving" : "resting", work = OVERLAY_WORK[pace], size = OVERLAY_CELL[pace] / k;
     const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
     const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
@@ -274,7 +274,7 @@ export class Overlay {
   /** @param {FoldPieces} pieces */
   #drawFolds({ fill, edge }) {
     if (!fill.length) return;
-    const { context: c } = this, { k, x, y, ratio } = this.page.view, red = new Path2D(), rim = new Path2D();
+    const { context: c } = this, { k, x, y, ratio } = this.editor.view, red = new Path2D(), rim = new Path2D();
     for (const polygon of fill) {
       red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
       // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
@@ -303,13 +303,13 @@ export class Overlay {
       out[at + 3] = 255;
     }
     this.#spread(image, raster, AREA_ALPHA, part);
-    const { grid, view, colours, model } = this.page; // the grid lies under the colours, and would hardly be seen
+    const { grid, view, colours, model } = this.editor; // the grid lies under the colours, and would hardly be seen
     if (grid && model.get("show_grid") && model.get("density") > 0) drawGrid(this.context, view, grid.lines, colours.grid);
   }
 
   /** @param {LayeredFit} layered */
   #drawStrain(layered) {
-    const { gridNodes, view, box: [a0, a1] } = this.page, places = gridNodes.placesOf(layered);
+    const { gridNodes, view, box: [a0, a1] } = this.editor, places = gridNodes.placesOf(layered);
     const cell = (a1 - a0) / (places.columns - 1), { gain, arms } = strainArms(layered, places, cell);
     const described = `${gain} ${(cell * view.k).toFixed(0)}`;
     drawStrain(this.context, view, arms);
@@ -328,7 +328,7 @@ export class Overlay {
    * @param {number[]} part
    */
   #spread(image, { spacing: [da, db], origin: [a0, b0] }, alpha, [left, right, top, bottom]) {
-    const { context: c } = this, { k, x, y, ratio } = this.page.view, { width, height } = image;
+    const { context: c } = this, { k, x, y, ratio } = this.editor.view, { width, height } = image;
     Object.assign(this.small, { width, height }); // which clears it
     context2d(this.small).putImageData(image, 0, 0);
     c.save();
@@ -344,22 +344,22 @@ export class Overlay {
   }
 
   /** @returns {{ width: number, height: number, legend: UncertaintyLegend }} */
-  get #uncertaintyFacts() { return { width: 0, height: 0, legend: [], ...this.page.model.get("uncertainty_facts") }; }
+  get #uncertaintyFacts() { return { width: 0, height: 0, legend: [], ...this.editor.model.get("uncertainty_facts") }; }
 
   /**
    * The uncertainty as Python has it, with a line at every level that the legend names.
    * @param {number[]} part
    */
   #drawUncertainty(part) {
-    const { width, height, legend } = this.#uncertaintyFacts, given = this.page.model.get("uncertainty");
+    const { width, height, legend } = this.#uncertaintyFacts, given = this.editor.model.get("uncertainty");
     if (!given || !width || given.byteLength !== width * height) return;
     const values = bytesOf(given);
-    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.page.box;
+    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.editor.box;
     const da = (a1 - a0) / width, db = (b1 - b0) / height;
     for (let n = 0; n < values.length; n++) image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]], 4 * n);
     const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
-    const { context: c } = this, { k, x, y, ratio } = this.page.view, lines = new Path2D();
+    const { context: c } = this, { k, x, y, ratio } = this.editor.view, lines = new Path2D();
     for (const [level] of legend) {
       for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
         lines.moveTo(k * (raster.origin[0] + u * da) + x, k * (raster.origin[1] + v * db) + y);
@@ -383,7 +383,7 @@ export class Overlay {
     const place = folds && folds.least <= 0 ? folds.place : null;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
     if (!place) return;
-    const [x, y] = this.page.onView(place);
+    const [x, y] = this.editor.onView(place);
     setAttributes(this.worst, { transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` });
   }
 
@@ -393,9 +393,9 @@ export class Overlay {
    */
   #placeKey(isMoving) {
     if (this.key.hidden || isMoving) return;
-    const { view: { width, height }, points } = this.page, air = 22; // CSS pixels: a disc, and from it to the edge
+    const { view: { width, height }, points } = this.editor, air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air, high = this.key.offsetHeight + air;
-    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.page.onView(at));
+    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.onView(at));
     /** @param {string[]} corner */
     const hidden = ([row, column]) => places.filter(([x, y]) => (column === "left" ? x < wide : x > width - wide)
       && (row === "top" ? y < high : y > height - high)).length;

@@ -13,7 +13,7 @@ import { MOST_CHARACTERS } from "../sync/edits.js";
 import { pointLabel } from "./handles.js";
 
 /** @import { LayeredFit, PartData, Point, Shapes } from "../types.d.ts" */
-/** @import { EditorPage } from "./editor.js" */
+/** @import { EditorView } from "./editor.js" */
 /** @typedef {"target" | "source" | "both"} Moved the places of points that a drag moves */
 /** @typedef {{ points: Point[], ids: number[], about: number[] }} Turn points, ids of those that turn, the centre */
 /** @typedef {{ point: Point, part: PartData }} Held a point that a rigid part does not let in */
@@ -57,9 +57,9 @@ function allowedMove(before, points, parts, strength) {
 
 /** Edits of the control points. */
 export class PointTools {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
     /** The points before a drag, null while there is none. @type {Point[] | null} */
     this.drag0 = null;
     /** The smallest det J before the drag. @type {number | null} */
@@ -79,14 +79,14 @@ export class PointTools {
    * @param {string | null} join edits with the same one in quick succession are undone as one
    */
   edit(points, kind = "move", join = null) {
-    const { page } = this;
-    if (page.isLocked || samePoints(points, page.points)) return false;
-    if (!page.error && !this.accepts(points)) return false;
+    const { editor } = this;
+    if (editor.isLocked || samePoints(points, editor.points)) return false;
+    if (!editor.error && !this.accepts(points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
-      page.say("These are too many points to send at once. Remove some, or edit in Python.");
+      editor.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }
-    page.sender.edit(points, kind, join); // which notifies all views, this one too
+    editor.sender.edit(points, kind, join); // which notifies all views, this one too
     return true;
   }
 
@@ -97,7 +97,7 @@ export class PointTools {
    * @param {string | null} join
    */
   change(points, kind, join = null) {
-    return this.edit(this.symmetric(this.page.points, points, 0, kind === "add"), kind, join);
+    return this.edit(this.symmetric(this.editor.points, points, 0, kind === "add"), kind, join);
   }
 
   /**
@@ -105,13 +105,13 @@ export class PointTools {
    * @param {Point[]} points
    * @param {Partial<Shapes>} shapes
    */
-  accepts(points, shapes = this.page.shapes) {
-    const { page } = this;
-    try { layeredFit(points, { ...page.settings, ...shapes, previous: page.layered }); } catch (error) {
+  accepts(points, shapes = this.editor.shapes) {
+    const { editor } = this;
+    try { layeredFit(points, { ...editor.settings, ...shapes, previous: editor.layered }); } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       const { message } = error;
-      page.say(message, true);
-      page.handles.blink(points.filter((p) => message.includes(rbfLabel(p))).map((p) => p.id));
+      editor.showMessage(message, true);
+      editor.handles.blink(points.filter((p) => message.includes(rbfLabel(p))).map((p) => p.id));
       return false;
     }
     return true;
@@ -120,13 +120,13 @@ export class PointTools {
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   /**
-   * Begin a drag of these points, which may have one more than the page.
+   * Begin a drag of these points, which may have one more than the editor.
    * @param {Point[]} points
    */
-  beginDrag(points = this.page.points) {
-    const { page } = this;
-    if (page.isLocked) return false;
-    page.points = points;
+  beginDrag(points = this.editor.points) {
+    const { editor } = this;
+    if (editor.isLocked) return false;
+    editor.points = points;
     Object.assign(this, { drag0: points, least0: null, stopNote: "", isSent: false });
     return true;
   }
@@ -140,10 +140,10 @@ export class PointTools {
    * @param {boolean} isLoose whether that one need not keep to the grid
    */
   drag(ids, by, what, id, isLoose = false) {
-    const { page, drag0 } = this;
+    const { editor, drag0 } = this;
     if (!drag0) return;
     if (!ids.length) { this.hintLocked([id]); return; }
-    const f = (what === "target" ? page.gridNodes.pull : 1) / page.view.k;
+    const f = (what === "target" ? editor.gridNodes.pull : 1) / editor.view.k;
     const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose), lead = this.#sideOf(id);
     this.#show(drag0, (t) => this.symmetric(drag0, movedPoints(drag0, ids, t * way[0], t * way[1], what), lead));
   }
@@ -154,26 +154,26 @@ export class PointTools {
    * @param {(share: number) => Point[]} make
    */
   #show(drag0, make) {
-    const { page } = this, wanted = this.#withoutFolds(make);
-    const { points, held } = allowedMove(drag0, wanted, page.shapes.parts, page.strength);
-    page.handles.lock(held.map(({ point }) => point.id));
+    const { editor } = this, wanted = this.#withoutFolds(make);
+    const { points, held } = allowedMove(drag0, wanted, editor.shapes.parts, editor.strength);
+    editor.handles.lock(held.map(({ point }) => point.id));
     if (held.length) this.#hintHeld(held[0]);
-    page.rate.moved(performance.now());
+    editor.rate.moved(performance.now());
     this.#follow(points);
   }
 
   /** @param {Point[]} points */
   #follow(points) {
-    this.page.points = points;
-    this.page.changed(true);
+    this.editor.points = points;
+    this.editor.changed(true);
     this.isLive = true;
   }
 
-  /** Send points on their way, if Python wants to follow the drag. */
+  /** Send points on their way, if Python follows the drag. */
   sendMove() {
-    const { page } = this;
-    if (this.drag0 && this.isLive && page.model.get("live")) {
-      page.sender.move(page.points);
+    const { editor } = this;
+    if (this.drag0 && this.isLive && editor.model.get("live")) {
+      editor.sender.move(editor.points);
       this.isSent = true;
     }
     this.isLive = false;
@@ -182,7 +182,7 @@ export class PointTools {
   /** @param {Held} held */
   #hintHeld({ point, part }) {
     const why = part.motion ? "has a motion of its own" : "is fixed";
-    this.page.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
+    this.editor.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
   }
 
   /**
@@ -190,16 +190,16 @@ export class PointTools {
    * @param {string} kind
    */
   endDrag(isCancelled, kind = "move") {
-    const { page, drag0 } = this, { points } = page;
+    const { editor, drag0 } = this, { points } = editor;
     this.drag0 = null;
-    page.sender.drawn = page.rate.taken();
-    page.handles.lock([]);
+    editor.sender.drawn = editor.rate.taken();
+    editor.handles.lock([]);
     if (!drag0) return;
-    page.points = drag0;
+    editor.points = drag0;
     if (!isCancelled && this.edit(points, kind)) return;
-    page.points = page.sender.points; // Python may have moved them meanwhile
-    page.changed();
-    if (this.isSent) page.sender.move(page.points); // Python has followed the drag, which is void now
+    editor.points = editor.sender.points; // Python may have moved them meanwhile
+    editor.changed();
+    if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
   }
 
   // ---- folds --------------------------------------------------------------------------------------------------------
@@ -209,11 +209,11 @@ export class PointTools {
    * @param {Point[]} points
    */
   #leastOf(points) {
-    const { page } = this;
+    const { editor } = this;
     try {
-      const layered = layeredFit(points, { ...page.settings, previous: page.layered }), [few, many] = HOLD_NODES;
+      const layered = layeredFit(points, { ...editor.settings, previous: editor.layered }), [few, many] = HOLD_NODES;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
-      return foldsOf(layered, page.box, nodes, probesOf(layered, HOLD_WORK / 4)).least;
+      return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4)).least;
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       return -Infinity;
@@ -230,13 +230,13 @@ export class PointTools {
   }
 
   /**
-   * The drag as far as the map stays free of folds, if the user wants that.
+   * The drag as far as the map stays free of folds, if the user has chosen that.
    * @param {(share: number) => Point[]} make
    */
   #withoutFolds(make) {
     const wanted = make(1);
     this.stopNote = "";
-    if (!this.page.model.get("stop_at_folds") || !this.#wouldFold(wanted)) return wanted;
+    if (!this.editor.model.get("stop_at_folds") || !this.#wouldFold(wanted)) return wanted;
     this.stopNote = "Stopped before the picture folds; T lets points go on";
     let low = 0, high = 1;
     for (let turn = 0; turn < 8; turn++) {
@@ -254,15 +254,15 @@ export class PointTools {
    * @param {number[]} ids
    */
   freed(ids) {
-    const free = freeIds(this.page.points, withRims(this.page.points, ids));
+    const free = freeIds(this.editor.points, withRims(this.editor.points, ids));
     if (ids.length && !free.length) this.hintLocked(ids);
     return free;
   }
 
   /** @param {number[]} ids */
   hintLocked([id]) {
-    const p = this.page.pointOf(id);
-    if (p) this.page.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    const p = this.editor.pointOf(id);
+    if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   /**
@@ -273,13 +273,13 @@ export class PointTools {
    * @param {Moved} what
    */
   nudge(focused, [dx, dy], pixels, what) {
-    const { page } = this, ids = page.idsAt(focused);
-    if (ids.length === 0) { page.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
-    if (focused !== null && !page.selected.has(focused)) page.select([focused]);
-    const [du, dv] = page.model.get("raster").spacing, free = this.freed(ids);
-    this.change(movedPoints(page.points, free, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
-    const p = page.pointOf(ids[0]);
-    if (p && ids.length === 1) page.speak(pointLabel(p));
+    const { editor } = this, ids = editor.idsAt(focused);
+    if (ids.length === 0) { editor.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
+    if (focused !== null && !editor.selected.has(focused)) editor.select([focused]);
+    const [du, dv] = editor.model.get("raster").spacing, free = this.freed(ids);
+    this.change(movedPoints(editor.points, free, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
+    const p = editor.pointOf(ids[0]);
+    if (p && ids.length === 1) editor.announce(pointLabel(p));
   }
 
   /**
@@ -289,7 +289,7 @@ export class PointTools {
    * @returns {(target: number[]) => number[] | null}
    */
   #sourcesOf(layered) {
-    const strength = this.page.strength || 1;
+    const strength = this.editor.strength || 1;
     return (target) => {
       const [da, db, opacity] = layered ? placeOf(layered, target[0], target[1], 1e-9) : [0, 0, 1];
       return opacity < 0.5 ? null : [target[0] + da / strength, target[1] + db / strength];
@@ -297,27 +297,27 @@ export class PointTools {
   }
 
   /**
-   * Add a point that takes hold of what is seen at a place of the view: its source is where the map looks, so nothing
+   * Add a point that holds what is seen at a place of the view: its source is where the map leads, so nothing
    * moves.
    * @param {number[]} at CSS pixels
    * @returns {number | null} its id, that of a point which is there already, or null in a gap
    */
   addAt([x, y], isLoose = false) {
-    const { page } = this, [near] = page.points.map((p) => {
-      const [px, py] = page.onView(p.target);
+    const { editor } = this, [near] = editor.points.map((p) => {
+      const [px, py] = editor.onView(p.target);
       return { id: p.id, away: Math.hypot(px - x, py - y) };
     }).sort((p, q) => p.away - q.away);
-    if (near && near.away < NEAR) { page.select([near.id]); page.handles.focus(near.id); return near.id; }
-    const place = page.placeAt([x, y]), target = isLoose ? place : this.#snappedPlace(place);
-    const source = this.#sourcesOf(page.isComparing ? null : page.layered)(target);
-    if (source === null) { page.hint("This is a gap: there is nothing here to take hold of"); return null; }
-    const id = nextId(page.points, page.sender.nextId);
-    if (!this.change([...page.points, newPoint(id, source, target)], "add")) return id;
+    if (near && near.away < NEAR) { editor.select([near.id]); editor.handles.focus(near.id); return near.id; }
+    const place = editor.placeAt([x, y]), target = isLoose ? place : this.#snappedPlace(place);
+    const source = this.#sourcesOf(editor.isComparing ? null : editor.layered)(target);
+    if (source === null) { editor.hint("This is a gap: there is nothing here to take hold of"); return null; }
+    const id = nextId(editor.points, editor.sender.nextId);
+    if (!this.change([...editor.points, newPoint(id, source, target)], "add")) return id;
     this.present(id, "added");
     return id;
   }
 
-  addInMiddle() { this.addAt([this.page.view.width / 2, this.page.view.height / 2]); }
+  addInMiddle() { this.addAt([this.editor.view.width / 2, this.editor.view.height / 2]); }
 
   /**
    * Select a point, give it the focus, and describe it to a screen reader.
@@ -325,71 +325,71 @@ export class PointTools {
    * @param {string} remark
    */
   present(id, remark) {
-    const { page } = this, p = page.pointOf(id);
-    page.select([id]);
-    page.drawNow();
-    page.handles.focus(id);
-    if (p) page.speak(`${pointLabel(p)}, ${remark}`);
+    const { editor } = this, p = editor.pointOf(id);
+    editor.select([id]);
+    editor.drawNow();
+    editor.handles.focus(id);
+    if (p) editor.announce(`${pointLabel(p)}, ${remark}`);
   }
 
   /** @param {number[]} wanted */
   remove(wanted) {
-    const { page } = this, ids = this.freed(wanted), at = page.points.findIndex((p) => p.id === ids[0]);
-    const hadFocus = page.svg.contains(treeOf(page.root).activeElement);
-    if (!ids.length || !this.change(removedPoints(page.points, ids), "remove")) return;
-    page.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
-    const next = page.points[Math.min(at, page.points.length - 1)];
-    page.drawNow();
-    if (hadFocus && next) page.handles.focus(next.id);
-    else if (hadFocus) page.focusStage();
+    const { editor } = this, ids = this.freed(wanted), at = editor.points.findIndex((p) => p.id === ids[0]);
+    const hadFocus = editor.svg.contains(treeOf(editor.root).activeElement);
+    if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
+    editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    const next = editor.points[Math.min(at, editor.points.length - 1)];
+    editor.drawNow();
+    if (hadFocus && next) editor.handles.focus(next.id);
+    else if (hadFocus) editor.focusStage();
   }
 
   /** @param {number} id */
   rename(id) {
-    const { page } = this, p = page.pointOf(id);
-    if (!p || page.isLocked) return;
-    page.askName(p.name, `point ${id}`, page.onView(p.target), {
-      take: (text) => { this.edit(renamedPoint(page.points, id, text), "rename"); },
-      focus: () => page.handles.focus(id),
+    const { editor } = this, p = editor.pointOf(id);
+    if (!p || editor.isLocked) return;
+    editor.promptName(p.name, `point ${id}`, editor.onView(p.target), {
+      take: (text) => { this.edit(renamedPoint(editor.points, id, text), "rename"); },
+      focus: () => editor.handles.focus(id),
     });
   }
 
   /** @param {number[]} ids */
-  switch(ids) { this.change(switchedPoints(this.page.points, ids), "switch"); }
+  switch(ids) { this.change(switchedPoints(this.editor.points, ids), "switch"); }
 
   /**
    * Put these points back where they were taken, all if there are none.
    * @param {number[]} ids
    */
   reset(ids) {
-    const { points } = this.page;
+    const { points } = this.editor;
     this.change(resetPoints(points, this.freed(ids.length ? ids : points.map((p) => p.id))), "reset");
   }
 
   // ---- the mirror ---------------------------------------------------------------------------------------------------
 
   get mirror() {
-    const { on = false, axis = "a", at = null } = this.page.model.get("mirror") ?? {};
+    const { on = false, axis = "a", at = null } = this.editor.model.get("mirror") ?? {};
     return { on: Boolean(on), axis: String(axis), at: Number(at ?? this.#middle(axis)) };
   }
 
   /** @param {string} axis */
   #middle(axis) {
-    const [a0, a1, b0, b1] = this.page.box;
+    const [a0, a1, b0, b1] = this.editor.box;
     return axis === "a" ? (a0 + a1) / 2 : (b0 + b1) / 2;
   }
 
   /** The lengths within which a source is on the axis, and a partner is found: parts of a pixel. */
   get #mirrorNear() {
-    const pixel = Math.max(...this.page.model.get("raster").spacing);
+    const pixel = Math.max(...this.editor.model.get("raster").spacing);
     return { axis: 0.5 * pixel, partner: pixel };
   }
 
   /** @param {{ on: boolean, axis?: string, at?: number }} change */
   #setMirror(change) {
-    this.page.set("mirror", { ...this.mirror, ...change });
+    this.editor.set("mirror", { ...this.mirror, ...change });
     const { on, axis } = this.mirror, line = axis === "a" ? "upright" : "level";
-    if (on) this.page.hint(`What you do on one side of the ${line} line is done on the other too`, 4000);
+    if (on) this.editor.hint(`What you do on one side of the ${line} line is done on the other too`, 4000);
   }
 
   toggleMirror() { this.#setMirror({ on: !this.mirror.on }); }
@@ -405,10 +405,11 @@ export class PointTools {
    * @param {boolean} isEnd
    */
   moveAxis(at, isEnd) {
-    const { page } = this, c = this.mirror.axis === "a" ? 0 : 1, [low, high] = [page.box[2 * c], page.box[2 * c + 1]];
-    page.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
-    if (isEnd) page.model.save_changes();
-    page.invalidate();
+    const { editor } = this, c = this.mirror.axis === "a" ? 0 : 1;
+    const [low, high] = [editor.box[2 * c], editor.box[2 * c + 1]];
+    editor.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
+    if (isEnd) editor.model.save_changes();
+    editor.invalidate();
   }
 
   /**
@@ -416,7 +417,7 @@ export class PointTools {
    * @param {number} id
    */
   #sideOf(id) {
-    const { mirror } = this, p = this.page.pointOf(id);
+    const { mirror } = this, p = this.editor.pointOf(id);
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
 
@@ -428,28 +429,28 @@ export class PointTools {
    * @param {boolean} holds whether new points take hold of what is seen, on both sides
    */
   symmetric(before, after, lead = 0, holds = false) {
-    const { mirror, page } = this, { layered } = page, near = this.#mirrorNear;
+    const { mirror, editor } = this, { layered } = editor, near = this.#mirrorNear;
     if (!mirror.on) return after;
     /** @param {number[]} source */
-    const seenAt = (source) => (holds && layered && page.strength === 1 && !page.isComparing
+    const seenAt = (source) => (holds && layered && editor.strength === 1 && !editor.isComparing
       ? placeSeen(layered, source, 1e-6 * near.axis) : null);
-    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, page.sender.nextId), seenAt });
+    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
   }
 
   // ---- the grid to which targets keep -------------------------------------------------------------------------------
 
   /** A cell of the grid that is drawn. */
   get #cell() {
-    const [a0, a1, b0, b1] = this.page.box;
-    return Math.max(a1 - a0, b1 - b0) / (this.page.model.get("density") || 16);
+    const [a0, a1, b0, b1] = this.editor.box;
+    return Math.max(a1 - a0, b1 - b0) / (this.editor.model.get("density") || 16);
   }
 
-  get snap() { return Number(this.page.model.get("snap")) || 0; }
+  get snap() { return Number(this.editor.model.get("snap")) || 0; }
 
   toggleSnap() {
-    this.page.set("snap", this.snap > 0 ? 0 : this.#cell);
+    this.editor.set("snap", this.snap > 0 ? 0 : this.#cell);
     const { snap } = this;
-    if (snap > 0) this.page.hint(`Targets keep to a grid of ${shownLength(snap)}; hold Alt to go between`, 4000);
+    if (snap > 0) this.editor.hint(`Targets keep to a grid of ${shownLength(snap)}; hold Alt to go between`, 4000);
   }
 
   /**
@@ -457,7 +458,7 @@ export class PointTools {
    * @param {number[]} place
    */
   #snappedPlace([a, b]) {
-    const { snap } = this, cell = this.#cell, [a0, a1, b0, b1] = this.page.box;
+    const { snap } = this, cell = this.#cell, [a0, a1, b0, b1] = this.editor.box;
     if (!(snap > 0)) return [a, b];
     const isDrawn = Math.abs(snap - cell) < 1e-6 * cell;
     /** @param {number} length */
@@ -487,15 +488,15 @@ export class PointTools {
    * @returns {Turn | null}
    */
   #turnables() {
-    const { page } = this, { points } = page, chosen = points.filter((p) => page.selected.has(p.id) && !p.locked);
-    if (!chosen.length) { this.hintLocked([...page.selected]); return null; }
+    const { editor } = this, { points } = editor, chosen = points.filter((p) => editor.selected.has(p.id) && !p.locked);
+    if (!chosen.length) { this.hintLocked([...editor.selected]); return null; }
     if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
     const [pin] = chosen, rim = rimOf(points, pin).filter((p) => !p.locked);
     if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target };
     const room = points.reduce((least, p) => (p.id === pin.id || !p.active ? least
       : Math.min(least, Math.hypot(p.target[0] - pin.target[0], p.target[1] - pin.target[1]))), Infinity);
-    const id = nextId(points, page.sender.nextId), distance = Math.min(page.brush.radius, 0.6 * room);
-    const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(page.layered));
+    const id = nextId(points, editor.sender.nextId), distance = Math.min(editor.brush.radius, 0.6 * room);
+    const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(editor.layered));
     return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target };
   }
 
@@ -505,15 +506,17 @@ export class PointTools {
    * @param {{ isLarge: boolean, isScale: boolean }} how
    */
   turnKey(way, how) {
-    const { page } = this, [angle, factor] = turnOfKey(way, how), turn = page.isLocked ? null : this.#turnables();
+    const { editor } = this, [angle, factor] = turnOfKey(way, how), turn = editor.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
-    this.change(turnedPoints(turn.points, turn.ids, turn.about, angle, factor), kind, `${kind} ${[...page.selected]}`);
-    page.speak(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`);
+    const points = turnedPoints(turn.points, turn.ids, turn.about, angle, factor);
+    this.change(points, kind, `${kind} ${[...editor.selected]}`);
+    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees`
+      : `scaled by ${factor.toFixed(2)}`);
   }
 
   beginTurn() {
-    const turn = this.page.isLocked ? null : this.#turnables();
+    const turn = this.editor.isLocked ? null : this.#turnables();
     if (turn) this.beginDrag();
     return turn;
   }
@@ -528,18 +531,18 @@ export class PointTools {
     const { drag0 } = this;
     if (!drag0) return;
     this.#show(drag0, (t) => this.symmetric(drag0, turnedPoints(points, ids, about, t * angle, factor ** t)));
-    this.page.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+    this.editor.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
   }
 
   // ---- locks --------------------------------------------------------------------------------------------------------
 
   /** @param {number[]} ids */
   toggleLock(ids) {
-    const { page } = this;
-    if (!ids.length) { page.hint("Select points to lock them"); return; }
-    if (!this.edit(lockedPoints(page.points, ids), "lock")) return;
-    const isLocked = page.pointOf(ids[0])?.locked;
-    page.speak(`${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`);
+    const { editor } = this;
+    if (!ids.length) { editor.hint("Select points to lock them"); return; }
+    if (!this.edit(lockedPoints(editor.points, ids), "lock")) return;
+    const isLocked = editor.pointOf(ids[0])?.locked;
+    editor.announce(`${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`);
   }
 
   // ---- strokes of brushes -------------------------------------------------------------------------------------------
@@ -551,16 +554,17 @@ export class PointTools {
    * @param {string} tool
    */
   beginStroke(place, radius, tool) {
-    const { page, mirror } = this, { settings } = page;
-    if (page.isLocked) return null;
+    const { editor, mirror } = this, { settings } = editor;
+    if (editor.isLocked) return null;
     /** @param {number[]} at */
     const isNear = (at) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
-    const stroke = new Stroke(page.points, place, radius, { tool, box: page.box,
-      id: nextId(page.points, page.sender.nextId), reach: typeof settings.support === "number" ? settings.support : 0,
+    const stroke = new Stroke(editor.points, place, radius, { tool, box: editor.box,
+      id: nextId(editor.points, editor.sender.nextId),
+      reach: typeof settings.support === "number" ? settings.support : 0,
       sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? layeredFit(points, settings) : null),
       settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
     if (stroke.lockedBy) { this.hintLocked([stroke.lockedBy.id]); return null; }
-    if (!stroke.isPossible) { page.hint("There is nothing here to take hold of"); return null; }
+    if (!stroke.isPossible) { editor.hint("There is nothing here to take hold of"); return null; }
     this.strokeSide = mirror.on ? mirrorSide(mirror, place, 0) : 0;
     this.beginDrag();
     return stroke;
@@ -571,9 +575,9 @@ export class PointTools {
    * @param {Stroke} stroke
    */
   paintStroke(stroke) {
-    const { page, drag0 } = this;
+    const { editor, drag0 } = this;
     if (!drag0) return false;
-    const points = this.symmetric(drag0, stroke.points, this.strokeSide), { shapes: { parts }, strength } = page;
+    const points = this.symmetric(drag0, stroke.points, this.strokeSide), { shapes: { parts }, strength } = editor;
     const held = parts.length ? heldPoints(points, parts, strength) : [];
     if (held.length > heldPoints(drag0, parts, strength).length) {
       this.#hintHeld(held[held.length - 1]);
@@ -582,7 +586,7 @@ export class PointTools {
     this.stopNote = "";
     if (this.#wouldFold(points)) {
       this.stopNote = "The brush stops before the picture folds";
-      page.invalidate();
+      editor.invalidate();
       return false;
     }
     this.#follow(points);

@@ -1,12 +1,12 @@
 // Pointers, the wheel and keys of the editor, turned into calls of its tools. The keys are listed in ui/keys.js.
 
 import { shownLength } from "../maths/numbers.js";
-import { freeIds, TURN_CODES, TURN_WAYS, turnOfHand, withRims } from "../maths/points.js";
+import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.js";
 import { SLACK, treeOf } from "../ui/dom.js";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.js";
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "./handles.js";
 
-/** @import { EditorPage } from "./editor.js" */
+/** @import { EditorView } from "./editor.js" */
 /** @import { Moved, Turn } from "./point_tools.js" */
 /** @import { Chosen, Grip } from "./shape_handles.js" */
 /** @typedef {Grip & { chosen: Chosen }} ShapeGrip */
@@ -41,24 +41,24 @@ function numberOf(text) { return text ? Number(text) : null; }
 /** Keys pressed anywhere in the editor. */
 class EditorKeys {
   /**
-   * @param {EditorPage} page
+   * @param {EditorView} editor
    * @param {Gestures} gestures
    */
-  constructor(page, gestures) {
-    this.page = page;
+  constructor(editor, gestures) {
+    this.editor = editor;
     this.gestures = gestures;
   }
 
   /** @param {KeyboardEvent} event */
   key(event) {
-    const { page } = this, isThird = event.getModifierState?.("AltGraph") ?? false; // brackets of many keyboards
+    const { editor } = this, isThird = event.getModifierState?.("AltGraph") ?? false; // brackets of many keyboards
     const isCommand = (event.ctrlKey || event.metaKey) && !isThird, isAlt = event.altKey && !isThird;
     if (around(event, "input, select")) { // have keys of their own
-      if (event.key === "Escape" && event.target === page.brush.slider) { page.brush.stop(); page.focusStage(); }
+      if (event.key === "Escape" && event.target === editor.brush.slider) { editor.brush.stop(); editor.focusStage(); }
       return;
     }
     if (!isCommand && around(event, ".dnb-ed-help")) {
-      if (event.key === "Escape" || event.key === "?") page.closeHelp();
+      if (event.key === "Escape" || event.key === "?") editor.closeHelp();
       return;
     }
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
@@ -70,12 +70,12 @@ class EditorKeys {
 
   /** @param {string} key @param {KeyboardEvent} event */
   #command(key, event) {
-    const { page } = this, focused = this.gestures.pointAt(event);
+    const { editor } = this, focused = this.gestures.pointAt(event);
     if (POINT_STEPS[key] && around(event, "button")) return false;
-    if (POINT_STEPS[key]) page.handles.focusNext(page.points.map((p) => p.id), POINT_STEPS[key], focused?.id);
-    else if (key === "z") page.stepHistory(event.shiftKey ? "redo" : "undo");
-    else if (key === "y") page.stepHistory("redo");
-    else if (key === "a") page.select(page.points.map((p) => p.id));
+    if (POINT_STEPS[key]) editor.handles.focusNext(editor.points.map((p) => p.id), POINT_STEPS[key], focused?.id);
+    else if (key === "z") editor.stepHistory(event.shiftKey ? "redo" : "undo");
+    else if (key === "y") editor.stepHistory("redo");
+    else if (key === "a") editor.select(editor.points.map((p) => p.id));
     else return false;
     return true;
   }
@@ -87,60 +87,60 @@ class EditorKeys {
    * @param {ShapeGrip} shape
    */
   #shapeKey(key, event, shape) {
-    const { page, page: { shapeTools } } = this, arrow = arrows[key], command = commandOf(EDITOR_KEYS, key);
+    const { editor, editor: { shapeTools } } = this, arrow = arrows[key], command = commandOf(EDITOR_KEYS, key);
     const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.chosen);
     const isDelete = key === "Delete" || key === "Backspace";
     if (key === "Enter") {
       if (shape.middle === null) shapeTools.choose(isOther || shape.corner !== null ? shape.chosen : null);
-      else if (!page.isLocked) shapeTools.insertCorner(shape.middle);
+      else if (!editor.isLocked) shapeTools.insertCorner(shape.middle);
       return true;
     }
     if (!arrow && !isDelete && !["F2", "o", "f"].includes(key)) return false;
     if (isOther) shapeTools.choose(shape.chosen);
-    if (page.isLocked) return true;
+    if (editor.isLocked) return true;
     if (arrow) shapeTools.nudge(shape, arrow, event.shiftKey ? 10 : 1);
-    else if (isDelete && shape.middle !== null) page.hint("Here is no corner to delete yet");
+    else if (isDelete && shape.middle !== null) editor.hint("Here is no corner to delete yet");
     else if (isDelete && shape.corner !== null) shapeTools.removeCorner(shape.corner);
-    else if (command) page.run(command, null);
+    else if (command) editor.run(command, null);
     return true;
   }
 
   /** @param {string} key @param {KeyboardEvent} event @param {boolean} isAlt */
   #plain(key, event, isAlt) {
-    const { page, gestures } = this, onButton = around(event, "button"), arrow = arrows[key];
+    const { editor, gestures } = this, onButton = around(event, "button"), arrow = arrows[key];
     const focused = gestures.pointAt(event), shape = focused ? null : gestures.shapeAt(event);
-    if (!onButton && page.pen.isOn && !isAlt && page.pen.key(key, event, arrow)) return true;
-    if (!onButton && page.brush.isOn && !isAlt && page.brush.key(key, event, arrow)) return true;
+    if (!onButton && editor.pen.isOn && !isAlt && editor.pen.key(key, event, arrow)) return true;
+    if (!onButton && editor.brush.isOn && !isAlt && editor.brush.key(key, event, arrow)) return true;
     if (arrow && gestures.markAt(event) === "axis") return this.#axisKey(arrow, event.shiftKey ? 10 : 1);
     if (shape && !onButton && !isAlt && this.#shapeKey(key, event, shape)) return true;
-    if (onButton instanceof HTMLButtonElement && arrow) return page.toolbar.focusNext(onButton, key);
+    if (onButton instanceof HTMLButtonElement && arrow) return editor.toolbar.focusNext(onButton, key);
     if (onButton && (key === "Enter" || key === " ")) return false;
     if (arrow) {
-      page.pointTools.nudge(focused?.id ?? null, arrow, event.shiftKey ? 10 : 1, isAlt ? "both" : "target");
+      editor.pointTools.nudge(focused?.id ?? null, arrow, event.shiftKey ? 10 : 1, isAlt ? "both" : "target");
       return true;
     }
     const way = TURN_WAYS[isAlt ? TURN_CODES[event.code] : key];
-    if (way) { page.pointTools.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt }); return true; }
+    if (way) { editor.pointTools.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt }); return true; }
     if (isAlt) return false;
     if (key === " ") { gestures.space(true); return true; }
     if (key === "Enter") {
-      if (focused) page.toggleSelected(focused.id);
-      else if (!page.isLocked) page.pointTools.addInMiddle();
+      if (focused) editor.toggleSelected(focused.id);
+      else if (!editor.isLocked) editor.pointTools.addInMiddle();
       return true;
     }
     if (key === "Escape") return gestures.escape();
-    if (key === "[" || key === "]") { page.brush.grow(key === "]" ? 1 : -1); return true; }
+    if (key === "[" || key === "]") { editor.brush.grow(key === "]" ? 1 : -1); return true; }
     const command = (event.shiftKey && commandOf(EDITOR_KEYS, `Shift+${key}`)) || commandOf(EDITOR_KEYS, key);
     if (!command) return false;
-    page.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, focused?.id ?? null);
+    editor.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, focused?.id ?? null);
     return true;
   }
 
   /** @param {number[]} arrow @param {number} pixels */
   #axisKey(arrow, pixels) {
-    const { page, page: { pointTools } } = this, { mirror } = pointTools, c = mirror.axis === "a" ? 0 : 1;
-    pointTools.moveAxis(mirror.at + pixels * arrow[c] * page.model.get("raster").spacing[c], true);
-    page.speak(`axis at ${shownLength(pointTools.mirror.at)}`);
+    const { editor, editor: { pointTools } } = this, { mirror } = pointTools, c = mirror.axis === "a" ? 0 : 1;
+    pointTools.moveAxis(mirror.at + pixels * arrow[c] * editor.model.get("raster").spacing[c], true);
+    editor.announce(`axis at ${shownLength(pointTools.mirror.at)}`);
     return true;
   }
 }
@@ -151,9 +151,9 @@ class EditorKeys {
  * Until someone works in the editor, a finger scrolls the page around.
  */
 export class Gestures {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
     /** Places of the pointers that are down. @type {Map<number, number[]>} */
     this.pointers = new Map();
     /** @type {Gesture | null} */
@@ -162,21 +162,21 @@ export class Gestures {
     this.isOthers = false; // whether its press belongs to the page around
     this.isSpaceDown = false;
     this.closing = new AbortController();
-    const { stage, svg, root } = page, { signal } = this.closing, options = { signal, passive: false };
-    const keys = new EditorKeys(page, this);
-    svg.addEventListener("pointerdown", (e) => page.guard(() => this.#down(e)), { signal });
-    svg.addEventListener("pointermove", (e) => page.guard(() => this.#move(e)), { signal });
-    svg.addEventListener("pointerup", (e) => page.guard(() => this.#up(e)), { signal });
-    svg.addEventListener("pointercancel", (e) => page.guard(() => this.#up(e, true)), { signal });
-    svg.addEventListener("pointerleave", () => page.guard(() => this.#leave()), { signal });
+    const { stage, svg, root } = editor, { signal } = this.closing, options = { signal, passive: false };
+    const keys = new EditorKeys(editor, this);
+    svg.addEventListener("pointerdown", (e) => editor.guard(() => this.#down(e)), { signal });
+    svg.addEventListener("pointermove", (e) => editor.guard(() => this.#move(e)), { signal });
+    svg.addEventListener("pointerup", (e) => editor.guard(() => this.#up(e)), { signal });
+    svg.addEventListener("pointercancel", (e) => editor.guard(() => this.#up(e, true)), { signal });
+    svg.addEventListener("pointerleave", () => editor.guard(() => this.#leave()), { signal });
     svg.addEventListener("lostpointercapture", (e) => {
-      if (this.pointers.has(e.pointerId)) page.guard(() => this.#up(e, true));
+      if (this.pointers.has(e.pointerId)) editor.guard(() => this.#up(e, true));
     }, { signal });
-    svg.addEventListener("dblclick", (e) => page.guard(() => this.#doubleClick(e)), { signal });
-    svg.addEventListener("contextmenu", (e) => page.guard(() => this.#contextMenu(e)), { signal });
+    svg.addEventListener("dblclick", (e) => editor.guard(() => this.#doubleClick(e)), { signal });
+    svg.addEventListener("contextmenu", (e) => editor.guard(() => this.#contextMenu(e)), { signal });
     svg.addEventListener("touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, options);
-    stage.addEventListener("wheel", (e) => page.guard(() => this.#wheel(e)), options);
-    root.addEventListener("keydown", (e) => page.guard(() => keys.key(e)), { signal });
+    stage.addEventListener("wheel", (e) => editor.guard(() => this.#wheel(e)), options);
+    root.addEventListener("keydown", (e) => editor.guard(() => keys.key(e)), { signal });
     root.addEventListener("keyup", (e) => { if (e.key === " ") this.space(false); }, { signal });
     root.addEventListener("focusout", ({ relatedTarget }) => {
       if (!(relatedTarget instanceof Node && root.contains(relatedTarget))) this.space(false);
@@ -190,7 +190,7 @@ export class Gestures {
    * @param {MouseEvent} event
    */
   place(event) {
-    const box = this.page.stage.getBoundingClientRect();
+    const box = this.editor.stage.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
@@ -200,7 +200,7 @@ export class Gestures {
    */
   #hit(event) {
     const isClick = event instanceof MouseEvent && (event.type === "dblclick" || event.type === "contextmenu");
-    return { target: isClick ? treeOf(this.page.root).elementFromPoint(event.clientX, event.clientY) : event.target };
+    return { target: isClick ? treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) : event.target };
   }
 
   /**
@@ -220,7 +220,7 @@ export class Gestures {
    * @returns {ShapeGrip | null}
    */
   shapeAt(event) {
-    const hit = this.#hit(event), grip = around(hit, ".dnb-ed-grip"), { chosen } = this.page.shapeTools;
+    const hit = this.#hit(event), grip = around(hit, ".dnb-ed-grip"), { chosen } = this.editor.shapeTools;
     if (grip && chosen) return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle) };
     const [what, index] = around(hit, "[data-shape]")?.dataset.shape?.split(":") ?? [];
     if (what !== "cuts" && what !== "parts") return null;
@@ -237,13 +237,13 @@ export class Gestures {
 
   /** @param {PointerEvent} event */
   #down(event) {
-    const { page } = this;
-    if (page.isWaiting) return;
+    const { editor } = this;
+    if (editor.isWaiting) return;
     const at = this.place(event), press = { from: at, at, isPress: true };
     this.pointers.set(event.pointerId, at);
     this.kind = event.pointerType || "mouse";
-    this.isOthers = this.kind === "touch" && !page.isWorkedIn; // before this press gives it the focus
-    page.svg.setPointerCapture(event.pointerId);
+    this.isOthers = this.kind === "touch" && !editor.isWorkedIn; // before this press gives it the focus
+    editor.svg.setPointerCapture(event.pointerId);
     const { kind = "" } = this.gesture ?? {};
     if (this.pointers.size === 2 && !["points", "turn", "axis"].includes(kind)) { this.#startPinch(); return; }
     if (this.gesture) return;
@@ -252,23 +252,23 @@ export class Gestures {
     if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) {
       this.gesture = { ...press, isPress: false, kind: "pan", adds: false, shape: null };
     } else if (event.button !== 0) this.gesture = null;
-    else if (page.pen.isOn) {
-      page.focusStage();
+    else if (editor.pen.isOn) {
+      editor.focusStage();
       this.gesture = { ...press, kind: "pen" };
     } else if (mark === "axis") this.#grabAxis(at);
-    else if (page.brush.isOn) {
-      page.focusStage();
+    else if (editor.brush.isOn) {
+      editor.focusStage();
       this.gesture = { ...press, isPress: false, kind: "brush" };
-      page.brush.press(at);
+      editor.brush.press(at);
     } else if (mark === "turn") this.#grabTurn(at);
     else if (shape) this.#grabShape(shape, at);
     else if (grabbed) this.#grab(event, grabbed, at);
-    else if (page.isAdding) {
-      page.focusStage();
-      const id = page.pointTools.addAt(at, event.altKey);
+    else if (editor.isAdding) {
+      editor.focusStage();
+      const id = editor.pointTools.addAt(at, event.altKey);
       if (id !== null) this.#grab(event, { id, what: "target" }, at, true);
     } else this.#press(event, at);
-    page.stage.classList.toggle("dnb-ed-panning", this.gesture?.kind === "pan" && this.kind !== "touch");
+    editor.stage.classList.toggle("dnb-ed-panning", this.gesture?.kind === "pan" && this.kind !== "touch");
   }
 
   /**
@@ -277,11 +277,11 @@ export class Gestures {
    * @param {number[]} at
    */
   #press(event, at) {
-    const { page, isOthers } = this, isFinger = this.kind === "touch";
-    if (!isOthers) page.focusStage();
-    const kind = isOthers ? "tap" : isFinger && !page.isSelecting ? "pan" : "band";
-    this.gesture = { kind, from: at, at, isPress: true, adds: page.isSelecting || event.shiftKey || event.ctrlKey,
-      shape: page.isSelecting ? null : this.shapeAt(event) };
+    const { editor, isOthers } = this, isFinger = this.kind === "touch";
+    if (!isOthers) editor.focusStage();
+    const kind = isOthers ? "tap" : isFinger && !editor.isSelecting ? "pan" : "band";
+    this.gesture = { kind, from: at, at, isPress: true, adds: editor.isSelecting || event.shiftKey || event.ctrlKey,
+      shape: editor.isSelecting ? null : this.shapeAt(event) };
   }
 
   /**
@@ -290,38 +290,38 @@ export class Gestures {
    * @param {number[]} at
    */
   #grab(event, { id, what }, at, isNew = false) {
-    const { page } = this, was = page.selected.has(id);
-    const adds = page.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
-    if (!was) page.select(adds ? [...page.selected, id] : [id]);
-    page.handles.focus(id);
-    const ids = page.selected.has(id) ? [...page.selected] : [id];
+    const { editor } = this, was = editor.selected.has(id);
+    const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
+    if (!was) editor.select(adds ? [...editor.selected, id] : [id]);
+    editor.handles.focus(id);
+    const ids = editor.selected.has(id) ? [...editor.selected] : [id];
     this.gesture = { kind: "points", id, from: at, at, isPress: true, adds, was, isNew,
-      what: event.altKey ? "both" : what, ids: freeIds(page.points, withRims(page.points, ids)) };
+      what: event.altKey ? "both" : what, ids: freeIds(editor.points, withRims(editor.points, ids)) };
   }
 
   /** @param {number[]} at */
   #grabTurn(at) {
-    const turn = this.page.pointTools.beginTurn();
+    const turn = this.editor.pointTools.beginTurn();
     if (!turn) return;
-    const about = this.page.onView(turn.about), start = [at[0] - about[0], at[1] - about[1]];
+    const about = this.editor.onView(turn.about), start = [at[0] - about[0], at[1] - about[1]];
     this.gesture = { kind: "turn", turn, about, start, from: at, at, isPress: true, scales: false };
   }
 
   /** @param {number[]} at */
   #grabAxis(at) {
-    const { page } = this, { mirror } = page.pointTools;
-    page.marks.grip.focus({ preventScroll: true });
+    const { editor } = this, { mirror } = editor.pointTools;
+    editor.marks.grip.focus({ preventScroll: true });
     this.gesture = { kind: "axis", from: at, at, isPress: true, c: mirror.axis === "a" ? 0 : 1, start: mirror.at };
   }
 
   /**
    * The part of the chosen shape that an event is about. Another shape is chosen by a click: a drag that begins on its
-   * line is one on the picture, and nobody moves what he did not see.
+   * line is one on the picture, and a shape that was not chosen is not moved.
    * @param {Event} event
    */
   #ownShapeAt(event) {
-    const { page } = this, { chosen } = page.shapeTools;
-    const grip = page.isAdding || page.isSelecting ? null : this.shapeAt(event);
+    const { editor } = this, { chosen } = editor.shapeTools;
+    const grip = editor.isAdding || editor.isSelecting ? null : this.shapeAt(event);
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
   }
 
@@ -336,35 +336,35 @@ export class Gestures {
 
   /** @param {ShapeGrip} grip */
   #focusShape(grip) {
-    const { page, page: { shapeTools } } = this;
+    const { editor, editor: { shapeTools } } = this;
     shapeTools.choose(grip.chosen);
-    page.drawNow();
+    editor.drawNow();
     if (grip.corner !== null) shapeTools.handles.focusCorner(grip.corner);
     else shapeTools.handles.focus(grip.chosen);
   }
 
   /** @param {PointerEvent} event */
   #move(event) {
-    const { page, page: { pointTools, shapeTools } } = this, at = this.place(event), g = this.gesture;
+    const { editor, editor: { pointTools, shapeTools } } = this, at = this.place(event), g = this.gesture;
     if (!this.pointers.has(event.pointerId)) {
-      if (page.pen.isOn) page.pen.hover(at);
-      if (page.brush.isOn) page.brush.hover(at);
+      if (editor.pen.isOn) editor.pen.hover(at);
+      if (editor.brush.isOn) editor.brush.hover(at);
       return;
     }
     this.pointers.set(event.pointerId, at);
     if (!g) return;
     if (g.kind === "pinch") { this.#pinch(g); return; }
-    if (g.kind === "brush") { page.brush.drag(at); return; }
+    if (g.kind === "brush") { editor.brush.drag(at); return; }
     const by = [at[0] - g.from[0], at[1] - g.from[1]];
     if (g.isPress && Math.hypot(by[0], by[1]) < SLACK[this.kind]) return;
-    if (g.kind === "pan") page.panBy(at[0] - g.at[0], at[1] - g.at[1]);
+    if (g.kind === "pan") editor.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
-    else if (g.kind === "pen") page.pen.drag(at);
+    else if (g.kind === "pen") editor.pen.drag(at);
     else if (g.kind === "turn") { // about the middle of the selection; Alt scales instead, Shift goes in steps
-      const [angle, factor] = turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
+      const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       g.scales = event.altKey;
       pointTools.turnTo(g.turn, angle, factor);
-    } else if (g.kind === "axis") pointTools.moveAxis(g.start + by[g.c] / page.view.k, false);
+    } else if (g.kind === "axis") pointTools.moveAxis(g.start + by[g.c] / editor.view.k, false);
     else if (g.kind === "shape") {
       if (g.isPress) shapeTools.beginDrag(g.grip);
       shapeTools.drag(by[0], by[1]);
@@ -377,7 +377,7 @@ export class Gestures {
   }
 
   #leave() {
-    const { brush } = this.page;
+    const { brush } = this.editor;
     if (brush.isOn && !this.gesture && !brush.isByKeys) brush.hover(null);
   }
 
@@ -388,34 +388,34 @@ export class Gestures {
   #band(g, at) {
     const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]),
       width: Math.abs(at[0] - g.from[0]), height: Math.abs(at[1] - g.from[1]) };
-    this.page.handles.showBand(box);
-    g.before ??= g.adds ? [...this.page.selected] : [];
-    this.page.select([...g.before, ...this.page.pointsInside(box)]);
+    this.editor.handles.showBand(box);
+    g.before ??= g.adds ? [...this.editor.selected] : [];
+    this.editor.select([...g.before, ...this.editor.pointsInside(box)]);
   }
 
   /** @param {PointerEvent} event */
   #up(event, isCancelled = false) {
-    const { page, page: { pointTools, shapeTools }, gesture: g } = this;
+    const { editor, editor: { pointTools, shapeTools }, gesture: g } = this;
     this.pointers.delete(event.pointerId);
     if (!g) return;
     if (g.kind === "pinch") { if (this.pointers.size === 0) this.gesture = null; return; }
     this.gesture = null;
-    page.stage.classList.remove("dnb-ed-panning");
-    page.handles.showBand(null);
-    if (g.kind === "pen") { if (!isCancelled && page.pen.isOn) page.pen.up(g.from, this.place(event)); }
+    editor.stage.classList.remove("dnb-ed-panning");
+    editor.handles.showBand(null);
+    if (g.kind === "pen") { if (!isCancelled && editor.pen.isOn) editor.pen.up(g.from, this.place(event)); }
     else if (g.kind === "shape") { if (!g.isPress) shapeTools.endDrag(isCancelled); }
     else if (g.kind === "brush") {
-      page.brush.lift(isCancelled);
-      if (this.kind === "touch") page.brush.hover(null); // a finger that is away points nowhere
+      editor.brush.lift(isCancelled);
+      if (this.kind === "touch") editor.brush.hover(null); // a finger that is away points nowhere
     } else if (g.kind === "turn") pointTools.endDrag(isCancelled || g.isPress, g.scales ? "scale" : "turn");
     else if (g.kind === "axis") pointTools.moveAxis(isCancelled ? g.start : pointTools.mirror.at, true);
     else if (g.kind === "points") {
       if (!g.isPress) pointTools.endDrag(isCancelled);
-      else if (g.was && !g.isNew) page.select(g.adds ? [...page.selected].filter((id) => id !== g.id) : [g.id]);
+      else if (g.was && !g.isNew) editor.select(g.adds ? [...editor.selected].filter((id) => id !== g.id) : [g.id]);
     } else if (g.isPress && !isCancelled) this.#clicked(g);
-    else if (g.kind === "tap" && !isCancelled) page.hint("Tap the picture first, then a finger moves it", 4000);
-    else if (g.kind === "band" && !g.isPress && !isCancelled && page.selected.size === 0 && !page.isLocked) {
-      page.hint("Double-click adds a point to drag", 5000);
+    else if (g.kind === "tap" && !isCancelled) editor.hint("Tap the picture first, then a finger moves it", 4000);
+    else if (g.kind === "band" && !g.isPress && !isCancelled && editor.selected.size === 0 && !editor.isLocked) {
+      editor.hint("Double-click adds a point to drag", 5000);
     }
   }
 
@@ -424,29 +424,29 @@ export class Gestures {
    * @param {Extract<Gesture, { kind: "pan" | "tap" | "band" }>} g
    */
   #clicked(g) {
-    const { page } = this;
-    if (g.kind === "tap") page.focusStage();
+    const { editor } = this;
+    if (g.kind === "tap") editor.focusStage();
     if (g.shape && !g.adds) this.#focusShape(g.shape);
-    else if (!g.adds) { page.select([]); page.shapeTools.choose(null); }
+    else if (!g.adds) { editor.select([]); editor.shapeTools.choose(null); }
   }
 
   /** Escape during a drag: as if it had not begun. */
   cancel() {
-    const { page, page: { pointTools, shapeTools }, gesture: g } = this;
+    const { editor, editor: { pointTools, shapeTools }, gesture: g } = this;
     this.gesture = null;
-    page.handles.showBand(null);
+    editor.handles.showBand(null);
     if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") pointTools.endDrag(true);
-    if (g?.kind === "brush") page.brush.lift(true);
+    if (g?.kind === "brush") editor.brush.lift(true);
     if (g?.kind === "axis") pointTools.moveAxis(g.start, true);
     if (g?.kind === "shape" && !g.isPress) shapeTools.endDrag(true);
     return g !== null;
   }
 
   #startPinch() {
-    const { page, gesture: g } = this, was = this.#twoFingers(), at = [was.x, was.y];
-    page.handles.showBand(null);
-    if (g?.kind === "brush") page.brush.lift(true);
-    if (g?.kind === "band" && g.before) page.select(g.before); // a band that was to be two fingers
+    const { editor, gesture: g } = this, was = this.#twoFingers(), at = [was.x, was.y];
+    editor.handles.showBand(null);
+    if (g?.kind === "brush") editor.brush.lift(true);
+    if (g?.kind === "band" && g.before) editor.select(g.before); // a band that was to be two fingers
     this.gesture = { kind: "pinch", was, from: at, at, isPress: false };
   }
 
@@ -460,27 +460,27 @@ export class Gestures {
   #pinch(g) {
     if (this.pointers.size < 2) return;
     const now = this.#twoFingers();
-    this.page.panBy(now.x - g.was.x, now.y - g.was.y);
-    this.page.zoomAt(now.gap / g.was.gap, now.x, now.y);
+    this.editor.panBy(now.x - g.was.x, now.y - g.was.y);
+    this.editor.zoomAt(now.gap / g.was.gap, now.x, now.y);
     g.was = now;
   }
 
   /** @param {MouseEvent} event */
   #doubleClick(event) {
-    const { page } = this, { pen } = page;
-    if (page.isWaiting || page.brush.isOn || page.isSelecting) return;
+    const { editor } = this, { pen } = editor;
+    if (editor.isWaiting || editor.brush.isOn || editor.isSelecting) return;
     const grabbed = this.pointAt(event), shape = this.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
     else if (pen.hasJustEnded) return; // the second press has set the last place
-    else if (grabbed) page.pointTools.rename(grabbed.id);
-    else if (shape) page.shapeTools.rename();
-    else page.pointTools.addAt(this.place(event), event.altKey);
+    else if (grabbed) editor.pointTools.rename(grabbed.id);
+    else if (shape) editor.shapeTools.rename();
+    else editor.pointTools.addAt(this.place(event), event.altKey);
     event.preventDefault();
   }
 
   /** @param {MouseEvent} event */
   #contextMenu(event) {
-    const { shapeTools, pointTools, isLocked } = this.page;
+    const { shapeTools, pointTools, isLocked } = this.editor;
     event.preventDefault();
     event.stopPropagation();
     if (!isRightClick(event) || this.kind === "touch") return;
@@ -498,13 +498,13 @@ export class Gestures {
    * @param {WheelEvent} event
    */
   #wheel(event) {
-    const { page } = this, [x, y] = this.place(event), isWanted = event.ctrlKey || event.metaKey || page.isWorkedIn;
-    if (!isWanted) { page.hint("Click the picture, or hold Ctrl, to zoom with the wheel"); return; }
+    const { editor } = this, [x, y] = this.place(event), isWanted = event.ctrlKey || event.metaKey || editor.isWorkedIn;
+    if (!isWanted) { editor.hint("Click the picture, or hold Ctrl, to zoom with the wheel"); return; }
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
-    if (page.brush.isOn && !event.ctrlKey && !event.metaKey) { page.brush.grow(-delta / 60); return; }
-    page.zoomAt(Math.exp(-delta * (event.ctrlKey ? 0.01 : 0.0022)), x, y);
+    if (editor.brush.isOn && !event.ctrlKey && !event.metaKey) { editor.brush.grow(-delta / 60); return; }
+    editor.zoomAt(Math.exp(-delta * (event.ctrlKey ? 0.01 : 0.0022)), x, y);
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
@@ -512,17 +512,17 @@ export class Gestures {
   /** @param {boolean} isDown */
   space(isDown) {
     this.isSpaceDown = isDown;
-    this.page.stage.classList.toggle("dnb-ed-can-pan", isDown);
+    this.editor.stage.classList.toggle("dnb-ed-can-pan", isDown);
   }
 
   /** Give up what is under way, one thing after the other; false where nothing is. */
   escape() {
-    const { page, page: { shapeTools } } = this;
-    if (this.cancel() || page.pen.cancel() || page.brush.stop() || page.closeHelp()) return true;
-    if (page.stopModes() || shapeTools.dropOffer()) return true;
-    if (page.selected.size === 0 && !shapeTools.chosen) return false;
+    const { editor, editor: { shapeTools } } = this;
+    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.closeHelp()) return true;
+    if (editor.stopModes() || shapeTools.dropOffer()) return true;
+    if (editor.selected.size === 0 && !shapeTools.chosen) return false;
     shapeTools.choose(null);
-    page.select([]);
+    editor.select([]);
     return true;
   }
 }

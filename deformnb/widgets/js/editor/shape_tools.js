@@ -8,14 +8,14 @@ import { regionFault } from "../maths/regions.js";
 import { heldPoints } from "../maths/rigid_stages.js";
 import {
   cornersOf, followedShape, groundThrough, insertedCorner, MOST_SHAPES, movedCorner, movedRegion, removedCorner,
-  SHAPE_NAMES, shapeLabel, shapeName, simplified, toldShape, turnedRegion, withShape,
+  SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, turnedRegion, withShape,
 } from "../maths/shapes.js";
 import { MOST_CHARACTERS } from "../sync/edits.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { REGION_MARKS, ShapeHandles, shapePaths } from "./shape_handles.js";
 
 /** @import { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
-/** @import { EditorPage } from "./editor.js" */
+/** @import { EditorView } from "./editor.js" */
 /** @import { Chosen, Draft, Grip } from "./shape_handles.js" */
 /** `shown`: places before the stroke under way.
  * @typedef {Draft & { isSet: boolean, canClose: boolean, shown?: number }} PenDraft
@@ -40,9 +40,9 @@ const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift:
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
     this.endedAt = -Infinity;
     /** @type {PenDraft | null} */
     this.draft = null;
@@ -56,14 +56,14 @@ export class Pen {
 
   /** @param {string} tool a name of PEN_WORDS */
   start(tool) {
-    const { page } = this;
+    const { editor } = this;
     this.stroke = null;
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
-    page.stage.classList.add("dnb-ed-drawing");
-    page.hint(PEN_HINTS[tool], 12000);
-    page.speak(`Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, ` +
+    editor.stage.classList.add("dnb-ed-drawing");
+    editor.hint(PEN_HINTS[tool], 12000);
+    editor.announce(`Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, ` +
       "Escape gives up");
-    page.invalidate();
+    editor.invalidate();
   }
 
   stop() {
@@ -71,15 +71,15 @@ export class Pen {
     this.draft = null;
     this.endedAt = performance.now();
     this.stroke = null;
-    this.page.stage.classList.remove("dnb-ed-drawing");
-    this.page.hideHint(Object.values(PEN_HINTS));
-    this.page.invalidate();
+    this.editor.stage.classList.remove("dnb-ed-drawing");
+    this.editor.hideHint(Object.values(PEN_HINTS));
+    this.editor.invalidate();
     return true;
   }
 
   cancel() {
     const was = this.stop();
-    if (was) this.page.speak("drawing given up");
+    if (was) this.editor.announce("drawing given up");
     return was;
   }
 
@@ -91,7 +91,7 @@ export class Pen {
    * @param {number[]} at
    */
   #gap(place, at) {
-    const [x, y] = this.page.onView(place);
+    const [x, y] = this.editor.onView(place);
     return Math.hypot(x - at[0], y - at[1]);
   }
 
@@ -99,10 +99,10 @@ export class Pen {
   hover(at) {
     const { draft } = this;
     if (!draft) return;
-    draft.next = this.page.placeAt(at);
+    draft.next = this.editor.placeAt(at);
     draft.isByKeys = false;
     draft.isClosing = draft.canClose && this.#gap(draft.places[0], at) < CLOSE_BY;
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /**
@@ -110,14 +110,14 @@ export class Pen {
    * @param {number[]} at
    */
   drag(at) {
-    const { draft } = this, place = this.page.placeAt(at);
+    const { draft } = this, place = this.editor.placeAt(at);
     if (!draft) return;
     this.stroke ??= [];
     this.stroke.push(place);
     draft.next = null;
     draft.shown ??= draft.places.length;
     draft.places.push(place);
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /**
@@ -126,19 +126,20 @@ export class Pen {
    * @param {number[]} at
    */
   up(from, at) {
-    const { draft, stroke, page } = this;
+    const { draft, stroke, editor } = this;
     if (!draft) return;
     if (!stroke) { this.click(at); return; }
     this.stroke = null;
     const before = draft.places.slice(0, draft.shown), isWhole = before.length === 0;
-    const all = [page.placeAt(from), ...stroke], isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
+    const all = [editor.placeAt(from), ...stroke], isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
     draft.shown = undefined;
-    const path = draft.tool === "ground" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / page.view.k);
+    const path = draft.tool === "ground" ? [all[0], all[all.length - 1]]
+      : simplified(all, STROKE_ERROR / editor.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
     this.#count(draft);
     if (isWhole && !this.finish(isClosed)) { draft.places = before; this.#count(draft); }
-    page.invalidate();
+    editor.invalidate();
   }
 
   /** @param {number[]} at */
@@ -148,7 +149,7 @@ export class Pen {
     const { places } = draft, last = places[places.length - 1];
     if (draft.canClose && this.#gap(places[0], at) < CLOSE_BY) { this.finish(true); return; }
     if (last && this.#gap(last, at) < 3) return; // the second press of a double-click
-    this.#set(draft, this.page.placeAt(at));
+    this.#set(draft, this.editor.placeAt(at));
   }
 
   /** @param {PenDraft} draft @param {number[]} place */
@@ -157,7 +158,7 @@ export class Pen {
     draft.isSet = true;
     this.#count(draft);
     if (draft.tool === "ground" && draft.places.length === 2) this.finish(false);
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /** @param {PenDraft} draft */
@@ -172,29 +173,29 @@ export class Pen {
    * @param {number[]} [arrow] the direction of an arrow key
    */
   key(key, event, arrow) {
-    const { draft, page } = this;
+    const { draft, editor } = this;
     if (!draft) return false;
     if (key === "Escape") { this.cancel(); return true; }
     if (key === "Backspace" || key === "Delete") {
       draft.places.pop();
       this.#count(draft);
-      page.invalidate();
+      editor.invalidate();
       return true;
     }
     if (arrow) {
-      const step = PEN_STEPS[event.shiftKey ? 0 : 1] / page.view.k;
-      const middle = page.placeAt([page.view.width / 2, page.view.height / 2]);
+      const step = PEN_STEPS[event.shiftKey ? 0 : 1] / editor.view.k;
+      const middle = editor.placeAt([editor.view.width / 2, editor.view.height / 2]);
       const from = draft.next ?? draft.places[draft.places.length - 1] ?? middle;
       const next = from.map((v, c) => v + step * arrow[c]);
       Object.assign(draft, { next, isByKeys: true, isSet: false });
-      page.speak(`pen at ${next.map(shownLength).join(", ")}`);
-      page.invalidate();
+      editor.announce(`pen at ${next.map(shownLength).join(", ")}`);
+      editor.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (draft.isByKeys && !draft.isSet && draft.next) {
       this.#set(draft, [...draft.next]);
-      if (this.isOn) page.speak(`place ${draft.places.length} set`);
+      if (this.isOn) editor.announce(`place ${draft.places.length} set`);
     } else this.finish(draft.tool === "part");
     return true;
   }
@@ -206,18 +207,24 @@ export class Pen {
    * @param {boolean} isClosed
    */
   finish(isClosed) {
-    const { draft, page } = this;
+    const { draft, editor } = this;
     if (!draft) return false;
     const { tool, places } = draft, least = isClosed || tool === "part" ? 3 : 2;
-    if (places.length < least) { page.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000); return false; }
-    const [a0, a1, b0, b1] = page.box;
+    if (places.length < least) {
+      editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
+      return false;
+    }
+    const [a0, a1, b0, b1] = editor.box;
     /** @type {RegionData} */
     const region = tool === "ground" ? groundThrough(places[0], places[1], [(a0 + a1) / 2, (b0 + b1) / 2])
       : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
-    if (fault) { page.say(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true); return false; }
+    if (fault) {
+      editor.showMessage(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);
+      return false;
+    }
     this.stop();
-    page.shapeTools.add(tool === "cut" ? "cuts" : "parts", region, tool === "ground" ? "ground" : "");
+    editor.shapeTools.add(tool === "cut" ? "cuts" : "parts", region, tool === "ground" ? "ground" : "");
     return true;
   }
 }
@@ -226,10 +233,10 @@ const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
 export class ShapeTools {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
-    this.handles = new ShapeHandles(page.svg);
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.handles = new ShapeHandles(editor.svg);
     /** @type {Chosen | null} */
     this.chosen = null;
     /** The shapes before a drag, null while there is none. @type {ShapeDrag | null} */
@@ -240,12 +247,12 @@ export class ShapeTools {
 
   /** The distance of the two places that turn a half plane, in units of the picture. */
   get reach() {
-    const [a0, a1, b0, b1] = this.page.box;
+    const [a0, a1, b0, b1] = this.editor.box;
     return Math.hypot(a1 - a0, b1 - b0) / 8;
   }
 
   /** @returns {ShapeData | null} */
-  get chosenShape() { return this.chosen ? this.page.shapes[this.chosen.what]?.[this.chosen.index] ?? null : null; }
+  get chosenShape() { return this.chosen ? this.editor.shapes[this.chosen.what]?.[this.chosen.index] ?? null : null; }
 
   /** A description of the chosen shape, "" for none. */
   get chosenLabel() {
@@ -258,11 +265,11 @@ export class ShapeTools {
 
   /** Draw all shapes. True if the focus was on one that is gone. */
   draw() {
-    const { page } = this, regions = page.layered?.regions ?? [];
+    const { editor } = this, regions = editor.layered?.regions ?? [];
     if (this.chosen && !this.chosenShape) this.chosen = null;
-    const isLost = this.handles.update(page.shapes, this.chosen, page.view, { reach: this.reach,
-      isLocked: page.isLocked, sideKey: (a, b) => sidesKey(regions, a, b) });
-    this.handles.showDraft(page.pen.draft ?? this.#offeredDraft, page.view);
+    const isLost = this.handles.update(editor.shapes, this.chosen, editor.view, { reach: this.reach,
+      isLocked: editor.isLocked, sideKey: (a, b) => sidesKey(regions, a, b) });
+    this.handles.showDraft(editor.pen.draft ?? this.#offeredDraft, editor.view);
     return isLost;
   }
 
@@ -271,7 +278,7 @@ export class ShapeTools {
    * @param {Point} point
    */
   markOf({ source: [a, b] }) {
-    const regions = this.page.layered?.regions ?? [];
+    const regions = this.editor.layered?.regions ?? [];
     return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
   }
 
@@ -285,21 +292,21 @@ export class ShapeTools {
    * @param {boolean} wasFine whether a fit was possible before
    * @param {Point[]} points
    */
-  edit(what, shapes, kind, wasFine = !this.page.error, points = this.page.points) {
-    const { page } = this;
-    if (page.isLocked || sameShapes(shapes, page.sender.shapes[what])) return false;
+  edit(what, shapes, kind, wasFine = !this.editor.error, points = this.editor.points) {
+    const { editor } = this;
+    if (editor.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
     if (shapes.length > MOST_SHAPES[what]) {
-      page.say(`A picture takes ${MOST_SHAPES[what]} ${SHAPE_NAMES[what]}s at most; remove one first.`, true);
+      editor.showMessage(`A picture takes ${MOST_SHAPES[what]} ${SHAPE_NAMES[what]}s at most; remove one first.`, true);
       return false;
     }
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
-    if (fault) { page.say(fault, true); return false; }
-    if (wasFine && !page.pointTools.accepts(points, { ...page.shapes, [what]: shapes })) return false;
+    if (fault) { editor.showMessage(fault, true); return false; }
+    if (wasFine && !editor.pointTools.accepts(points, { ...editor.shapes, [what]: shapes })) return false;
     if (JSON.stringify(shapes).length > MOST_CHARACTERS) {
-      page.say("These shapes are too large to send.", true);
+      editor.showMessage("These shapes are too large to send.", true);
       return false;
     }
-    page.sender.editShapes(what, shapes, kind, points); // which notifies all views, this one too
+    editor.sender.editShapes(what, shapes, kind, points); // which notifies all views, this one too
     return true;
   }
 
@@ -309,22 +316,22 @@ export class ShapeTools {
    */
   add(what, region, name = "") {
     const [shape] = cleanShapes([{ region, name }], what);
-    if (this.edit(what, [...this.page.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
+    if (this.edit(what, [...this.editor.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
     else {
-      this.page.focusStage();
+      this.editor.focusStage();
       if ("motion" in shape) this.#offer(shape);
     }
   }
 
   /** @param {ShapeKind} what */
   #added(what) {
-    const { page } = this, index = page.shapes[what].length - 1, chosen = { what, index };
+    const { editor } = this, index = editor.shapes[what].length - 1, chosen = { what, index };
     this.choose(chosen);
-    page.drawNow();
+    editor.drawNow();
     this.handles.focus(chosen);
-    page.speak(`${shapeLabel(page.shapes[what][index], what, index)}, added`);
+    editor.announce(`${shapeLabel(editor.shapes[what][index], what, index)}, added`);
     if (what !== "cuts") return;
-    page.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
+    editor.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
   }
 
   /**
@@ -332,43 +339,43 @@ export class ShapeTools {
    * @param {string} kind
    */
   #change(change, kind) {
-    const { chosen, chosenShape: shape, page } = this;
+    const { chosen, chosenShape: shape, editor } = this;
     if (!chosen || !shape) return false;
     const { what, index } = chosen;
-    return this.edit(what, withShape(page.shapes[what], index, change), `${kind} ${shape.name || SHAPE_NAMES[what]}`);
+    return this.edit(what, withShape(editor.shapes[what], index, change), `${kind} ${shape.name || SHAPE_NAMES[what]}`);
   }
 
   remove() {
-    const { chosen, chosenShape: shape, page } = this;
+    const { chosen, chosenShape: shape, editor } = this;
     if (!chosen || !shape) return;
     const { what, index } = chosen, name = shapeName(shape, what, index);
-    const others = page.shapes[what].filter((_, k) => k !== index);
+    const others = editor.shapes[what].filter((_, k) => k !== index);
     if (!this.edit(what, others, `remove ${SHAPE_NAMES[what]}`)) return;
     this.chosen = null;
-    page.drawNow();
-    page.focusStage();
-    page.speak(`${name} deleted`);
+    editor.drawNow();
+    editor.focusStage();
+    editor.announce(`${name} deleted`);
   }
 
   switch() {
     const isOn = this.chosenShape?.enabled;
-    if (this.#change({ enabled: !isOn }, "switch")) this.page.speak(`switched ${isOn ? "off" : "on"}`);
+    if (this.#change({ enabled: !isOn }, "switch")) this.editor.announce(`switched ${isOn ? "off" : "on"}`);
   }
 
   /** Turn the chosen shape over to its other side. */
   turn() {
     const region = this.chosenShape && turnedRegion(this.chosenShape.region);
-    if (!region) { this.page.hint("What is closed has only one inside"); return; }
-    if (this.#change({ region }, "turn over")) this.page.speak("turned over");
+    if (!region) { this.editor.hint("What is closed has only one inside"); return; }
+    if (this.#change({ region }, "turn over")) this.editor.announce("turned over");
   }
 
   rename() {
-    const { chosen, chosenShape: shape, page } = this;
-    if (page.isLocked || !chosen || !shape) return;
-    const { what, index } = chosen, [x, y] = shapePaths(shape.region, page.view, this.reach).label;
-    page.askName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
+    const { chosen, chosenShape: shape, editor } = this;
+    if (editor.isLocked || !chosen || !shape) return;
+    const { what, index } = chosen, [x, y] = shapePaths(shape.region, editor.view, this.reach).label;
+    editor.promptName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
-        this.edit(what, withShape(page.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
+        this.edit(what, withShape(editor.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
       },
       focus: () => { this.handles.focus(chosen); return true; },
     });
@@ -379,9 +386,9 @@ export class ShapeTools {
     const region = this.chosenShape && removedCorner(this.chosenShape.region, k);
     if (!region) { this.remove(); return; }
     if (!this.#change({ region }, "change")) return;
-    this.page.drawNow();
+    this.editor.drawNow();
     this.handles.focusCorner(Math.min(k, region.vertices.length - 1));
-    this.page.speak(`corner ${k + 1} deleted`);
+    this.editor.announce(`corner ${k + 1} deleted`);
   }
 
   /**
@@ -390,7 +397,7 @@ export class ShapeTools {
    */
   insertCorner(k) {
     if (!this.chosenShape || !this.#change({ region: withMiddle(this.chosenShape.region, k) }, "change")) return null;
-    this.page.drawNow();
+    this.editor.drawNow();
     this.handles.focusCorner(k + 1);
     return k + 1;
   }
@@ -402,7 +409,8 @@ export class ShapeTools {
    * @param {number} pixels
    */
   nudge(grip, [dx, dy], pixels) {
-    const { page } = this, [du, dv] = page.model.get("raster").spacing, [da, db] = [dx * pixels * du, dy * pixels * dv];
+    const { editor } = this, [du, dv] = editor.model.get("raster").spacing;
+    const [da, db] = [dx * pixels * du, dy * pixels * dv];
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner, { chosenShape: shape } = this;
     if (!shape) return;
     if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
@@ -410,18 +418,18 @@ export class ShapeTools {
       const [a, b] = cornersOf(shape.region, this.reach)[corner];
       this.#change({ region: movedCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
     }
-    page.drawNow();
+    editor.drawNow();
   }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   /** @param {Grip} grip */
   beginDrag(grip) {
-    const { page, chosenShape: shape } = this;
-    if (page.isLocked || !shape) return;
+    const { editor, chosenShape: shape } = this;
+    if (editor.isLocked || !shape) return;
     const region = grip.middle !== null ? withMiddle(shape.region, grip.middle) : shape.region;
     const corner = grip.middle !== null ? grip.middle + 1 : grip.corner;
-    this.drag0 = { shapes: page.shapes, region, corner, wasFine: !page.error,
+    this.drag0 = { shapes: editor.shapes, region, corner, wasFine: !editor.error,
       at: corner === null ? [0, 0] : cornersOf(region, this.reach)[corner] };
   }
 
@@ -431,62 +439,63 @@ export class ShapeTools {
    * @param {number} dy
    */
   drag(dx, dy) {
-    const { page, drag0, chosen } = this, { k } = page.view;
+    const { editor, drag0, chosen } = this, { k } = editor.view;
     if (!drag0 || !chosen) return;
     const { region: region0, corner, at } = drag0, { what, index } = chosen;
     const region = corner === null ? movedRegion(region0, dx / k, dy / k)
       : movedCorner(region0, corner, [at[0] + dx / k, at[1] + dy / k], this.reach);
     const fault = regionFault(region);
-    page.stage.classList.toggle("dnb-ed-refusing", Boolean(fault));
-    if (fault) { page.hint(fault, 3000); return; }
-    page.shapes = { ...page.shapes, [what]: withShape(page.shapes[what], index, { region }) };
-    page.changed(true);
+    editor.stage.classList.toggle("dnb-ed-refusing", Boolean(fault));
+    if (fault) { editor.hint(fault, 3000); return; }
+    editor.shapes = { ...editor.shapes, [what]: withShape(editor.shapes[what], index, { region }) };
+    editor.changed(true);
   }
 
   /** @param {boolean} isCancelled */
   endDrag(isCancelled) {
-    const { page, drag0, chosen } = this, { shapes } = page;
+    const { editor, drag0, chosen } = this, { shapes } = editor;
     this.drag0 = null;
-    page.stage.classList.remove("dnb-ed-refusing");
+    editor.stage.classList.remove("dnb-ed-refusing");
     if (!drag0 || !chosen) return;
     const { what } = chosen, name = this.chosenShape?.name || SHAPE_NAMES[what];
     const kind = `${drag0.corner === null ? "move" : "change"} ${name}`;
-    page.shapes = drag0.shapes;
+    editor.shapes = drag0.shapes;
     if (!isCancelled && this.edit(what, shapes[what], kind, drag0.wasFine)) {
-      page.drawNow();
+      editor.drawNow();
       if (drag0.corner !== null) this.handles.focusCorner(drag0.corner); // of a new one: it had no grip yet
       return;
     }
-    page.shapes = page.sender.shapes;
-    page.changed();
+    editor.shapes = editor.sender.shapes;
+    editor.changed();
   }
 
   // ---- a part around points that contradict it ----------------------------------------------------------------------
 
   /**
-   * Keep the outline, show the problem, and ask what shall become of the points.
+   * Keep the outline, show the problem, and offer what may become of the points.
    * @param {PartData} shape
    */
   #offer(shape) {
-    const held = this.#heldBy(shape), { page } = this;
+    const held = this.#heldBy(shape), { editor } = this;
     if (!held.length) return;
     const [who, it, whose] = held.length === 1 ? [rbfLabel(held[0]), "it", "its"]
       : [`${held.length} control points`, "them", "their"];
-    page.say(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part asks for another movement than the part's. ` +
+    editor.showMessage(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part requires another movement than ` +
+      "the part's. " +
       `Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`);
     this.offered = shape;
     for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`]]) {
-      const button = pageElement("button", "dnb-ed-offer", page.alert, { type: "button", "data-offer": how,
+      const button = pageElement("button", "dnb-ed-offer", editor.alert, { type: "button", "data-offer": how,
         ...OWN_KEYS });
       button.textContent = text;
-      button.addEventListener("click", () => page.guard(() => this.#takeOffer(shape, how)));
+      button.addEventListener("click", () => editor.guard(() => this.#takeOffer(shape, how)));
     }
-    page.invalidate();
+    editor.invalidate();
   }
 
   /** @param {PartData} shape */
   #heldBy(shape) {
-    const { points, shapes, strength } = this.page, held = heldPoints(points, [...shapes.parts, shape], strength);
+    const { points, shapes, strength } = this.editor, held = heldPoints(points, [...shapes.parts, shape], strength);
     return held.filter(({ part }) => part === shape).map(({ point }) => point);
   }
 
@@ -496,23 +505,23 @@ export class ShapeTools {
    * @param {string} how
    */
   #takeOffer(shape, how) {
-    const { points, shapes } = this.page, ids = this.#heldBy(shape).map(({ id }) => id);
+    const { points, shapes } = this.editor, ids = this.#heldBy(shape).map(({ id }) => id);
     const freed = how === "carry" ? resetPoints(points, ids) : changed(points, ids, () => ({ active: false }));
     const kind = `${ADD_WORDS.parts}, ${how === "carry" ? "carry" : "switch off"} its points`;
-    this.page.say("");
+    this.editor.showMessage("");
     if (this.edit("parts", [...shapes.parts, shape], kind, true, ids.length ? freed : points)) this.#added("parts");
   }
 
   /** Take the question back. False if there is none. */
   dropOffer() {
     if (!this.offered) return false;
-    this.page.say("");
+    this.editor.showMessage("");
     return true;
   }
 
   /** Forget the outline: another message takes the place of the question. */
   forgetOffer() {
-    if (this.offered) this.page.invalidate();
+    if (this.offered) this.editor.invalidate();
     this.offered = null;
   }
 
@@ -527,14 +536,14 @@ export class ShapeTools {
 
   /** @param {Chosen | null} chosen */
   choose(chosen) {
-    const { page } = this, was = JSON.stringify(this.chosen);
-    const shape = chosen ? page.shapes[chosen.what]?.[chosen.index] : null;
+    const { editor } = this, was = JSON.stringify(this.chosen);
+    const shape = chosen ? editor.shapes[chosen.what]?.[chosen.index] : null;
     this.chosen = chosen && shape ? { what: chosen.what, index: chosen.index } : null;
-    if (this.chosen) page.select([]);
+    if (this.chosen) editor.select([]);
     if (JSON.stringify(this.chosen) !== was) {
-      page.sender.choose(this.chosen && shape ? { ...this.chosen, shape: toldShape(shape) } : null);
+      editor.sender.choose(this.chosen && shape ? { ...this.chosen, shape: shapeRecord(shape) } : null);
     }
-    page.invalidate();
+    editor.invalidate();
   }
 
   /**
@@ -542,22 +551,22 @@ export class ShapeTools {
    * @param {Shapes} shapes
    */
   follow(shapes) {
-    const { chosen, page } = this;
-    const index = chosen && followedShape(page.shapes[chosen.what], shapes[chosen.what], chosen.index);
+    const { chosen, editor } = this;
+    const index = chosen && followedShape(editor.shapes[chosen.what], shapes[chosen.what], chosen.index);
     this.chosen = chosen && index !== null ? { what: chosen.what, index } : null;
-    page.shapes = shapes;
+    editor.shapes = shapes;
   }
 
   /** Take Python's choice, once it has received ours: a list beside the picture has chosen, or another window. */
   receiveChosen() {
-    const { page } = this;
-    if (page.sender.isBehind() || page.isDragging) return;
-    const { what, index } = /** @type {Partial<Chosen>} */ (page.model.get("chosen_shape") ?? {});
-    const chosen = what && index !== undefined && page.shapes[what]?.[index] ? { what, index } : null;
+    const { editor } = this;
+    if (editor.sender.isBehind() || editor.isDragging) return;
+    const { what, index } = /** @type {Partial<Chosen>} */ (editor.model.get("chosen_shape") ?? {});
+    const chosen = what && index !== undefined && editor.shapes[what]?.[index] ? { what, index } : null;
     if (JSON.stringify(chosen) === JSON.stringify(this.chosen)) return;
     this.chosen = chosen;
-    if (chosen) page.select([]);
-    page.invalidate();
+    if (chosen) editor.select([]);
+    editor.invalidate();
   }
 }
 

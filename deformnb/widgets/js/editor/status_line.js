@@ -5,17 +5,17 @@ import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
 import { NEARLY_FOLDED } from "./drawing.js";
 import { REGION_FORMS } from "./shape_handles.js";
 
-/** @import { EditorPage } from "./editor.js" */
+/** @import { EditorView } from "./editor.js" */
 
 const FOLD_TIP = "the smallest factor by which areas are stretched on the way back from this picture to " +
   "the original. 1 keeps them; below 0 the picture folds over itself";
 
 /** The line's elements and their texts. */
 export class StatusLine {
-  /** @param {EditorPage} page */
-  constructor(page) {
-    this.page = page;
-    const root = pageElement("div", "dnb-ed-status", page.root);
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    const root = pageElement("div", "dnb-ed-status", editor.root);
     this.facts = pageElement("span", "dnb-ed-facts", root);
     this.legend = pageElement("span", "dnb-ed-legend", root, { role: "img" });
     this.folds = pageElement("span", "dnb-ed-folds", root);
@@ -24,7 +24,7 @@ export class StatusLine {
   }
 
   update() {
-    const { points, selected, layered, error, pointTools, gridNodes, shapeTools } = this.page;
+    const { points, selected, layered, error, pointTools, gridNodes, shapeTools } = this.editor;
     const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
@@ -33,9 +33,9 @@ export class StatusLine {
     this.#updateLegend();
     setText(this.facts, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
       : "No points yet: three or more bend the picture, one moves it, two turn and scale it");
-    const folds = this.page.folds ?? { least: 1, share: 0 };
+    const folds = this.editor.folds ?? { least: 1, share: 0 };
     this.#updateFolds(folds);
-    // The fit only suspects a fold; the page has looked.
+    // The fit only suspects a fold; the editor has measured it.
     const remarks = (layered?.notes ?? []).filter((note) => folds.least <= 0 || !layered?.doubts.includes(note));
     const notes = error || pointTools.stopNote || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
@@ -51,7 +51,7 @@ export class StatusLine {
     this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
     const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds"
       : "\u2713 no folds";
-    const hasPoints = this.page.points.length > 0;
+    const hasPoints = this.editor.points.length > 0;
     setText(this.folds, hasPoints ? words : "");
     setAttributes(this.folds, { title: hasPoints ? `${value}: ${FOLD_TIP}` : "" });
   }
@@ -60,8 +60,8 @@ export class StatusLine {
   #updateLegend() {
     /** @type {Map<number, number>} */
     const counts = new Map();
-    for (const p of this.page.points) {
-      const mark = this.page.shapeTools.markOf(p);
+    for (const p of this.editor.points) {
+      const mark = this.editor.shapeTools.markOf(p);
       if (mark !== null && p.active) counts.set(mark, (counts.get(mark) ?? 0) + 1);
     }
     const key = JSON.stringify([...counts]);
@@ -79,9 +79,9 @@ export class StatusLine {
     setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
   }
 
-  /** Advice on the next step, for want of remarks. */
+  /** Advice on the next step, where there are no remarks. */
   #advice() {
-    const { points, selected, model, brush, pen, isSelecting, shapeTools, gridNodes } = this.page;
+    const { points, selected, model, brush, pen, isSelecting, shapeTools, gridNodes } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
     const isUntouched = points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";

@@ -5,10 +5,10 @@
 
 import { EditLink } from "../sync/edits.js";
 import { pageElement, setText, SLACK, targetOf, treeOf } from "../ui/dom.js";
+import { ThemeObserver } from "../ui/theme.js";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
 export const KEYS_REST = 600;
-const DARK_BELOW = 110; // luminance of the background, of 255
 
 /**
  * The index of the element to which an event was sent, or -1.
@@ -40,18 +40,7 @@ export function numberUnder(event, within, name) {
   return found === null ? null : Number(found);
 }
 
-/**
- * Whether an element has a dark background, by its own colour: Jupyter's and VS Code's variables set it; else by the
- * browser's preference.
- * @param {Element} element
- * @param {MediaQueryList} preference
- */
-export function isDark(element, preference) {
-  const [r, g, b, alpha = 1] = (getComputedStyle(element).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-  return alpha > 0 && r !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : preference.matches;
-}
-
-export class EditedPage {
+export class InputView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
@@ -68,25 +57,21 @@ export class EditedPage {
     this.root = pageElement("div", `dnb-curves ${name}`, el, { role: "group" });
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.alert = pageElement("div", "dnb-cv-alert", null, { role: "alert", hidden: "" }); // placed by each widget
-    this.spoken = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
+    this.liveRegion = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
     const repaint = () => this.guard(() => this.applyTheme());
+    this.theme = new ThemeObserver(this.root, repaint);
     this.observer = new ResizeObserver(repaint); // a style sheet may come late
-    this.themes = new MutationObserver(repaint); // Jupyter and VS Code change the body
   }
 
   /** Called by a widget once its elements exist. */
   start() {
-    this.root.append(this.spoken);
+    this.root.append(this.liveRegion);
     this.on("change:shown", () => this.receive());
     this.on("change:theme", () => this.applyTheme());
     this.on("change:label", () => this.invalidate());
     this.on("change:read_only", () => this.invalidate());
     this.on("msg:custom", (message) => this.message(message));
     this.observer.observe(this.root);
-    this.listen(this.dark, "change", () => this.applyTheme());
-    this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
     this.guard(() => { this.adopt(this.model.get("shown")); this.applyTheme(); this.draw(); });
   }
 
@@ -117,7 +102,7 @@ export class EditedPage {
     this.closed.abort();
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.observer.disconnect();
-    this.themes.disconnect();
+    this.theme.close();
     cancelAnimationFrame(this.frame);
     this.root.remove();
   }
@@ -130,7 +115,7 @@ export class EditedPage {
   guard(action) {
     try { return action(); } catch (error) {
       console.error(error);
-      this.say(`The page met an error: ${error instanceof Error ? error.message : error}`);
+      this.showMessage(`The widget met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
     }
   }
@@ -152,7 +137,7 @@ export class EditedPage {
   /** @param {any} message */
   message(message) {
     if (message?.view && message.view !== this.link.id) return; // another view of the same model
-    if (message?.type === "error") this.say(String(message.message));
+    if (message?.type === "error") this.showMessage(String(message.message));
     if (message?.type === "done") this.link.done(message.seq);
   }
 
@@ -161,20 +146,20 @@ export class EditedPage {
 
   /** @param {object} value */
   end(value) {
-    this.say("");
+    this.showMessage("");
     this.link.end(value);
   }
 
   // ---- the widget ---------------------------------------------------------------------------------------------------
 
   /** @param {string} text */
-  say(text) {
+  showMessage(text) {
     setText(this.alert, text);
     this.alert.hidden = text === "";
   }
 
   /** @param {string} text */
-  speak(text) { setText(this.spoken, text); }
+  announce(text) { setText(this.liveRegion, text); }
 
   invalidate() {
     if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
@@ -184,7 +169,7 @@ export class EditedPage {
 
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";
-    this.root.classList.toggle("dnb-cv-dark", isDark(this.root, this.dark));
+    this.root.classList.toggle("dnb-dark", this.theme.isDark);
     this.invalidate();
   }
 }
@@ -202,11 +187,11 @@ export class EditedPage {
  * Listen to presses that become drags, with the mouse, a pen or a finger. Returns a function that cancels the drag and
  * returns whether there was one.
  * @template T
- * @param {EditedPage} page
+ * @param {InputView} view
  * @param {Element} target
  * @param {DragHandler<T>} handler
  */
-export function listenToDrags(page, target, handler) {
+export function listenToDrags(view, target, handler) {
   /** @type {{ grabbed: T, pointer: number, from: Vector2, isPress: boolean } | null} */
   let held = null;
   /** @param {boolean} isCancelled */
@@ -217,10 +202,10 @@ export function listenToDrags(page, target, handler) {
     handler.drop(grabbed, isCancelled, isPress);
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
-  page.listen(target, "touchstart", (event) => {
-    if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !page.isReadOnly) event.preventDefault();
+  view.listen(target, "touchstart", (event) => {
+    if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !view.isReadOnly) event.preventDefault();
   }, { passive: false });
-  page.listen(target, "pointerdown", (event) => {
+  view.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
     const grabbed = handler.press(event);
     if (grabbed === null) return;
@@ -228,7 +213,7 @@ export function listenToDrags(page, target, handler) {
     target.setPointerCapture(event.pointerId);
     held = { grabbed, pointer: event.pointerId, from: [event.clientX, event.clientY], isPress: true };
   });
-  page.listen(target, "pointermove", (event) => {
+  view.listen(target, "pointermove", (event) => {
     if (held?.pointer !== event.pointerId) return;
     /** @type {Vector2} */
     const by = [event.clientX - held.from[0], event.clientY - held.from[1]];
@@ -240,9 +225,9 @@ export function listenToDrags(page, target, handler) {
   const over = (isCancelled) => (/** @type {PointerEvent} */ event) => {
     if (held?.pointer === event.pointerId) drop(isCancelled);
   };
-  page.listen(target, "pointerup", over(false));
-  page.listen(target, "pointercancel", over(true));
-  page.listen(target, "lostpointercapture", over(true));
+  view.listen(target, "pointerup", over(false));
+  view.listen(target, "pointercancel", over(true));
+  view.listen(target, "lostpointercapture", over(true));
   return () => {
     if (held === null) return false;
     drop(true);

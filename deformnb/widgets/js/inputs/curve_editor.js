@@ -7,10 +7,10 @@ import { shownNumber } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
 import { CurvePlot } from "./curve_plot.js";
 
-class CurveEditorPage extends CurvePlot {
+class CurveEditorView extends CurvePlot {
   isTyping = false;
   /** @type {string | undefined} a formula that Python has not answered yet */
-  asked = undefined;
+  sent = undefined;
 
   /**
    * @param {Model} model
@@ -37,7 +37,7 @@ class CurveEditorPage extends CurvePlot {
     });
     this.listen(this.input, "change", () => this.take(this.input.value));
     this.listen(this.input, "input", () => { this.isTyping = true; });
-    this.listen(this.input, "blur", () => { if (this.asked === undefined) this.isTyping = false; this.invalidate(); });
+    this.listen(this.input, "blur", () => { if (this.sent === undefined) this.isTyping = false; this.invalidate(); });
     this.listen(this.input, "keydown", (event) => {
       event.stopPropagation();
       if (event.key === "Enter" && this.isTyping) this.take(this.input.value);
@@ -67,9 +67,9 @@ class CurveEditorPage extends CurvePlot {
   take(formula) {
     if (this.isReadOnly || formula.trim() === "") { this.forget(); return; }
     // Enter comes as a key and as a change.
-    if ((!this.isTyping && formula === this.named) || formula === this.asked) return;
+    if ((!this.isTyping && formula === this.named) || formula === this.sent) return;
     this.settle();
-    this.asked = formula;
+    this.sent = formula;
     this.input.value = formula;
     this.isTyping = false;
     this.end({ formula });
@@ -79,17 +79,17 @@ class CurveEditorPage extends CurvePlot {
   message(message) {
     super.message(message);
     const isOurs = !message?.view || message.view === this.link.id;
-    const isRefused = message?.type === "error" && isOurs && this.asked !== undefined;
+    const isRefused = message?.type === "error" && isOurs && this.sent !== undefined;
     if (isRefused) this.isTyping = true; // stays for correction
     const isAnswered = message?.type === "done" && isOurs && message.seq === this.link.last;
-    if (isAnswered && this.alert.hidden) this.asked = undefined;
+    if (isAnswered && this.alert.hidden) this.sent = undefined;
     this.invalidate();
   }
 
   forget() {
     this.isTyping = false;
-    this.asked = undefined;
-    this.say("");
+    this.sent = undefined;
+    this.showMessage("");
     this.invalidate();
   }
 
@@ -130,7 +130,7 @@ class CurveEditorPage extends CurvePlot {
   describe() {
     super.describe();
     const { input, isReadOnly } = this;
-    if (!this.isTyping && this.asked === undefined) {
+    if (!this.isTyping && this.sent === undefined) {
       if (input.value !== this.named) input.value = this.named;
       this.chooser.value = this.named;
       if (this.chooser.selectedIndex < 0) this.chooser.value = "";
@@ -148,8 +148,8 @@ class CurveEditorPage extends CurvePlot {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new CurveEditorPage(model, el);
-  return () => page.close();
+  const view = new CurveEditorView(model, el);
+  return () => view.close();
 }
 
 export default { render };

@@ -6,7 +6,7 @@
 
 import { addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../maths/curves.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
-import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
+import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
@@ -28,7 +28,7 @@ export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1],
  * @typedef {{ pan: number[] }} PlotDrag
  */
 
-export class CurvePlot extends EditedPage {
+export class CurvePlot extends InputView {
   /** @type {number[][]} */
   nodes = [];
   /** @type {number[] | null} values of a formula instead of nodes */
@@ -139,7 +139,7 @@ export class CurvePlot extends EditedPage {
   }
 
   /**
-   * A place with as many digits as can be told apart, at one of the snapping heights if it is near.
+   * A place with as many digits as can be distinguished, at one of the snapping heights if it is near.
    * @param {number[]} place
    * @param {boolean} [isFree] whether nothing snaps
    * @returns {number[]}
@@ -271,13 +271,13 @@ export class CurvePlot extends EditedPage {
     if (this.isReadOnly) return;
     this.settle();
     const added = addedNode(this.nodes, place, this.rules());
-    if (!added) { this.say("There is no room for another node here."); return; }
+    if (!added) { this.showMessage("There is no room for another node here."); return; }
     const [nodes, chosen] = added;
     this.show(nodes, chosen);
     this.commit();
     this.draw();
     this.dots[this.chosen].focus({ preventScroll: true });
-    this.speak(`added ${this.words(this.chosen)}`);
+    this.announce(`added ${this.words(this.chosen)}`);
   }
 
   /** @param {number} k */
@@ -294,7 +294,7 @@ export class CurvePlot extends EditedPage {
     this.settle();
     const nodes = removedNode(this.nodes, k, this.rules());
     if (!nodes) {
-      this.say(this.nodes.length <= 2 ? "A curve needs two nodes."
+      this.showMessage(this.nodes.length <= 2 ? "A curve needs two nodes."
         : "The outer nodes stay: the curve runs from end to end.");
       return;
     }
@@ -303,7 +303,7 @@ export class CurvePlot extends EditedPage {
     this.commit();
     this.draw();
     if (hadFocus) this.dots[this.chosen].focus({ preventScroll: true });
-    this.speak(`removed; ${nodes.length} nodes are left`);
+    this.announce(`removed; ${nodes.length} nodes are left`);
   }
 
   /** @param {MouseEvent} event */

@@ -3,7 +3,7 @@
 /** @import { Model, Vector2 } from "../types.d.ts" */
 
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
-import { EditedPage, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
+import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
 const MOST_KEYS = 64;
@@ -15,7 +15,7 @@ const STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
  * @typedef {{ k: number, before: { knots: number[], selected: number } }} KeyDrag
  */
 
-class DepthKeysPage extends EditedPage {
+class DepthKeysView extends InputView {
   /** @type {number[]} the depths */
   knots = [];
   selected = 0;
@@ -200,14 +200,14 @@ class DepthKeysPage extends EditedPage {
     this.settle();
     const at = Math.round(Math.max(0, Math.min(1, depth)) * 200) / 200;
     if (this.knots.length >= MOST_KEYS || this.knots.some((knot) => Math.abs(knot - at) < this.apart)) {
-      this.say("There is no room for another key here.");
+      this.showMessage("There is no room for another key here.");
       return;
     }
     this.knots = [...this.knots, at].sort((a, b) => a - b);
     this.selected = this.knots.indexOf(at);
     this.commit("add", this.selected);
     this.#focus();
-    this.speak(`added ${this.words(this.selected)}`);
+    this.announce(`added ${this.words(this.selected)}`);
   }
 
   /** Add a key in the middle of the wider gap beside the selected one; the ends of the bar count as gaps too. */
@@ -223,13 +223,13 @@ class DepthKeysPage extends EditedPage {
   remove(k) {
     if (this.isReadOnly) return;
     this.settle();
-    if (this.knots.length === 1) { this.say("One key stays: the picture that is edited."); return; }
+    if (this.knots.length === 1) { this.showMessage("One key stays: the picture that is edited."); return; }
     const hadFocus = this.svg.contains(treeOf(this.root).activeElement);
     this.knots = this.knots.filter((_, j) => j !== k);
     this.selected = Math.min(this.selected > k ? this.selected - 1 : this.selected, this.knots.length - 1);
     this.commit("remove", k);
     if (hadFocus) this.#focus();
-    this.speak(`removed; ${this.knots.length} left`);
+    this.announce(`removed; ${this.knots.length} left`);
   }
 
   #focus() {
@@ -327,8 +327,8 @@ class DepthKeysPage extends EditedPage {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new DepthKeysPage(model, el);
-  return () => page.close();
+  const view = new DepthKeysView(model, el);
+  return () => view.close();
 }
 
 export default { render };

@@ -6,7 +6,7 @@
 /** @import { Model } from "../types.d.ts" */
 
 import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.js";
-import { isDark } from "./base.js";
+import { ThemeObserver } from "../ui/theme.js";
 
 /**
  * A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds.
@@ -37,7 +37,7 @@ function timeOfDay(seconds) {
   return new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
-class ItemListPage {
+class ItemListView {
   chosen = -1; // the row that was in sight last
   current = 0; // the row that Tab reaches
   isWaiting = false;
@@ -64,11 +64,7 @@ class ItemListPage {
     for (const name of ["rows", "chosen", "columns"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
     this.root.addEventListener("keydown", (event) => this.#key(event));
-    this.preference = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.#repaint();
-    this.preference.addEventListener("change", this.repaint);
-    this.themes = new MutationObserver(this.repaint); // Jupyter and VS Code change the body
-    this.themes.observe(document.body, { attributes: true });
+    this.theme = new ThemeObserver(this.root, () => this.#repaint());
     this.sized = new ResizeObserver(() => this.#show()); // a tab that was hidden had nothing to scroll
     this.sized.observe(this.root);
     this.#draw();
@@ -78,8 +74,7 @@ class ItemListPage {
     this.sized.disconnect();
     for (const name of ["rows", "chosen", "columns"]) this.model.off(`change:${name}`, this.draw);
     this.model.off("msg:custom", this.answered);
-    this.preference.removeEventListener("change", this.repaint);
-    this.themes.disconnect();
+    this.theme.close();
     this.root.remove();
   }
 
@@ -219,7 +214,7 @@ class ItemListPage {
     }
   }
 
-  #repaint() { this.root.classList.toggle("dnb-il-dark", isDark(this.root, this.preference)); }
+  #repaint() { this.root.classList.toggle("dnb-dark", this.theme.isDark); }
 
   // ---- keys and names -----------------------------------------------------------------------------------------------
 
@@ -297,8 +292,8 @@ class ItemListPage {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new ItemListPage(model, el);
-  return () => page.close();
+  const view = new ItemListView(model, el);
+  return () => view.close();
 }
 
 export default { render };

@@ -12,7 +12,7 @@
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { EditedPage } from "./base.js";
+import { InputView } from "./base.js";
 
 const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on where it was, and does not leap
 
@@ -30,7 +30,7 @@ export class PlayClock {
   frame = 0;
   /** @type {number | null} the time of the last tick */
   last = null;
-  /** @type {PlayerPage | null} the one view that sends the time to Python */
+  /** @type {PlayerView | null} the one view that sends the time to Python */
   leader = null;
 
   /**
@@ -134,7 +134,7 @@ const PLAYER_ICONS = {
 };
 const KEY_NEAR = 1e-6; // seconds
 
-class PlayerPage extends EditedPage {
+class PlayerView extends InputView {
   later = 0; // a timer
   sent = -Infinity; // milliseconds
   /** @type {number | undefined} the time that Python got last */
@@ -377,40 +377,40 @@ class PlayerPage extends EditedPage {
 
 /**
  * Listen to presses and drags along the bar, with the mouse, a pen or a finger.
- * @param {PlayerPage} page
+ * @param {PlayerView} view
  * @param {HTMLElement} track
  */
-function listenToScrub(page, track) {
+function listenToScrub(view, track) {
   /** @type {number | null} */
   let pointer = null;
   /** @param {PointerEvent} event */
   const share = (event) => {
-    const { left, width } = page.rail.getBoundingClientRect();
+    const { left, width } = view.rail.getBoundingClientRect();
     return Math.max(0, Math.min(1, (event.clientX - left) / Math.max(1, width)));
   };
-  page.listen(track, "pointerdown", (event) => {
+  view.listen(track, "pointerdown", (event) => {
     if (pointer !== null || event.button !== 0) return;
     pointer = event.pointerId;
     track.setPointerCapture(event.pointerId);
     track.focus({ preventScroll: true });
-    page.scrubbed(share(event), "start");
+    view.scrubbed(share(event), "start");
   });
-  page.listen(track, "pointermove", (event) => {
-    if (event.pointerId === pointer) page.scrubbed(share(event), "move");
+  view.listen(track, "pointermove", (event) => {
+    if (event.pointerId === pointer) view.scrubbed(share(event), "move");
   });
   for (const name of /** @type {const} */ (["pointerup", "pointercancel"])) {
-    page.listen(track, name, (event) => {
+    view.listen(track, name, (event) => {
       if (event.pointerId !== pointer) return;
       pointer = null;
-      page.scrubbed(share(event), "end");
+      view.scrubbed(share(event), "end");
     });
   }
 }
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new PlayerPage(model, el);
-  return () => page.close();
+  const view = new PlayerView(model, el);
+  return () => view.close();
 }
 
 export default { render };

@@ -39,7 +39,7 @@ export function pointColumns(dim) {
     { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Number of the point; never given twice" },
     { key: "name", title: "Name", kind: "text", width: "minmax(90px, 1fr)", tip: "Name of the point" },
     { key: "active", title: "On", kind: "check", width: "42px",
-      tip: "A point that is off keeps its place and has no say" },
+      tip: "A point that is off keeps its place and takes no part in the fit" },
     { key: "locked", title: "Lock", kind: "check", width: "48px",
       tip: "A locked point stays where it is until it is unlocked" },
     ...axes.map((axis, k) => ({ key: `source_${axis}`, field: "source", axis: k, title: `from ${axis}`, kind: number,

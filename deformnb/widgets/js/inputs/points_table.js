@@ -9,7 +9,7 @@
 
 import { busOf } from "../sync/bus.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
-import { isDark } from "./base.js";
+import { ThemeObserver } from "../ui/theme.js";
 import { AXES, cellValue, editedText, orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.js";
 
 const ROW_HEIGHT = 26;
@@ -28,7 +28,7 @@ const TABLE_BUTTONS = [
     false],
 ];
 
-class PointsTablePage {
+class PointsTableView {
   view = Math.random().toString(36).slice(2, 12); // a name for this view
   seq = 0;
   frame = 0;
@@ -88,7 +88,7 @@ class PointsTablePage {
     this.body = pageElement("div", "dnb-pt-body", this.scroller, { role: "rowgroup" });
     this.status = pageElement("div", "dnb-pt-status", this.root);
     this.facts = pageElement("span", "dnb-pt-facts", this.status);
-    this.spoken = pageElement("span", "dnb-pt-said", this.status, { role: "status" });
+    this.liveRegion = pageElement("span", "dnb-pt-said", this.status, { role: "status" });
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
 
     /** @type {[string, (...given: any[]) => void][]} */
@@ -131,12 +131,8 @@ class PointsTablePage {
       this.act("seen", [], { value: Boolean(entries.at(-1)?.isIntersecting) });
     });
     this.visibility.observe(this.root);
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.repaint = () => this.#repaint();
+    this.theme = new ThemeObserver(this.root, () => this.#repaint());
     this.moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.#showDrag(event.detail);
-    this.dark.addEventListener("change", this.repaint);
-    this.themes = new MutationObserver(this.repaint);
-    this.themes.observe(document.body, { attributes: true });
     this.#repaint();
     this.follow();
     this.read();
@@ -161,8 +157,7 @@ class PointsTablePage {
     for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.sized.disconnect();
     this.visibility.disconnect();
-    this.themes.disconnect();
-    this.dark.removeEventListener("change", this.repaint);
+    this.theme.close();
     this.#leave();
     cancelAnimationFrame(this.frame);
     clearTimeout(this.reading);
@@ -172,7 +167,7 @@ class PointsTablePage {
 
   get isReadOnly() { return Boolean(this.model.get("read_only")); }
 
-  #repaint() { this.root.classList.toggle("dnb-pt-dark", isDark(this.root, this.dark)); }
+  #repaint() { this.root.classList.toggle("dnb-dark", this.theme.isDark); }
 
   // ---- the points ---------------------------------------------------------------------------------------------------
 
@@ -476,7 +471,7 @@ class PointsTablePage {
     const column = this.columns.find((c) => c.key === key), p = this.points[this.order[this.rankOf(id)]];
     if (!p || !column || !["text", "number"].includes(column.kind) || this.isReadOnly) return;
     if (p.locked && column.axis !== undefined) {
-      this.say(`${p.name || `Point ${p.id}`} is locked. Unlock it to move it.`);
+      this.showMessage(`${p.name || `Point ${p.id}`} is locked. Unlock it to move it.`);
       return;
     }
     this.mark(this.rankOf(id), key, false);
@@ -570,9 +565,9 @@ class PointsTablePage {
    */
   #plainKey(event, rank) {
     const { key, shiftKey } = event, { active, columns } = this, at = columns.findIndex((c) => c.key === active.key);
-    const page = Math.max(1, Math.floor(this.scroller.clientHeight / ROW_HEIGHT) - 2), { kind } = columns[at];
+    const rows = Math.max(1, Math.floor(this.scroller.clientHeight / ROW_HEIGHT) - 2), { kind } = columns[at];
     /** @type {Record<string, number>} */
-    const ways = { ArrowUp: -1, ArrowDown: 1, PageUp: -page, PageDown: page };
+    const ways = { ArrowUp: -1, ArrowDown: 1, PageUp: -rows, PageDown: rows };
     const up = ways[key], side = key === "ArrowLeft" ? -1 : key === "ArrowRight" ? 1 : 0;
     const isBox = kind === "check" || kind === "go" || rank < 0;
     if (up) {
@@ -658,22 +653,22 @@ class PointsTablePage {
    */
   act(what, ids = [], { field = "", axis = 0, value = null } = {}, key = "") {
     this.seq += 1;
-    if (what !== "seen") this.say("");
+    if (what !== "seen") this.showMessage("");
     this.waiting.set(this.seq, { what, ids, key });
     this.model.send({ type: "act", view: this.view, seq: this.seq, what, ids, field, axis, value });
   }
 
   /** @param {any} message */
   #answered({ type, view, seq, ok, text }) {
-    const asked = this.waiting.get(seq);
-    if (type !== "done" || view !== this.view || !asked) return;
+    const request = this.waiting.get(seq);
+    if (type !== "done" || view !== this.view || !request) return;
     this.waiting.delete(seq);
-    if (text) this.say(text);
-    if (ok && asked.key === "place") this.place.value = "";
-    if (ok && asked.key === "text") { this.text.value = ""; this.#openPasting(false); }
-    if (!ok && asked.ids.length) this.refuse(asked.ids[0], asked.key);
-    if (asked.key === "place") setAttributes(this.place, { "aria-invalid": !ok });
-    if (asked.key === "text") setAttributes(this.text, { "aria-invalid": !ok });
+    if (text) this.showMessage(text);
+    if (ok && request.key === "place") this.place.value = "";
+    if (ok && request.key === "text") { this.text.value = ""; this.#openPasting(false); }
+    if (!ok && request.ids.length) this.refuse(request.ids[0], request.key);
+    if (request.key === "place") setAttributes(this.place, { "aria-invalid": !ok });
+    if (request.key === "text") setAttributes(this.text, { "aria-invalid": !ok });
   }
 
   /** Copy by the browser's command: without https there is no other clipboard. */
@@ -683,7 +678,7 @@ class PointsTablePage {
     document.addEventListener("copy", once, { capture: true });
     const isDone = document.execCommand("copy");
     document.removeEventListener("copy", once, { capture: true });
-    if (!isDone) this.say("This browser does not let a page copy.");
+    if (!isDone) this.showMessage("This browser does not let a page copy.");
   }
 
   /** @param {ClipboardEvent} event */
@@ -691,7 +686,7 @@ class PointsTablePage {
     const chosen = this.selected.size ? this.points.filter(({ id }) => this.selected.has(id)) : this.points;
     event.clipboardData?.setData("text/plain", pointsAsCsv(chosen, this.dim));
     event.preventDefault();
-    this.say(`${chosen.length} ${chosen.length === 1 ? "point" : "points"} copied as CSV.`);
+    this.showMessage(`${chosen.length} ${chosen.length === 1 ? "point" : "points"} copied as CSV.`);
   }
 
   /** @param {ClipboardEvent} event */
@@ -704,7 +699,7 @@ class PointsTablePage {
   // ---- words --------------------------------------------------------------------------------------------------------
 
   /** @param {string} text */
-  say(text) { setText(this.spoken, text); }
+  showMessage(text) { setText(this.liveRegion, text); }
 
   describe() {
     const { points, selected } = this;
@@ -725,8 +720,8 @@ class PointsTablePage {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new PointsTablePage(model, el);
-  return () => page.close();
+  const view = new PointsTableView(model, el);
+  return () => view.close();
 }
 
 export default { render };

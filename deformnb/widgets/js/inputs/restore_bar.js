@@ -1,6 +1,6 @@
 // An offer to restore what was lost when a kernel died; and a message when the front end's own kernel has gone.
 //
-// Python owns the offer. What a front end can know of its kernel: the notebook's widget manager notifies each model
+// Python owns the offer. Facts that a front end has of its kernel: the notebook's widget manager notifies each model
 // that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was
 // started again. Other hosts signal nothing.
 
@@ -27,7 +27,7 @@ const GONE = { autorestarting: "was restarted", restarting: "was restarted", dea
 /** @typedef {(kernel: unknown, status: string) => void} StatusSlot */
 /** @typedef {Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } }} NotebookModel */
 
-class RestoreBarPage {
+class RestoreBarView {
   timer = 0;
   isWaiting = false;
   fate = ""; // of the kernel
@@ -114,7 +114,7 @@ class RestoreBarPage {
 export default {
   /** @param {{ model: NotebookModel, el: HTMLElement }} widget */
   render({ model, el }) {
-    const page = new RestoreBarPage(model, el);
-    return () => page.close();
+    const view = new RestoreBarView(model, el);
+    return () => view.close();
   },
 };

@@ -161,33 +161,33 @@ class ColorStops {
   isPicking = false;
 
   /**
-   * @param {TransferEditorPage} page
+   * @param {TransferEditorView} view
    * @param {string} fill of the strip
    */
-  constructor(page, fill) {
-    this.page = page;
-    this.group = svgElement("g", { class: "dnb-cv-stops" }, page.svg);
+  constructor(view, fill) {
+    this.view = view;
+    this.group = svgElement("g", { class: "dnb-cv-stops" }, view.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Colours";
     this.strip = svgElement("rect", { class: "dnb-cv-strip", fill, height: STRIP.height, rx: 2 }, this.group);
     // Double clicks go to this.
     this.ground = svgElement("rect", { class: "dnb-cv-hit", height: STRIP.height + 18 }, this.group);
-    this.cancelDrag = listenToDrags(page, this.group, this);
-    page.listen(this.group, "dblclick", (event) => this.#doubleClick(event));
-    page.listen(this.group, "contextmenu", (event) => {
+    this.cancelDrag = listenToDrags(view, this.group, this);
+    view.listen(this.group, "dblclick", (event) => this.#doubleClick(event));
+    view.listen(this.group, "contextmenu", (event) => {
       const k = this.#at(event);
-      if (k === null || page.isReadOnly) return;
+      if (k === null || view.isReadOnly) return;
       event.preventDefault();
       if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
     });
     // The browser's own input of a colour, for the bar.
     this.picker = pageElement("input", "dnb-cv-color", null, { type: "color", ...OWN_KEYS });
-    page.listen(this.picker, "input", () => this.#recolour());
-    page.listen(this.picker, "change", () => { this.#recolour(); this.#picked(); });
-    page.listen(this.picker, "blur", () => this.#picked());
+    view.listen(this.picker, "input", () => this.#recolour());
+    view.listen(this.picker, "change", () => { this.#recolour(); this.#picked(); });
+    view.listen(this.picker, "blur", () => this.#picked());
   }
 
-  get stops() { return this.page.colors; }
+  get stops() { return this.view.colors; }
 
   /** The value that Python gets. */
   value() { return { colors: this.stops.map(([value, ...rgb]) => [value, hexOf(rgb)]) }; }
@@ -195,7 +195,7 @@ class ColorStops {
   /** @param {number} k */
   words(k) {
     const [value, ...rgb] = this.stops[k];
-    return `value ${this.page.shownValue(value)}, colour ${hexOf(rgb)}`;
+    return `value ${this.view.shownValue(value)}, colour ${hexOf(rgb)}`;
   }
 
   facts() { return `Colour ${this.chosen + 1} of ${this.stops.length}: ${this.words(this.chosen)}`; }
@@ -211,24 +211,24 @@ class ColorStops {
    */
   #show(stops, chosen = this.chosen) {
     this.chosen = chosen;
-    this.page.changed({ colors: stops });
+    this.view.changed({ colors: stops });
   }
 
   /** @param {number} k */
   choose(k) {
     this.chosen = k;
-    this.page.choose(this);
+    this.view.choose(this);
   }
 
   /** @param {PointerEvent} event */
   press(event) {
-    const { page } = this, k = page.isReadOnly ? null : this.#at(event);
+    const { view } = this, k = view.isReadOnly ? null : this.#at(event);
     if (k === null) return null;
-    page.settle();
+    view.settle();
     this.grips[k].focus({ preventScroll: true });
     this.choose(k);
-    page.isHeld = true;
-    return { k, from: page.toPixel([this.stops[k][0], 0])[0], before: page.kept() };
+    view.isHeld = true;
+    return { k, from: view.toPixel([this.stops[k][0], 0])[0], before: view.kept() };
   }
 
   /**
@@ -236,9 +236,9 @@ class ColorStops {
    * @param {number[]} by
    */
   drag({ k, from, before }, [dx]) {
-    const { page } = this, [value] = page.tidy(page.toPlace([from + dx, 0]));
-    this.#show(movedStop(before.colors, k, value, page.range), k);
-    page.move(this.value());
+    const { view } = this, [value] = view.tidy(view.toPlace([from + dx, 0]));
+    this.#show(movedStop(before.colors, k, value, view.range), k);
+    view.move(this.value());
   }
 
   /**
@@ -246,36 +246,36 @@ class ColorStops {
    * @param {boolean} isCancelled
    * @param {boolean} isClick
    */
-  drop({ before }, isCancelled, isClick) { this.page.dropped(this, before, isCancelled, isClick); }
+  drop({ before }, isCancelled, isClick) { this.view.dropped(this, before, isCancelled, isClick); }
 
   /**
    * @param {number} k
    * @param {number} by
    */
   nudge(k, by) {
-    const { page } = this;
-    page.nudging(this);
-    this.#show(movedStop(this.stops, k, this.stops[k][0] + by, page.range), k);
-    page.reveal(this.stops[k][0]);
-    page.move(this.value());
+    const { view } = this;
+    view.nudging(this);
+    this.#show(movedStop(this.stops, k, this.stops[k][0] + by, view.range), k);
+    view.reveal(this.stops[k][0]);
+    view.move(this.value());
   }
 
   /** @param {number} value */
   add(value) {
-    const { page } = this;
-    if (page.isReadOnly) return;
-    page.settle();
-    if (this.stops.length >= page.rules().most) { page.say("There is no room for another colour."); return; }
+    const { view } = this;
+    if (view.isReadOnly) return;
+    view.settle();
+    if (this.stops.length >= view.rules().most) { view.showMessage("There is no room for another colour."); return; }
     this.#show(...addedStop(this.stops, value));
-    page.choose(this);
-    page.commitOf(this);
+    view.choose(this);
+    view.commitOf(this);
     this.#focus();
-    page.speak(`added ${this.words(this.chosen)}`);
+    view.announce(`added ${this.words(this.chosen)}`);
   }
 
   /** Between a stop and the next, or where there is more room on the other side of the last. */
   addChosen() {
-    const { stops, page } = this, k = this.chosen, next = stops[k + 1]?.[0] ?? page.range[1];
+    const { stops, view } = this, k = this.chosen, next = stops[k + 1]?.[0] ?? view.range[1];
     const at = k === stops.length - 1 && next - stops[k][0] <= 0 && k > 0 ? stops[k - 1][0] : next;
     this.add((stops[k][0] + at) / 2);
   }
@@ -284,21 +284,21 @@ class ColorStops {
 
   /** @param {number} k */
   remove(k) {
-    const { page } = this;
-    if (page.isReadOnly) return;
-    page.settle();
-    if (!this.canRemove) { page.say("One colour stays."); return; }
-    const hadFocus = this.group.contains(treeOf(page.root).activeElement);
+    const { view } = this;
+    if (view.isReadOnly) return;
+    view.settle();
+    if (!this.canRemove) { view.showMessage("One colour stays."); return; }
+    const hadFocus = this.group.contains(treeOf(view.root).activeElement);
     this.#show(this.stops.filter((_, j) => j !== k), Math.min(k, this.stops.length - 2));
-    page.commitOf(this);
-    if (hadFocus) this.#focus(); else page.draw();
-    page.speak(`removed; ${this.stops.length} colours are left`);
+    view.commitOf(this);
+    if (hadFocus) this.#focus(); else view.draw();
+    view.announce(`removed; ${this.stops.length} colours are left`);
   }
 
   removeChosen() { this.remove(this.chosen); }
 
   #focus() {
-    this.page.draw();
+    this.view.draw();
     this.grips[this.chosen].focus({ preventScroll: true });
   }
 
@@ -306,43 +306,43 @@ class ColorStops {
   #doubleClick(event) {
     event.preventDefault();
     event.stopPropagation();
-    const k = this.#at(event), { page } = this;
+    const k = this.#at(event), { view } = this;
     if (k !== null) { this.choose(k); this.pick(); return; }
-    this.add(page.tidy(page.toPlace(page.pointOf(event)))[0]);
+    this.add(view.tidy(view.toPlace(view.pointOf(event)))[0]);
   }
 
   /** Opens the browser's colours where it lets a script do so; else the input has the focus. */
   pick() {
-    if (this.page.isReadOnly) return;
-    this.page.draw();
+    if (this.view.isReadOnly) return;
+    this.view.draw();
     this.picker.focus({ preventScroll: true });
     try { this.picker.showPicker(); } catch { /* only a click of the user may: Enter opens them */ }
   }
 
   #recolour() {
-    const { page } = this, [r, g, b] = rgbOf(this.picker.value);
-    if (page.isReadOnly || hexOf(this.stops[this.chosen].slice(1)) === this.picker.value) return;
-    this.isPicking = page.isHeld = true;
+    const { view } = this, [r, g, b] = rgbOf(this.picker.value);
+    if (view.isReadOnly || hexOf(this.stops[this.chosen].slice(1)) === this.picker.value) return;
+    this.isPicking = view.isHeld = true;
     this.#show(this.stops.map((stop, j) => (j === this.chosen ? [stop[0], r, g, b] : stop)));
-    page.choose(this);
-    page.move(this.value());
+    view.choose(this);
+    view.move(this.value());
   }
 
   #picked() {
     if (!this.isPicking) return;
     this.isPicking = false;
-    this.page.commitOf(this);
+    this.view.commitOf(this);
   }
 
   /** Returns whether the key is one of the stops. @param {KeyboardEvent} event */
   key(event) {
-    const k = targetIndex(this.grips, event), { page } = this;
-    if (k < 0 || page.isReadOnly) return false;
+    const k = targetIndex(this.grips, event), { view } = this;
+    if (k < 0 || view.isReadOnly) return false;
     const step = ARROWS[event.key];
-    if (step) this.nudge(k, (step[0] + step[1]) * page.valueStep(event.shiftKey));
+    if (step) this.nudge(k, (step[0] + step[1]) * view.valueStep(event.shiftKey));
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
     else if (event.key.toLowerCase() === "a") this.addChosen();
-    else if (event.key === "Enter" || event.key === " ") { page.settle(); this.choose(k); this.pick(); }
+    else if (event.key === "Enter" || event.key === " ") { view.settle(); this.choose(k); this.pick(); }
     else return false;
     return true;
   }
@@ -351,45 +351,45 @@ class ColorStops {
 
   /** @param {number} floor of the plot, in pixels */
   draw(floor) {
-    const { page } = this, { left, width } = page.box, top = floor + STRIP.top;
+    const { view } = this, { left, width } = view.box, top = floor + STRIP.top;
     this.chosen = Math.min(this.chosen, this.stops.length - 1);
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     setAttributes(this.strip, { x: left, y: top, width });
     setAttributes(this.ground, { x: left, y: top, width });
     while (this.grips.length > this.stops.length) this.grips.pop()?.remove();
     while (this.grips.length < this.stops.length) this.grips.push(this.#grip(this.grips.length));
-    const [first, last] = page.range;
+    const [first, last] = view.range;
     this.stops.forEach(([value, ...rgb], k) => {
-      const [x] = page.toPixel([value, 0]), grip = this.grips[k], isChosen = k === this.chosen;
+      const [x] = view.toPixel([value, 0]), grip = this.grips[k], isChosen = k === this.chosen;
       setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top + STRIP.height})`, tabindex: 0,
         "aria-label": `colour ${k + 1} of ${this.stops.length}`, "aria-valuetext": this.words(k),
-        "aria-valuenow": value, "aria-valuemin": first, "aria-valuemax": last, "aria-readonly": page.isReadOnly });
+        "aria-valuenow": value, "aria-valuemin": first, "aria-valuemax": last, "aria-readonly": view.isReadOnly });
       grip.querySelector(".dnb-cv-pin")?.setAttribute("fill", hexOf(rgb));
-      grip.classList.toggle("dnb-cv-chosen", isChosen && page.row === this);
-      grip.style.display = page.isSeen(value) ? "" : "none";
+      grip.classList.toggle("dnb-cv-chosen", isChosen && view.row === this);
+      grip.style.display = view.isSeen(value) ? "" : "none";
     });
     this.#drawPicker();
   }
 
   /** @param {number} k */
   #grip(k) {
-    const { page } = this;
+    const { view } = this;
     const grip = svgElement("g", { class: "dnb-cv-grip", "data-stop": k, role: "slider", ...OWN_KEYS }, this.group);
     svgElement("rect", { class: "dnb-cv-hit", x: -10, y: -STRIP.height, width: 20, height: STRIP.height + 18 }, grip);
     svgElement("path", { class: "dnb-cv-ring", d: PIN }, grip);
     svgElement("path", { class: "dnb-cv-pin", d: PIN }, grip);
     const tip = "Drag; double click or Enter: another colour; right click or Del: remove";
     svgElement("title", {}, grip).textContent = tip;
-    page.listen(grip, "focus", () => { if (!page.isHeld) this.choose(this.grips.indexOf(grip)); });
+    view.listen(grip, "focus", () => { if (!view.isHeld) this.choose(this.grips.indexOf(grip)); });
     return grip;
   }
 
   #drawPicker() {
-    const { picker, page } = this, [value, ...rgb] = this.stops[this.chosen], hex = hexOf(rgb);
+    const { picker, view } = this, [value, ...rgb] = this.stops[this.chosen], hex = hexOf(rgb);
     if (!this.isPicking && picker.value !== hex) picker.value = hex;
-    picker.disabled = page.isReadOnly;
+    picker.disabled = view.isReadOnly;
     setAttributes(picker, { title: "Another colour for the chosen stop",
-      "aria-label": `Colour of stop ${this.chosen + 1} of ${this.stops.length}, at ${page.shownValue(value)}` });
+      "aria-label": `Colour of stop ${this.chosen + 1} of ${this.stops.length}, at ${view.shownValue(value)}` });
   }
 }
 
@@ -403,33 +403,33 @@ class WindowBar {
   /** @type {WindowPart} */
   part = "level";
 
-  /** @param {TransferEditorPage} page */
-  constructor(page) {
-    this.page = page;
-    this.group = svgElement("g", { class: "dnb-cv-window" }, page.svg);
+  /** @param {TransferEditorView} view */
+  constructor(view) {
+    this.view = view;
+    this.group = svgElement("g", { class: "dnb-cv-window" }, view.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Window";
     this.rail = svgElement("path", { class: "dnb-cv-rail", "aria-hidden": "true" }, this.group);
     this.grips = { level: this.#grip("level", "level: all values"), low: this.#grip("low", "low end"),
       high: this.#grip("high", "high end") };
-    this.cancelDrag = listenToDrags(page, this.group, this);
-    page.listen(this.group, "dblclick", (event) => {
+    this.cancelDrag = listenToDrags(view, this.group, this);
+    view.listen(this.group, "dblclick", (event) => {
       event.preventDefault();
       event.stopPropagation();
-      if (this.#at(event)) page.zoomToWindow();
+      if (this.#at(event)) view.zoomToWindow();
     });
   }
 
-  get window() { return windowOf(this.page.nodes, this.page.colors); }
+  get window() { return windowOf(this.view.nodes, this.view.colors); }
 
   /** Limits of either end: as far again as the values of the volume reach. @returns {number[]} */
   get limits() {
-    const { low, high } = this.page.model.get("histogram");
+    const { low, high } = this.view.model.get("histogram");
     return [low - (high - low), high + (high - low)];
   }
 
   get least() {
-    const { low, high } = this.page.model.get("histogram");
+    const { low, high } = this.view.model.get("histogram");
     return NARROWEST * (high - low);
   }
 
@@ -443,9 +443,9 @@ class WindowBar {
   value() { return { window: this.window }; }
 
   facts() {
-    const [low, high] = this.window, { page } = this;
-    const level = page.shownValue((low + high) / 2), width = page.shownValue(high - low);
-    return `Window ${page.shownValue(low)} to ${page.shownValue(high)}: level ${level}, width ${width}`;
+    const [low, high] = this.window, { view } = this;
+    const level = view.shownValue((low + high) / 2), width = view.shownValue(high - low);
+    return `Window ${view.shownValue(low)} to ${view.shownValue(high)}: level ${level}, width ${width}`;
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
@@ -459,7 +459,7 @@ class WindowBar {
   /** @param {WindowPart} part */
   choose(part) {
     this.part = part;
-    this.page.choose(this);
+    this.view.choose(this);
   }
 
   /**
@@ -469,19 +469,19 @@ class WindowBar {
    */
   #show({ nodes, colors }, to) {
     const from = windowOf(nodes, colors);
-    this.page.changed({ nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
+    this.view.changed({ nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
       colors: colors.map(([value, r, g, b]) => [stretchedValue(value, from, to), r, g, b]) });
   }
 
   /** @param {PointerEvent} event */
   press(event) {
-    const { page } = this, part = page.isReadOnly || this.isFlat ? null : this.#at(event);
+    const { view } = this, part = view.isReadOnly || this.isFlat ? null : this.#at(event);
     if (part === null) return null;
-    page.settle();
+    view.settle();
     this.grips[part].focus({ preventScroll: true });
     this.choose(part);
-    page.isHeld = true;
-    return { part, before: page.kept() };
+    view.isHeld = true;
+    return { part, before: view.kept() };
   }
 
   /**
@@ -489,11 +489,11 @@ class WindowBar {
    * @param {number[]} by
    */
   drag({ part, before }, [dx]) {
-    const { page } = this, [[x0, x1]] = page.view, [low, high] = windowOf(before.nodes, before.colors);
-    const end = part === "high" ? high : low, to = end + dx / page.box.width * (x1 - x0);
-    const by = page.tidy([to, 0], true, false)[0] - end;
+    const { view } = this, [[x0, x1]] = view.view, [low, high] = windowOf(before.nodes, before.colors);
+    const end = part === "high" ? high : low, to = end + dx / view.box.width * (x1 - x0);
+    const by = view.tidy([to, 0], true, false)[0] - end;
     this.#show(before, movedWindow([low, high], part, by, this.least, this.limits));
-    page.move(this.value());
+    view.move(this.value());
   }
 
   /**
@@ -501,28 +501,28 @@ class WindowBar {
    * @param {boolean} isCancelled
    * @param {boolean} isClick
    */
-  drop({ before }, isCancelled, isClick) { this.page.dropped(this, before, isCancelled, isClick); }
+  drop({ before }, isCancelled, isClick) { this.view.dropped(this, before, isCancelled, isClick); }
 
   /**
    * @param {WindowPart} part
    * @param {number} by
    */
   nudge(part, by) {
-    const { page } = this;
+    const { view } = this;
     if (this.isFlat) return;
-    page.nudging(this);
+    view.nudging(this);
     this.choose(part);
-    this.#show(page, movedWindow(this.window, part, by, this.least, this.limits));
-    page.move(this.value());
+    this.#show(view, movedWindow(this.window, part, by, this.least, this.limits));
+    view.move(this.value());
   }
 
   /** Returns whether the key is one of the window. @param {KeyboardEvent} event */
   key(event) {
-    const { page } = this, part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
-    if (!part || page.isReadOnly) return false;
+    const { view } = this, part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
+    if (!part || view.isReadOnly) return false;
     const step = ARROWS[event.key];
-    if (step) this.nudge(part, (step[0] + step[1]) * page.valueStep(event.shiftKey));
-    else if (event.key === "Enter" || event.key === " ") { page.settle(); page.zoomToWindow(); }
+    if (step) this.nudge(part, (step[0] + step[1]) * view.valueStep(event.shiftKey));
+    else if (event.key === "Enter" || event.key === " ") { view.settle(); view.zoomToWindow(); }
     else return false;
     return true;
   }
@@ -534,7 +534,7 @@ class WindowBar {
    * @param {string} text
    */
   #grip(part, text) {
-    const { page } = this, grip = svgElement("g", { class: `dnb-cv-grip dnb-cv-${part}`, "data-window": part,
+    const { view } = this, grip = svgElement("g", { class: `dnb-cv-grip dnb-cv-${part}`, "data-window": part,
       role: "slider", tabindex: 0, "aria-label": `window, ${text}`, ...OWN_KEYS }, this.group);
     const tip = part === "level" ? "Drag: all nodes and colours move; double click or Enter: zoom to the window"
       : "Drag: all nodes and colours are stretched";
@@ -548,15 +548,15 @@ class WindowBar {
       svgElement("rect", { class: "dnb-cv-end", x: -4, y: -3, width: 8, height: BAR_AT.height + 6, rx: 3 }, grip);
       svgElement("path", { class: "dnb-cv-notch", d: `M-1 1.5v9M1 1.5v9` }, grip);
     }
-    page.listen(grip, "focus", () => { if (!page.isHeld) this.choose(part); });
+    view.listen(grip, "focus", () => { if (!view.isHeld) this.choose(part); });
     return grip;
   }
 
   /** @param {number} floor of the plot, in pixels */
   draw(floor) {
-    const { page } = this, { left, width } = page.box, top = floor + BAR_AT.top, [low, high] = this.window;
+    const { view } = this, { left, width } = view.box, top = floor + BAR_AT.top, [low, high] = this.window;
     /** @param {number} value */
-    const inside = (value) => Math.max(left, Math.min(left + width, page.toPixel([value, 0])[0]));
+    const inside = (value) => Math.max(left, Math.min(left + width, view.toPixel([value, 0])[0]));
     const from = inside(low), to = inside(high), middle = (low + high) / 2;
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     this.rail.setAttribute("d", `M${left} ${top + BAR_AT.height / 2}h${width}`);
@@ -565,10 +565,10 @@ class WindowBar {
     for (const part of WINDOW_PARTS) {
       const grip = this.grips[part], { value, x } = places[part];
       setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top})`, "aria-valuenow": value,
-        "aria-valuemin": first, "aria-valuemax": last, "aria-valuetext": page.shownValue(value),
-        "aria-readonly": page.isReadOnly, "aria-disabled": this.isFlat });
-      grip.classList.toggle("dnb-cv-chosen", page.row === this && this.part === part);
-      grip.classList.toggle("dnb-cv-beyond", part !== "level" && !page.isSeen(value));
+        "aria-valuemin": first, "aria-valuemax": last, "aria-valuetext": view.shownValue(value),
+        "aria-readonly": view.isReadOnly, "aria-disabled": this.isFlat });
+      grip.classList.toggle("dnb-cv-chosen", view.row === this && this.part === part);
+      grip.classList.toggle("dnb-cv-beyond", part !== "level" && !view.isSeen(value));
     }
     const length = Math.max(0, to - from).toFixed(2);
     for (const rect of this.grips.level.querySelectorAll("rect")) rect.setAttribute("width", length);
@@ -585,7 +585,7 @@ const VALUE_ICONS = {
   all: "M2 3v10M14 3v10M4.5 8h7M6.5 6l-2 2 2 2M9.5 6l2 2-2 2",
 };
 
-class TransferEditorPage extends CurvePlot {
+class TransferEditorView extends CurvePlot {
   margins = ROWS;
   /** @type {ColorStop[]} */
   colors = [];
@@ -974,7 +974,7 @@ class TransferEditorPage extends CurvePlot {
       "aria-label": `Remove the chosen ${what}` });
     const isOwn = !named, again = back ? `the preset ${back}` : "a preset";
     setAttributes(this.resetter, { "aria-disabled": isReadOnly || !isOwn || !back,
-      title: `Take ${again} again: undo knows nothing of colours and opacities` });
+      title: `Take ${again} again: undo does not apply to colours and opacities` });
     this.chooser.value = named;
     this.chooser.disabled = isReadOnly;
     setAttributes(this.farther, { "aria-disabled": !this.zoom });
@@ -994,8 +994,8 @@ class TransferEditorPage extends CurvePlot {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new TransferEditorPage(model, el);
-  return () => page.close();
+  const view = new TransferEditorView(model, el);
+  return () => view.close();
 }
 
 export default { render };

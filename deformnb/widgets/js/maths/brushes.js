@@ -89,12 +89,12 @@ export class Stroke {
   get isPossible() { return this.lockedBy === null && this.isBegun; }
 
   /**
-   * Add a point that holds what is seen at a place; its id, or null where it is not wanted.
-   * @param {number[]} wanted
+   * Add a point that holds what is seen at a place; its id, or null where it is not needed.
+   * @param {number[]} there
    * @param {number} room
    */
-  #add(wanted, room) {
-    const place = this.settle(wanted), [a0, a1, b0, b1] = this.box;
+  #add(there, room) {
+    const place = this.settle(there), [a0, a1, b0, b1] = this.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
     if (!isInside || gapTo(this.points, place) < room * this.radius) return null;
     const source = this.source(place);

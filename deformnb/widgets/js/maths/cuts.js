@@ -6,8 +6,6 @@ import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.js";
 
 /** @import { FitSettings, LayeredFit, Point, Raster, Region } from "../types.d.ts" */
 
-export const CUT_RULES = ["source", "paper"];
-
 /**
  * The fits of the points in the regions between the cuts; without cuts one fit of all points.
  * @param {Point[]} points

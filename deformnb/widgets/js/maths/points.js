@@ -203,7 +203,7 @@ export function turnOfKey(way, { isLarge, isScale }) {
  * @param {{ altKey: boolean, shiftKey: boolean }} event
  * @returns {Vector2}
  */
-export function turnOfHand([x, y], to, event) {
+export function turnOfDrag([x, y], to, event) {
   if (event.altKey) {
     const factor = Math.max(0.1, Math.min(10, Math.hypot(...to) / Math.hypot(x, y)));
     return [0, event.shiftKey ? Math.max(0.1, Math.round(10 * factor) / 10) : factor];

@@ -770,7 +770,7 @@ export function rbfSupport(points, settings) {
 function rbfRadius(active, radius, trend) {
   if (radius !== null) return radius;
   if (active.length && trend === "none") {
-    throw new RbfError(`${rbfLabel(active[0])} is alone and there is no trend, so nothing tells how far it reaches; ` +
+    throw new RbfError(`${rbfLabel(active[0])} is alone and there is no trend, so nothing determines its range; ` +
       "give a support radius.");
   }
   return 1; // a translation does not depend on it
@@ -802,7 +802,7 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   const origin = n ? [0, 1].map((k) => merged.reduce((sum, q) => sum + q.x[k], 0) / n) : [0, 0];
   const basis = rbfSpan(merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]));
   const { ridge, where } = rbfThinness(merged, basis);
-  const [name, remark] = rbfBearable(trend, kernel, n, basis.length, where);
+  const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where);
   return { n, merged, origin, radius, basis, ridge, trend: name, notes: [...limited, ...notes, ...remark],
     ids: merged.map((q) => q.point.id) };
 }
@@ -882,7 +882,7 @@ function rbfRefuseConflicts(places, pairs, radius) {
     const p = places[i], q = places[j];
     if (Math.hypot(p.d[0] - q.d[0], p.d[1] - q.d[1]) <= SAME_DISPLACEMENT * radius) continue;
     const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
-    throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but ask for ` +
+    throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but require ` +
       `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`);
   }
 }
@@ -901,7 +901,7 @@ function rbfShown(value) {
  * @param {string} where
  * @returns {[trend: string, remarks: string[]]}
  */
-function rbfBearable(trend, kernel, n, rank, where) {
+function rbfDeterminedTrend(trend, kernel, n, rank, where) {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
   if (rank === 0) return [order === 2 ? trend : "translation", ["one control point: the trend is a translation"]];

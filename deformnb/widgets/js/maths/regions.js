@@ -317,7 +317,7 @@ export function regionFault(data) {
   if (corners.length > LARGEST_SHAPE) return `A shape has at most ${LARGEST_SHAPE} corners.`;
   if (isClosed && signedArea(corners) === 0) return "This shape has no area.";
   if (!crossing(corners, isClosed)) return "";
-  return isClosed ? "This outline crosses itself, so inside and outside are not told apart."
+  return isClosed ? "This outline crosses itself, so it has no inside."
     : "This line crosses itself, or its straight continuation does, so it does not part the picture in two.";
 }
 

@@ -87,7 +87,7 @@ function draggedPoints(points, strength) {
 }
 
 /**
- * The points in a part that ask for another displacement than the part's.
+ * The points in a part that require another displacement than the part's.
  * @param {Point[]} points
  * @param {PartData[]} parts
  * @param {number} [strength]
@@ -127,7 +127,7 @@ function sortedPoints(points, ready) {
       free.push(p);
       const torn = ready.find((r) => r.distance(p.source[0], p.source[1]) < 0);
       if (torn) {
-        notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its matter is seen ` +
+        notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its tissue is seen ` +
           "twice");
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {
@@ -158,13 +158,13 @@ export function rigidFit(points, parts, settings = {}) {
       "change the part.");
   }
   for (const r of ready) r.scale = partScale(r, free);
-  const asked = free.map((p) => {
+  const required = free.map((p) => {
     const [x, y] = p.target, [da, db, w] = partsAt(ready, x, y, out);
     return { ...p, source: [x + (p.source[0] - x - da) / w, y + (p.source[1] - y - db) / w],
       weight: (p.weight ?? 1) * w * w };
   });
   const isRaw = ready.some(({ part }) => part.weight === "distance");
-  const base = rbfFit(asked, { ...settings, strength: 1, trend: isRaw ? "none" : settings.trend ?? "affine",
+  const base = rbfFit(required, { ...settings, strength: 1, trend: isRaw ? "none" : settings.trend ?? "affine",
     support: rbfSupport(points, settings),
     previous: settings.previous?.base ?? settings.previous ?? null });
   return { ...base, base, rigid: ready, notes: [...notes, ...base.notes] };

@@ -33,7 +33,7 @@ export function followedShape(before, after, index) {
 }
 
 /** A shape in a message that need only identify it: a mask without its pixels. @param {ShapeData} shape */
-export function toldShape(shape) {
+export function shapeRecord(shape) {
   if (shape.region.kind !== "mask") return shape;
   const { bits, ...region } = shape.region;
   return { ...shape, region };

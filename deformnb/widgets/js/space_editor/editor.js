@@ -12,7 +12,7 @@ import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
-import { helpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
+import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { SpacePane } from "./pane.js";
 import { SpacePointTools } from "./point_tools.js";
@@ -21,7 +21,7 @@ import { PaneGestures, spaceKey } from "./pointer.js";
 const LEAST_HEIGHT = 140; // CSS pixels of a picture
 const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
   "the volume folds over itself";
-const SLOW_PICTURES = 500; // milliseconds after which a message tells that pictures are being made
+const SLOW_PICTURES = 500; // milliseconds after which a message reports that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
 /** @type {Record<string, string>} */
@@ -61,10 +61,10 @@ const SPACE_MORE = [
 
 /**
  * A request for other pictures.
- * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} Look
+ * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} ViewRequest
  */
 
-export class SpaceEditorPage extends EditorDrawing {
+export class SpaceEditorView extends EditorDrawing {
   id = Math.random().toString(36).slice(2, 12);
   closed = new AbortController();
   /** @type {(() => void)[]} */
@@ -76,14 +76,12 @@ export class SpaceEditorPage extends EditorDrawing {
   isSpaceDown = false;
   /** @type {{ id: number, pane: SpacePane } | null} the point that is being named */
   renamed = null;
-  /** @type {HTMLElement | SVGElement | null} the element in focus before the list of keys */
-  beforeHelp = null;
   /** @type {Facts} */
   facts = {};
   shownCount = 0; // of the messages with pictures
   /** @type {Set<string>} the places that were sent */
   looked = new Set();
-  /** @type {(Look & { moving: boolean }) | null} the request that waits */
+  /** @type {(ViewRequest & { moving: boolean }) | null} the request that waits */
   pendingLook = null;
   waitingSince = -Infinity; // milliseconds
   lookTimer = 0;
@@ -127,15 +125,15 @@ export class SpaceEditorPage extends EditorDrawing {
     this.input = pageElement("input", "dnb-ed-input", this.row, { type: "text", maxlength: "80", hidden: "",
       "aria-label": "name of the point", ...OWN_KEYS });
     this.row.append(this.tip, this.alert);
-    this.help = helpPanel(this.row, SPACE_EDITOR_KEYS);
+    this.help = new HelpPanel(this.row, this.root, () => this.pictures[0].stage.focus({ preventScroll: true }),
+      SPACE_EDITOR_KEYS);
     const status = pageElement("div", "dnb-ed-status", this.root);
     this.factsLine = pageElement("span", "dnb-ed-facts", status);
     this.foldFact = pageElement("span", "dnb-ed-folds", status);
     this.notes = pageElement("div", "dnb-ed-notes", status);
-    this.root.append(this.spoken);
+    this.root.append(this.liveRegion);
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
-    this.themes = new MutationObserver(() => this.guard(() => this.applyTheme()));
     this.#followModel();
     this.#followPage();
     this.guard(() => { this.layout(); this.showWaiting(); });
@@ -185,7 +183,6 @@ export class SpaceEditorPage extends EditorDrawing {
      */
     const listen = (target, name, handler) => target.addEventListener(
       name, (event) => this.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))), { signal });
-    listen(this.dark, "change", () => this.applyTheme());
     listen(this.chooser, "change", () => this.look({ projection: this.chooser.value }));
     listen(this.root, "keydown", (event) => {
       if (!spaceKey(this, event)) return;
@@ -205,8 +202,6 @@ export class SpaceEditorPage extends EditorDrawing {
     });
     listen(this.input, "blur", () => this.endRename(true));
     this.observer.observe(this.root);
-    this.themes.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
   }
 
   close() {
@@ -215,7 +210,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.selection.close();
     for (const end of this.#ends) end();
     this.observer.disconnect();
-    this.themes.disconnect();
+    this.theme.close();
     cancelAnimationFrame(this.frame);
     for (const timer of [this.slowTimer, this.lookTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
     this.root.remove();
@@ -254,7 +249,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
     this.chooser.value = model.get("projection");
     const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, mirror: this.pointTools.mirror.on,
-      snap: this.pointTools.snap > 0, compare: model.get("shows_original"), help: !this.help.hidden,
+      snap: this.pointTools.snap > 0, compare: model.get("shows_original"), help: this.help.isOpen,
       lock: selected.size > 0 && points.every((p) => p.locked || !selected.has(p.id)) });
     this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
       future: this.sender.canStep("redo"), steps: model.get("history") ?? {},
@@ -297,7 +292,7 @@ export class SpaceEditorPage extends EditorDrawing {
   edit(points, kind = "move", join = null) {
     if (this.isLocked || samePoints(points, this.points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
-      this.say("These are too many points to send at once. Remove some, or edit in Python.");
+      this.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }
     this.sender.edit(points, kind, join); // which notifies all views, this one too
@@ -307,7 +302,7 @@ export class SpaceEditorPage extends EditorDrawing {
   /** @param {"undo" | "redo"} way */
   stepHistory(way) {
     if (this.drag0 || this.isLocked || !this.sender.step(way)) return;
-    this.speak(way === "undo" ? "undone" : "redone");
+    this.announce(way === "undo" ? "undone" : "redone");
   }
 
   beginDrag() { if (!this.isLocked) this.drag0 = this.points; }
@@ -383,7 +378,7 @@ export class SpaceEditorPage extends EditorDrawing {
     this.selected = next;
     this.invalidate();
     if (isSame || !isShared) return;
-    this.selection.tellSoon([...this.selected]);
+    this.selection.sendSoon([...this.selected]);
   }
 
   /** @param {number} id */
@@ -445,20 +440,14 @@ export class SpaceEditorPage extends EditorDrawing {
 
   /** Show or hide the list of keys. The focus goes to the list, and back to where it was. */
   toggleHelp() {
-    const { activeElement } = treeOf(this.root);
-    this.help.hidden = !this.help.hidden;
-    if (!this.help.hidden) {
-      this.beforeHelp = this.root.contains(activeElement) ? activeElement : null;
-      this.help.focus();
-    } else if (this.beforeHelp?.isConnected) this.beforeHelp.focus({ preventScroll: true });
-    else this.pictures[0].stage.focus({ preventScroll: true });
+    this.help.toggle();
     this.invalidate();
   }
 
   /** End what is going on; returns whether there was anything. */
   escape() {
     if (this.gestures.some((gestures) => gestures.cancel())) return true;
-    if (!this.help.hidden) { this.toggleHelp(); return true; }
+    if (this.help.isOpen) { this.toggleHelp(); return true; }
     if (this.isAdding || this.isSelecting) { this.setAdding(false); this.setSelecting(false); return true; }
     if (this.selected.size === 0) return false;
     this.select([]);
@@ -474,7 +463,7 @@ export class SpaceEditorPage extends EditorDrawing {
    * @param {(DataView | ArrayBuffer)[]} buffers
    */
   message(message, buffers) {
-    if (message?.type === "error") this.say(String(message.message), true);
+    if (message?.type === "error") this.showMessage(String(message.message), true);
     if (message?.type === "look") this.lookAt(message.id);
     const isOurs = !message?.view || message.view === this.id;
     if (message?.type === "pictures" && isOurs) this.receivePictures(message, buffers);
@@ -589,7 +578,7 @@ export class SpaceEditorPage extends EditorDrawing {
 
   /**
    * Request pictures; places at the pace at which pictures come, and the newest only.
-   * @param {Look} what
+   * @param {ViewRequest} what
    * @param {boolean} isMoving
    */
   look(what, isMoving = false) {
@@ -669,7 +658,7 @@ export class SpaceEditorPage extends EditorDrawing {
     if (!p) return;
     this.select([id]);
     this.setCursor([...p.target], false);
-    this.speak(`slices at ${p.name || `point ${id}`}`);
+    this.announce(`slices at ${p.name || `point ${id}`}`);
   }
 
   /** Bring a point into sight. @param {number} id */
@@ -684,8 +673,8 @@ export class SpaceEditorPage extends EditorDrawing {
 
 /** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
-  const page = new SpaceEditorPage(model, el);
-  return () => page.close();
+  const editor = new SpaceEditorView(model, el);
+  return () => editor.close();
 }
 
 export default { initialize, render };

@@ -1,9 +1,9 @@
 // One of the three pictures: its pixels, the cross-hair of the other two, and the points in it.
 
 /** @import { FlatPoint, PaneInfo, Raster } from "../types.d.ts" */
-/** @import { SpaceEditorPage } from "./editor.js" */
+/** @import { SpaceEditorView } from "./editor.js" */
 
-import { Handles, HandMarks } from "../editor/handles.js";
+import { Handles, ToolMarks } from "../editor/handles.js";
 import { dot, scaled, sideOf } from "../maths/camera.js";
 import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
@@ -41,12 +41,12 @@ export class SpacePane {
   nodesKey = ""; // of the lattice that is drawn
 
   /**
-   * @param {SpaceEditorPage} page
+   * @param {SpaceEditorView} editor
    * @param {number} index
    * @param {HTMLElement} parent
    */
-  constructor(page, index, parent) {
-    this.page = page;
+  constructor(editor, index, parent) {
+    this.editor = editor;
     this.index = index;
     this.root = pageElement("div", `dnb-sp-pane dnb-sp-pane${index}`, parent, { role: "group" });
     const head = pageElement("div", "dnb-sp-head", this.root);
@@ -68,27 +68,27 @@ export class SpacePane {
     for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
     this.nodes = svgElement("path", { class: "dnb-sp-nodes", "aria-hidden": "true" }, this.svg);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
-    this.marks = new HandMarks(this.svg, this.handles.points);
+    this.marks = new ToolMarks(this.svg, this.handles.points);
     this.letters = ["left", "right", "top", "bottom"].map((side) => (
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" })));
     this.slider = pageElement("input", "dnb-sp-slider", this.root, { type: "range", ...OWN_KEYS });
-    this.slider.addEventListener("input", () => page.guard(() => page.setDepth(this, Number(this.slider.value))));
-    this.slider.addEventListener("change", () => page.guard(() => page.lookAtRest()));
+    this.slider.addEventListener("input", () => editor.guard(() => editor.setDepth(this, Number(this.slider.value))));
+    this.slider.addEventListener("change", () => editor.guard(() => editor.lookAtRest()));
   }
 
   /** @returns {PaneInfo} */
-  get info() { return this.page.panes[this.index]; }
+  get info() { return this.editor.panes[this.index]; }
 
   /** The pane that a line stands for, by the direction of a or b in this picture. @param {Line} name */
   crossing(name) {
     const along = name === "v" ? this.info.u : this.info.v;
-    return this.page.pictures.find((other) => Math.abs(dot(other.info.n, along)) > 0.9);
+    return this.editor.pictures.find((other) => Math.abs(dot(other.info.n, along)) > 0.9);
   }
 
-  get depth() { return inPane(this.info, this.page.cursor)[2]; }
+  get depth() { return inPane(this.info, this.editor.cursor)[2]; }
 
   describe() {
-    const { name, u, v, depths, spacing } = this.info, { isSlice } = this.page;
+    const { name, u, v, depths, spacing } = this.info, { isSlice } = this.editor;
     setText(this.title, name);
     this.root.setAttribute("aria-label", `${name} picture`);
     this.stage.setAttribute("aria-label", `${name} picture with control points. Arrows move the selected points, or ` +
@@ -130,7 +130,7 @@ export class SpacePane {
     const [a0, a1, b0, b1] = this.info.box, { width, height } = this.view, k = this.fittedScale;
     Object.assign(this.view, { k, x: width / 2 - k * (a0 + a1) / 2, y: height / 2 - k * (b0 + b1) / 2 });
     this.isFitted = true;
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /**
@@ -142,7 +142,7 @@ export class SpacePane {
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x + dx));
     v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y + dy));
     this.isFitted = false;
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /**
@@ -173,7 +173,7 @@ export class SpacePane {
    */
   under(at) {
     const [a, b] = this.toPlane(at);
-    return fromPane(this.info, [a, b, this.page.isSlice ? this.depth : this.#seenDepth(a, b)]);
+    return fromPane(this.info, [a, b, this.editor.isSlice ? this.depth : this.#seenDepth(a, b)]);
   }
 
   /**
@@ -181,8 +181,8 @@ export class SpacePane {
    * @param {{ x: number, y: number, width: number, height: number }} box
    */
   pointsInside({ x, y, width, height }) {
-    const { view: v, page } = this, depth = page.isSlice ? this.depth : null;
-    return page.points.map((p) => flatPoint(p, this.info, depth)).filter(({ target: [a, b], isFar }) => {
+    const { view: v, editor } = this, depth = editor.isSlice ? this.depth : null;
+    return editor.points.map((p) => flatPoint(p, this.info, depth)).filter(({ target: [a, b], isFar }) => {
       const px = v.k * a + v.x - x, py = v.k * b + v.y - y;
       return !isFar && px >= 0 && py >= 0 && px <= width && py <= height;
     }).map((p) => p.id);
@@ -246,9 +246,9 @@ export class SpacePane {
   }
 
   draw() {
-    const { view: v, page } = this, c = contextOf(this.canvas);
+    const { view: v, editor } = this, c = contextOf(this.canvas);
     c.setTransform(1, 0, 0, 1, 0, 0);
-    c.fillStyle = page.colours.stage;
+    c.fillStyle = editor.colours.stage;
     c.fillRect(0, 0, this.canvas.width, this.canvas.height);
     if (this.picture) {
       const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.raster;
@@ -267,8 +267,8 @@ export class SpacePane {
 
   /** Draw the lattice to which targets snap, as small crosses where it is wide enough to be seen. */
   #drawNodes() {
-    const { page, view: { k, x, y }, info: { box: [a0, a1, b0, b1], spacing: [du, dv] } } = this;
-    const step = page.model.get("snap") || 0, key = `${step} ${k} ${x} ${y}`;
+    const { editor, view: { k, x, y }, info: { box: [a0, a1, b0, b1], spacing: [du, dv] } } = this;
+    const step = editor.model.get("snap") || 0, key = `${step} ${k} ${x} ${y}`;
     if (key === this.nodesKey) return;
     this.nodesKey = key;
     let path = "";
@@ -281,7 +281,7 @@ export class SpacePane {
   }
 
   #drawCross() {
-    const { view: v } = this, [a, b] = inPane(this.info, this.page.cursor), x = v.k * a + v.x, y = v.k * b + v.y;
+    const { view: v } = this, [a, b] = inPane(this.info, this.editor.cursor), x = v.k * a + v.x, y = v.k * b + v.y;
     const gap = 12; // the middle stays free to be looked at
     const paths = [`M ${x} 0 V ${y - gap} M ${x} ${y + gap} V ${v.height}`,
       `M 0 ${y} H ${x - gap} M ${x + gap} ${y} H ${v.width}`];
@@ -293,7 +293,7 @@ export class SpacePane {
 
   /** Draw a ring where the map folds most, as Python has found it when the points last rested. */
   #drawWorst() {
-    const { facts: { folds, worst }, points } = this.page;
+    const { facts: { folds, worst }, points } = this.editor;
     const place = points.length && folds && folds[0] <= 0 ? worst : null;
     const [a, b] = place ? inPane(this.info, place) : [0, 0], { k, x, y } = this.view;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden",
@@ -302,11 +302,11 @@ export class SpacePane {
 
   /** Draw the points. Returns whether the focus was on a point that is gone. @returns {boolean} */
   #drawPoints() {
-    const { page, info } = this, depth = page.isSlice ? this.depth : null;
-    const flat = page.points.map((p) => flatPoint(p, info, depth)), thick = info.box[5] - info.box[4];
+    const { editor, info } = this, depth = editor.isSlice ? this.depth : null;
+    const flat = editor.points.map((p) => flatPoint(p, info, depth)), thick = info.box[5] - info.box[4];
     flat.sort((p, q) => Number(q.isFar) - Number(p.isFar)); // those on the slice are drawn last and grabbed first
     this.svg.classList.toggle("dnb-sp-many", flat.filter((p) => p.isFar).length > MOST_LABELS);
-    const isFocusLost = this.handles.update(flat, page.selected, this.view, 0, 0);
+    const isFocusLost = this.handles.update(flat, editor.selected, this.view, 0, 0);
     for (const p of flat) {
       const parts = this.handles.byId.get(p.id);
       if (!parts) continue;
@@ -324,11 +324,11 @@ export class SpacePane {
    * @param {FlatPoint[]} flat
    */
   #drawMarks(flat) {
-    const { page } = this, { k, x, y } = this.view, none = { isOn: false };
-    const mirror = page.pointTools.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 };
-    const selected = page.selected.size > 1 ? page.selected : new Set(); // one point has nothing to turn
+    const { editor } = this, { k, x, y } = this.view, none = { isOn: false };
+    const mirror = editor.pointTools.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 };
+    const selected = editor.selected.size > 1 ? editor.selected : new Set(); // one point has nothing to turn
     this.marks.update({ mirror, view: this.view, gripAway: 34, points: flat, selected, brush: none, pen: none,
-      isLocked: page.isLocked, isHolding: page.drag0 !== null, isAdding: page.isAdding,
+      isLocked: editor.isLocked, isHolding: editor.drag0 !== null, isAdding: editor.isAdding,
       onView: ([a, b]) => [k * a + x, k * b + y] });
   }
 }

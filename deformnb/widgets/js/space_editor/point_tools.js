@@ -2,7 +2,7 @@
 // snap, turning and scaling.
 
 /** @import { Mirror, PaneInfo, Point } from "../types.d.ts" */
-/** @import { SpaceEditorPage } from "./editor.js" */
+/** @import { SpaceEditorView } from "./editor.js" */
 /** @import { SpacePane } from "./pane.js" */
 
 import { dot } from "../maths/camera.js";
@@ -17,8 +17,8 @@ export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an 
 /** @typedef {"target" | "source" | "both"} Moved */
 
 export class SpacePointTools {
-  /** @param {SpaceEditorPage} page */
-  constructor(page) { this.page = page; }
+  /** @param {SpaceEditorView} editor */
+  constructor(editor) { this.editor = editor; }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
@@ -28,7 +28,7 @@ export class SpacePointTools {
    * @param {string} kind
    * @param {string | null} join edits with the same are undone as one
    */
-  change(points, kind, join = null) { return this.page.edit(this.symmetric(this.page.points, points), kind, join); }
+  change(points, kind, join = null) { return this.editor.edit(this.symmetric(this.editor.points, points), kind, join); }
 
   /**
    * A step of a drag: points moved from where they were by a way in space.
@@ -38,8 +38,8 @@ export class SpacePointTools {
    * @param {number} id the point under the pointer
    */
   drag(ids, way, what, id) {
-    const { page, page: { drag0 } } = this;
-    if (drag0) page.show(this.symmetric(drag0, movedInSpace(drag0, ids, way, what), this.#sideOfPoint(id)));
+    const { editor, editor: { drag0 } } = this;
+    if (drag0) editor.show(this.symmetric(drag0, movedInSpace(drag0, ids, way, what), this.#sideOfPoint(id)));
   }
 
   /**
@@ -63,7 +63,7 @@ export class SpacePointTools {
    */
   nudgeDepth(pane, id, voxels) {
     const by = voxels * pane.info.spacing[2];
-    if (this.page.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x), "target");
+    if (this.editor.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x), "target");
   }
 
   /**
@@ -72,14 +72,14 @@ export class SpacePointTools {
    * @param {Moved} what
    */
   #nudgeBy(id, way, what) {
-    const { page } = this, ids = page.chosenIds(id);
-    if (ids.length === 0) { page.setCursor(page.cursor.map((x, k) => x + way[k]), true); return; }
-    if (id !== null && !page.selected.has(id)) page.select([id]);
-    const free = freeIds(page.points, ids);
-    if (!free.length) this.tellLocked(ids[0]);
-    this.change(movedInSpace(page.points, free, way, what), "nudge", `nudge ${ids}`);
-    const p = ids.length === 1 ? page.points.find((q) => q.id === ids[0]) : null;
-    if (p) page.speak(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
+    const { editor } = this, ids = editor.chosenIds(id);
+    if (ids.length === 0) { editor.setCursor(editor.cursor.map((x, k) => x + way[k]), true); return; }
+    if (id !== null && !editor.selected.has(id)) editor.select([id]);
+    const free = freeIds(editor.points, ids);
+    if (!free.length) this.announceLocked(ids[0]);
+    this.change(movedInSpace(editor.points, free, way, what), "nudge", `nudge ${ids}`);
+    const p = ids.length === 1 ? editor.points.find((q) => q.id === ids[0]) : null;
+    if (p) editor.announce(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
   }
 
   /**
@@ -89,11 +89,11 @@ export class SpacePointTools {
    * @param {number[]} at in pixels
    */
   addAt(pane, at) {
-    const { page } = this, { k, x, y } = pane.view;
-    const near = page.points.map((p) => flatPoint(p, pane.info, page.isSlice ? pane.depth : null)).find(
+    const { editor } = this, { k, x, y } = pane.view;
+    const near = editor.points.map((p) => flatPoint(p, pane.info, editor.isSlice ? pane.depth : null)).find(
       (p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
-    if (near) { page.select([near.id]); pane.handles.focus(near.id); return near.id; }
-    if (!pane.isInside(at)) { page.hint("Points are put inside the volume"); return null; }
+    if (near) { editor.select([near.id]); pane.handles.focus(near.id); return near.id; }
+    if (!pane.isInside(at)) { editor.hint("Points are put inside the volume"); return null; }
     return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
   }
 
@@ -102,40 +102,40 @@ export class SpacePointTools {
    * @param {SpacePane} pane
    */
   addPlace(place, pane) {
-    const { page } = this, id = nextId(page.points, page.sender.nextId);
-    if (!this.change(addedPoint(page.points, id, place, place), "add")) return null;
-    page.select([id]);
-    page.drawNow();
+    const { editor } = this, id = nextId(editor.points, editor.sender.nextId);
+    if (!this.change(addedPoint(editor.points, id, place, place), "add")) return null;
+    editor.select([id]);
+    editor.drawNow();
     pane.handles.focus(id);
-    page.speak(`point ${id} added at ${place.map(shownLength).join(", ")}`);
+    editor.announce(`point ${id} added at ${place.map(shownLength).join(", ")}`);
     return id;
   }
 
   /** @param {number} id */
-  tellLocked(id) {
-    const p = this.page.points.find((q) => q.id === id);
-    if (p) this.page.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+  announceLocked(id) {
+    const p = this.editor.points.find((q) => q.id === id);
+    if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   /** @param {number[]} ids */
   toggleLock(ids) {
-    const { page } = this;
-    if (!ids.length) page.hint("Select points to lock them");
-    else if (page.edit(lockedPoints(page.points, ids), "lock")) {
-      page.speak(page.points.find((p) => p.id === ids[0])?.locked ? "locked" : "free");
+    const { editor } = this;
+    if (!ids.length) editor.hint("Select points to lock them");
+    else if (editor.edit(lockedPoints(editor.points, ids), "lock")) {
+      editor.announce(editor.points.find((p) => p.id === ids[0])?.locked ? "locked" : "free");
     }
   }
 
   /** @param {number[]} wanted */
   remove(wanted) {
-    const { page } = this, ids = freeIds(page.points, wanted);
-    if (wanted.length && !ids.length) this.tellLocked(wanted[0]);
-    const at = page.points.findIndex((p) => p.id === ids[0]), pane = page.paneOf(document.activeElement);
-    const hadFocus = page.root.contains(treeOf(page.root).activeElement);
-    if (!ids.length || !this.change(removedPoints(page.points, ids), "remove")) return;
-    page.speak(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
-    page.drawNow();
-    const next = page.points[Math.min(at, page.points.length - 1)];
+    const { editor } = this, ids = freeIds(editor.points, wanted);
+    if (wanted.length && !ids.length) this.announceLocked(wanted[0]);
+    const at = editor.points.findIndex((p) => p.id === ids[0]), pane = editor.paneOf(document.activeElement);
+    const hadFocus = editor.root.contains(treeOf(editor.root).activeElement);
+    if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
+    editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    editor.drawNow();
+    const next = editor.points[Math.min(at, editor.points.length - 1)];
     if (hadFocus && !(next && pane.handles.focus(next.id))) pane.stage.focus({ preventScroll: true });
   }
 
@@ -147,19 +147,19 @@ export class SpacePointTools {
    */
   #facing(axis) {
     const k = "xyz".indexOf(axis);
-    return this.page.panes.reduce((p, q) => (Math.abs(q.n[k]) > Math.abs(p.n[k]) ? q : p));
+    return this.editor.panes.reduce((p, q) => (Math.abs(q.n[k]) > Math.abs(p.n[k]) ? q : p));
   }
 
   /** The mirror. Its normal looks to the positive side of the axis, so in an upright volume `at` is a coordinate. */
   get mirror() {
-    const { on = false, axis = "x", at = null } = this.page.model.get("mirror") ?? {}, pane = this.#facing(axis);
+    const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {}, pane = this.#facing(axis);
     const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1, normal = pane.n.map((x) => sign * x);
     return { on, axis, at: at ?? dot(normal, fromPane(pane, [0, 0, (pane.box[4] + pane.box[5]) / 2])), normal };
   }
 
   /** The lengths within which a source is on the plane, and a partner is found. */
   get #mirrorNear() {
-    const { spacing } = this.page.panes[0];
+    const { spacing } = this.editor.panes[0];
     return { axis: 0.5 * Math.min(...spacing), partner: Math.max(...spacing) };
   }
 
@@ -169,10 +169,10 @@ export class SpacePointTools {
    * @param {number | null} at null for the middle
    */
   #setMirror(on, axis, at) {
-    const { page } = this;
-    page.set("mirror", { on, axis, at });
-    if (at === null) page.set("mirror", { on, axis, at: this.mirror.at });
-    if (on) page.hint(`What you do on one side of the plane across ${axis} is done on the other too`, 4000);
+    const { editor } = this;
+    editor.set("mirror", { on, axis, at });
+    if (at === null) editor.set("mirror", { on, axis, at: this.mirror.at });
+    if (on) editor.hint(`What you do on one side of the plane across ${axis} is done on the other too`, 4000);
   }
 
   toggleMirror() {
@@ -189,12 +189,12 @@ export class SpacePointTools {
    * @param {boolean} isEnd
    */
   moveMirror(place, isEnd) {
-    const { model } = this.page, { on, axis, normal } = this.mirror, pane = this.#facing(axis);
+    const { model } = this.editor, { on, axis, normal } = this.mirror, pane = this.#facing(axis);
     const ends = [pane.box[4], pane.box[5]].map((depth) => dot(normal, fromPane(pane, [0, 0, depth])));
     const at = Math.max(Math.min(...ends), Math.min(Math.max(...ends), dot(normal, place)));
     model.set("mirror", { on, axis, at });
     if (isEnd) model.save_changes();
-    this.page.invalidate();
+    this.editor.invalidate();
   }
 
   /**
@@ -212,7 +212,7 @@ export class SpacePointTools {
 
   /** @param {number} id */
   #sideOfPoint(id) {
-    const p = this.page.points.find((q) => q.id === id), { mirror } = this;
+    const p = this.editor.points.find((q) => q.id === id), { mirror } = this;
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
 
@@ -225,20 +225,20 @@ export class SpacePointTools {
   symmetric(before, after, lead = 0) {
     const { mirror } = this;
     if (!mirror.on) return after;
-    const id = nextId(after, this.page.sender.nextId);
+    const id = nextId(after, this.editor.sender.nextId);
     return mirroredEdit(mirror, before, after, { near: this.#mirrorNear, lead, id });
   }
 
   // ---- the lattice to which targets snap ----------------------------------------------------------------------------
 
   /** The step of the lattice; 0 for none. @returns {number} */
-  get snap() { return this.page.model.get("snap") || 0; }
+  get snap() { return this.editor.model.get("snap") || 0; }
 
   toggleSnap() {
-    const { page } = this, { box: [a0, a1, b0, b1, c0, c1], spacing } = page.panes[0], voxel = Math.min(...spacing);
+    const { editor } = this, { box: [a0, a1, b0, b1, c0, c1], spacing } = editor.panes[0], voxel = Math.min(...spacing);
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
-    page.set("snap", this.snap > 0 ? 0 : step);
-    if (this.snap > 0) page.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
+    editor.set("snap", this.snap > 0 ? 0 : step);
+    if (this.snap > 0) editor.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
   }
 
   /**
@@ -262,7 +262,7 @@ export class SpacePointTools {
    * @param {boolean} isLoose
    */
   snappedWay(pane, id, way, what, isLoose) {
-    const p = this.page.drag0?.find((q) => q.id === id);
+    const p = this.editor.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
     const to = fromPane(pane, this.#snapped(pane, inPane(pane, p.target.map((x, k) => x + way[k]))));
     return to.map((x, k) => x - p.target[k]);
@@ -272,10 +272,10 @@ export class SpacePointTools {
 
   /** The ids that a turn takes along; null, and a hint, where there is nothing to turn. */
   #turnables() {
-    const { page } = this, chosen = [...page.selected], free = freeIds(page.points, chosen);
-    if (page.isLocked || !chosen.length) return null;
-    if (!free.length) this.tellLocked(chosen[0]);
-    else if (free.length < 2) page.hint("Select two points or more to turn them", 4000);
+    const { editor } = this, chosen = [...editor.selected], free = freeIds(editor.points, chosen);
+    if (editor.isLocked || !chosen.length) return null;
+    if (!free.length) this.announceLocked(chosen[0]);
+    else if (free.length < 2) editor.hint("Select two points or more to turn them", 4000);
     return free.length < 2 ? null : free;
   }
 
@@ -286,17 +286,18 @@ export class SpacePointTools {
    * @param {{ isLarge: boolean, isScale: boolean }} how
    */
   turnKey(pane, way, how) {
-    const { page } = this, ids = this.#turnables(), [angle, factor] = turnOfKey(way, how);
+    const { editor } = this, ids = this.#turnables(), [angle, factor] = turnOfKey(way, how);
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
-    this.change(turnedInSpace(page.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
-    page.speak(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`);
+    this.change(turnedInSpace(editor.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
+    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees`
+      : `scaled by ${factor.toFixed(2)}`);
   }
 
   /** Begin a drag of the handle that turns. Returns the ids, or null. */
   beginTurn() {
     const ids = this.#turnables();
-    if (ids) this.page.beginDrag();
+    if (ids) this.editor.beginDrag();
     return ids;
   }
 
@@ -308,8 +309,8 @@ export class SpacePointTools {
    * @param {number} factor
    */
   turnTo(pane, ids, angle, factor) {
-    const { page, page: { drag0 } } = this;
-    if (drag0) page.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
-    page.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+    const { editor, editor: { drag0 } } = this;
+    if (drag0) editor.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
+    editor.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
   }
 }

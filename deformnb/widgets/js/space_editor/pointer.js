@@ -1,12 +1,12 @@
 // Pointer, wheel and keys of the editor in space, turned into calls of the editor.
 
-/** @import { SpaceEditorPage } from "./editor.js" */
+/** @import { SpaceEditorView } from "./editor.js" */
 /** @import { Line, SpacePane } from "./pane.js" */
 /** @import { Moved } from "./point_tools.js" */
 
 import { isRightClick, keepFromScrolling, POINT_STEPS } from "../editor/handles.js";
 import { shownLength } from "../maths/numbers.js";
-import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfHand } from "../maths/points.js";
+import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.js";
 import { inPane, wayInPane } from "../maths/space.js";
 import { SLACK, targetOf, treeOf } from "../ui/dom.js";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.js";
@@ -39,11 +39,11 @@ export class PaneGestures {
   rolled = 0; // pixels of the wheel
 
   /**
-   * @param {SpaceEditorPage} page
+   * @param {SpaceEditorView} editor
    * @param {SpacePane} pane
    */
-  constructor(page, pane) {
-    this.page = page;
+  constructor(editor, pane) {
+    this.editor = editor;
     this.pane = pane;
     /**
      * @template {keyof HTMLElementEventMap} K
@@ -53,8 +53,8 @@ export class PaneGestures {
      * @param {AddEventListenerOptions} [options]
      */
     const on = (target, name, handler, options = {}) => target.addEventListener(
-      name, (event) => page.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))),
-      { signal: page.closed.signal, ...options });
+      name, (event) => editor.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))),
+      { signal: editor.closed.signal, ...options });
     on(pane.svg, "pointerdown", (e) => this.down(e));
     on(pane.svg, "pointermove", (e) => this.move(e));
     on(pane.svg, "pointerup", (e) => this.up(e));
@@ -81,7 +81,7 @@ export class PaneGestures {
    */
   #elementAt(event) {
     const isClick = event.type === "dblclick" || event.type === "contextmenu";
-    return isClick ? treeOf(this.page.root).elementFromPoint(event.clientX, event.clientY) : targetOf(event);
+    return isClick ? treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) : targetOf(event);
   }
 
   /**
@@ -104,37 +104,37 @@ export class PaneGestures {
 
   /** @param {PointerEvent} event */
   down(event) {
-    const { page, pane } = this, at = this.place(event), hit = this.pointAt(event);
+    const { editor, pane } = this, at = this.place(event), hit = this.pointAt(event);
     const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
-    if (page.isWaiting || this.gesture) return;
-    this.isOthers = event.pointerType === "touch" && !page.isWorkedIn; // before this press gives it the focus
+    if (editor.isWaiting || this.gesture) return;
+    this.isOthers = event.pointerType === "touch" && !editor.isWorkedIn; // before this press gives it the focus
     pane.svg.setPointerCapture(event.pointerId);
     event.preventDefault();
     const slack = SLACK[event.pointerType] ?? SLACK.mouse;
     const begun = { pointer: event.pointerId, from: at, at, isPress: true, slack };
-    if (event.button === 1 || (event.button === 0 && page.isSpaceDown)) this.gesture = { ...begun, kind: "pan" };
+    if (event.button === 1 || (event.button === 0 && editor.isSpaceDown)) this.gesture = { ...begun, kind: "pan" };
     else if (event.button !== 0) return;
     else if (mark === "axis") {
       pane.marks.grip.focus({ preventScroll: true });
-      this.gesture = { ...begun, kind: "mirror", start: page.pointTools.mirror.at };
+      this.gesture = { ...begun, kind: "mirror", start: editor.pointTools.mirror.at };
     } else if (mark === "turn") this.#grabTurn(begun);
     else if (hit) this.#grab(event, hit, begun);
-    else if (page.isAdding) {
-      const id = page.pointTools.addAt(pane, at);
-      if (id === null) page.select([]); else this.#grab(event, { id, what: "target" }, begun);
+    else if (editor.isAdding) {
+      const id = editor.pointTools.addAt(pane, at);
+      if (id === null) editor.select([]); else this.#grab(event, { id, what: "target" }, begun);
     } else if (this.isOthers) this.gesture = { ...begun, kind: "tap" };
     else {
       pane.stage.focus({ preventScroll: true });
-      this.gesture = event.shiftKey || page.isSelecting ? { ...begun, kind: "band", before: [...page.selected] }
+      this.gesture = event.shiftKey || editor.isSelecting ? { ...begun, kind: "band", before: [...editor.selected] }
         : { ...begun, kind: "cross", line: this.#lineAt(event) };
     }
   }
 
   /** @param {Press} begun */
   #grabTurn(begun) {
-    const { page, pane } = this, ids = page.pointTools.beginTurn(), { k, x, y } = pane.view;
+    const { editor, pane } = this, ids = editor.pointTools.beginTurn(), { k, x, y } = pane.view;
     if (!ids) return;
-    const turned = page.points.filter((p) => ids.includes(p.id));
+    const turned = editor.points.filter((p) => ids.includes(p.id));
     const [a, b] = middleOf(turned.map((p) => ({ target: inPane(pane.info, p.target) })));
     const about = [k * a + x, k * b + y], start = [begun.at[0] - about[0], begun.at[1] - about[1]];
     this.gesture = { ...begun, kind: "turn", ids, about, start, scales: false };
@@ -146,12 +146,12 @@ export class PaneGestures {
    * @param {Press} begun
    */
   #grab(event, { id, what }, begun) {
-    const { page, pane } = this, was = page.selected.has(id);
-    const adds = page.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
-    if (!was) page.select(adds ? [...page.selected, id] : [id]);
+    const { editor, pane } = this, was = editor.selected.has(id);
+    const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
+    if (!was) editor.select(adds ? [...editor.selected, id] : [id]);
     pane.handles.focus(id);
     this.gesture = { ...begun, kind: "points", id, adds, was, what: event.altKey ? "both" : what,
-      ids: freeIds(page.points, page.selected.has(id) ? [...page.selected] : [id]) };
+      ids: freeIds(editor.points, editor.selected.has(id) ? [...editor.selected] : [id]) };
   }
 
   /** @param {PointerEvent} event */
@@ -159,19 +159,19 @@ export class PaneGestures {
     const g = this.gesture, at = this.place(event);
     if (!g || g.pointer !== event.pointerId) return;
     if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < g.slack) return;
-    const { page, pane } = this, { pointTools: tools } = page, { k } = pane.view;
+    const { editor, pane } = this, { pointTools: tools } = editor, { k } = pane.view;
     if (g.kind === "pan") pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
-    else if (g.kind === "tap") page.hint("Tap a picture first, then a finger moves its cross-hair");
+    else if (g.kind === "tap") editor.hint("Tap a picture first, then a finger moves its cross-hair");
     else if (g.kind === "mirror") tools.moveMirror(pane.under(at), false);
     else if (g.kind === "turn") {
       g.scales = event.altKey;
-      const [angle, factor] = turnOfHand(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
+      const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       tools.turnTo(pane, g.ids, angle, factor);
-    } else if (g.kind === "cross") page.moveCross(pane, at, g.line, true);
+    } else if (g.kind === "cross") editor.moveCross(pane, at, g.line, true);
     else if (g.kind === "points") {
-      if (g.isPress) page.beginDrag();
-      if (!g.ids.length) tools.tellLocked(g.id);
+      if (g.isPress) editor.beginDrag();
+      if (!g.ids.length) tools.announceLocked(g.id);
       const way = wayInPane(pane.info, (at[0] - g.from[0]) / k, (at[1] - g.from[1]) / k);
       tools.drag(g.ids, tools.snappedWay(pane.info, g.id, way, g.what, event.altKey), g.what, g.id);
     }
@@ -188,7 +188,7 @@ export class PaneGestures {
     const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]), width: Math.abs(at[0] - g.from[0]),
       height: Math.abs(at[1] - g.from[1]) };
     this.pane.handles.showBand(box);
-    this.page.select([...g.before, ...this.pane.pointsInside(box)]);
+    this.editor.select([...g.before, ...this.pane.pointsInside(box)]);
   }
 
   /**
@@ -196,24 +196,24 @@ export class PaneGestures {
    * @param {boolean} isCancelled
    */
   up(event, isCancelled = false) {
-    const g = this.gesture, { page } = this;
+    const g = this.gesture, { editor } = this;
     if (!g || g.pointer !== event.pointerId) return;
     this.gesture = null;
     this.pane.handles.showBand(null);
     if (g.kind === "mirror") this.#releaseMirror(g, isCancelled);
-    else if (g.kind === "turn") page.endDrag(isCancelled || g.isPress, g.scales ? "scale" : "turn");
+    else if (g.kind === "turn") editor.endDrag(isCancelled || g.isPress, g.scales ? "scale" : "turn");
     else if (g.kind === "points") {
-      if (!g.isPress) page.endDrag(isCancelled);
-      else if (g.was) page.select(g.adds ? [...page.selected].filter((id) => id !== g.id) : [g.id]);
+      if (!g.isPress) editor.endDrag(isCancelled);
+      else if (g.was) editor.select(g.adds ? [...editor.selected].filter((id) => id !== g.id) : [g.id]);
     } else if ((g.kind === "cross" || g.kind === "tap") && !isCancelled) {
       if (g.kind === "tap") {
         if (!g.isPress) return;
         this.pane.stage.focus({ preventScroll: true });
       }
       const line = g.kind === "cross" ? g.line : null;
-      if (g.isPress && !line) page.moveCross(this.pane, g.from, null, false);
-      if (g.isPress) page.select([]);
-      page.lookAtRest();
+      if (g.isPress && !line) editor.moveCross(this.pane, g.from, null, false);
+      if (g.isPress) editor.select([]);
+      editor.lookAtRest();
     }
   }
 
@@ -222,7 +222,7 @@ export class PaneGestures {
    * @param {boolean} isCancelled
    */
   #releaseMirror(g, isCancelled) {
-    const { pointTools: tools } = this.page, { at, normal } = tools.mirror, held = isCancelled ? g.start : at;
+    const { pointTools: tools } = this.editor, { at, normal } = tools.mirror, held = isCancelled ? g.start : at;
     tools.moveMirror(normal.map((x) => held * x), true);
   }
 
@@ -231,17 +231,17 @@ export class PaneGestures {
     const g = this.gesture;
     this.gesture = null;
     this.pane.handles.showBand(null);
-    if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") this.page.endDrag(true);
+    if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") this.editor.endDrag(true);
     if (g?.kind === "mirror") this.#releaseMirror(g, true);
     return g !== null;
   }
 
   /** @param {MouseEvent} event */
   doubleClick(event) {
-    if (this.page.isWaiting || this.page.isSelecting) return;
+    if (this.editor.isWaiting || this.editor.isSelecting) return;
     const hit = this.pointAt(event);
-    if (hit) this.page.goTo(hit.id);
-    else this.page.pointTools.addAt(this.pane, this.place(event));
+    if (hit) this.editor.goTo(hit.id);
+    else this.editor.pointTools.addAt(this.pane, this.place(event));
     event.preventDefault();
   }
 
@@ -249,7 +249,7 @@ export class PaneGestures {
   contextMenu(event) {
     event.preventDefault();
     const hit = this.pointAt(event);
-    if (hit && isRightClick(event)) this.page.pointTools.remove([hit.id]);
+    if (hit && isRightClick(event)) this.editor.pointTools.remove([hit.id]);
   }
 
   /**
@@ -257,20 +257,20 @@ export class PaneGestures {
    * @param {WheelEvent} event
    */
   wheel(event) {
-    const { page, pane } = this, isZoom = event.ctrlKey || event.metaKey;
-    if (!isZoom && !page.isWorkedIn) {
-      page.hint("Click a picture to go through its slices with the wheel");
+    const { editor, pane } = this, isZoom = event.ctrlKey || event.metaKey;
+    if (!isZoom && !editor.isWorkedIn) {
+      editor.hint("Click a picture to go through its slices with the wheel");
       return;
     }
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1, [x, y] = this.place(event);
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
-    if (isZoom || !page.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), x, y); return; }
+    if (isZoom || !editor.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), x, y); return; }
     this.rolled += delta;
     const notches = Math.trunc(this.rolled / 40); // a notch of a wheel is about 100, a trackpad sends many small ones
     if (notches === 0) return;
     this.rolled = 0;
-    page.scroll(pane, Math.sign(notches) * Math.max(1, Math.floor(Math.abs(notches) / 2)));
+    editor.scroll(pane, Math.sign(notches) * Math.max(1, Math.floor(Math.abs(notches) / 2)));
   }
 }
 
@@ -279,23 +279,23 @@ const SPACE_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1],
 
 /**
  * Do what a key anywhere in the editor means; returns whether it means something.
- * @param {SpaceEditorPage} page
+ * @param {SpaceEditorView} editor
  * @param {KeyboardEvent} event
  */
-export function spaceKey(page, event) {
+export function spaceKey(editor, event) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, isCommand = event.ctrlKey || event.metaKey;
-  const target = targetOf(event), tools = page.pointTools, fast = event.shiftKey ? 10 : 1;
+  const target = targetOf(event), tools = editor.pointTools, fast = event.shiftKey ? 10 : 1;
   if (target.closest("input[type=text], select")) return false; // have keys of their own
-  const onButton = target.closest("button"), pane = page.paneOf(target);
+  const onButton = target.closest("button"), pane = editor.paneOf(target);
   const focused = target.closest("[data-id]"), id = focused ? Number(focused.getAttribute("data-id")) : null;
   if (isCommand && POINT_STEPS[key] && !onButton) {
-    return pane.handles.focusNext(page.points.map((p) => p.id), POINT_STEPS[key], id);
+    return pane.handles.focusNext(editor.points.map((p) => p.id), POINT_STEPS[key], id);
   }
-  if (isCommand) return spaceCommand(page, key, event.shiftKey);
+  if (isCommand) return spaceCommand(editor, key, event.shiftKey);
   if (target.closest("input[type=range]")) return false;
-  if (onButton && key in SPACE_ARROWS) return page.toolbar.focusNext(onButton, key);
+  if (onButton && key in SPACE_ARROWS) return editor.toolbar.focusNext(onButton, key);
   if (onButton && (key === "Enter" || key === " ")) return false;
-  if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(page, pane, SPACE_ARROWS[key], fast);
+  if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, SPACE_ARROWS[key], fast);
   const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code] : key];
   if (way) { tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey }); return true; }
   if (key in SPACE_ARROWS) {
@@ -305,46 +305,46 @@ export function spaceKey(page, event) {
   if (key === "PageUp" || key === "PageDown") {
     const by = (key === "PageUp" ? -1 : 1) * fast;
     if (event.altKey) tools.nudgeDepth(pane, id, by);
-    else page.scroll(pane, by);
+    else editor.scroll(pane, by);
     return true;
   }
   if (event.altKey) return false;
-  if (key === " ") { page.isSpaceDown = true; return true; }
+  if (key === " ") { editor.isSpaceDown = true; return true; }
   if (key === "Enter") {
-    if (id === null) tools.addPlace(page.cursor, pane); else page.toggleSelected(id);
+    if (id === null) tools.addPlace(editor.cursor, pane); else editor.toggleSelected(id);
     return true;
   }
-  if (key === "Escape") return page.escape();
+  if (key === "Escape") return editor.escape();
   const command = (event.shiftKey && commandOf(SPACE_EDITOR_KEYS, `Shift+${key}`)) || commandOf(SPACE_EDITOR_KEYS, key);
   if (!command) return false;
-  page.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, id);
+  editor.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, id);
   return true;
 }
 
 /**
  * Move the plane of the mirror by voxels of a picture that looks along it.
- * @param {SpaceEditorPage} page
+ * @param {SpaceEditorView} editor
  * @param {SpacePane} pane
  * @param {number[]} steps
  * @param {number} voxels
  */
-function mirrorKey(page, pane, [dx, dy], voxels) {
-  const { info, info: { spacing: [du, dv] } } = pane, { pointTools: tools } = page, { at, normal } = tools.mirror;
+function mirrorKey(editor, pane, [dx, dy], voxels) {
+  const { info, info: { spacing: [du, dv] } } = pane, { pointTools: tools } = editor, { at, normal } = tools.mirror;
   const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
   tools.moveMirror(normal.map((x, k) => at * x + way[k]), true);
-  page.speak(`mirror at ${shownLength(tools.mirror.at)}`);
+  editor.announce(`mirror at ${shownLength(tools.mirror.at)}`);
   return true;
 }
 
 /**
- * @param {SpaceEditorPage} page
+ * @param {SpaceEditorView} editor
  * @param {string} key
  * @param {boolean} isShift
  */
-function spaceCommand(page, key, isShift) {
-  if (key === "z") page.stepHistory(isShift ? "redo" : "undo");
-  else if (key === "y") page.stepHistory("redo");
-  else if (key === "a") page.select(page.points.map((p) => p.id));
+function spaceCommand(editor, key, isShift) {
+  if (key === "z") editor.stepHistory(isShift ? "redo" : "undo");
+  else if (key === "y") editor.stepHistory("redo");
+  else if (key === "a") editor.select(editor.points.map((p) => p.id));
   else return false;
   return true;
 }

@@ -5,7 +5,7 @@
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
 
 /** @import { Model } from "../types.d.ts" */
-/** @import { EditorPage } from "../editor/editor.js" */
+/** @import { EditorView } from "../editor/editor.js" */
 
 const ICONS = {
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
@@ -61,7 +61,7 @@ class StudioHead {
   /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
   get studio() { return this.host.closest(".dnb-studio"); }
 
-  /** The editor that is shown. @returns {EditorPage | undefined} */
+  /** The editor that is shown. @returns {EditorView | undefined} */
   get #editor() {
     const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor") ?? [])];
     const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0);

@@ -1,4 +1,4 @@
-// What the widgets in a window share without the kernel: the live points of an editor, by the editor's uid.
+// State that the widgets in a window share without the kernel: the live points of an editor, by the editor's uid.
 //
 // A front end hands each widget a proxy of its model, never the same object twice, so nothing can be stored on the
 // model itself. An editor therefore has a trait `uid`, and its bus is found by that name in the window:
@@ -78,4 +78,44 @@ export function holdBus(bus) {
 export function releaseBus(bus, uid) {
   bus.owners -= 1;
   if (bus.owners <= 0) shared[KEY]?.delete(uid);
+}
+
+/** A widget of the window that another one follows, chosen by a reference; its bus is held until another is chosen. */
+export class FollowedModel {
+  /** @type {string | Model | null} */
+  reference = null;
+
+  /** @type {(() => void)[]} what ends with it */
+  ends = [];
+
+  /** @type {object | null} */
+  #ticket = null; // of the reference that is followed
+
+  /** @param {Model} owner  a model whose manager finds the others */
+  constructor(owner) { this.owner = owner; }
+
+  /**
+   * Null for none, or if another one is chosen meanwhile.
+   * @param {string | Model | null} reference
+   * @returns {Promise<{ model: Model, bus: Bus } | null>}
+   */
+  async choose(reference) {
+    this.end();
+    this.reference = reference;
+    if (!reference) return null;
+    const ticket = {};
+    this.#ticket = ticket;
+    const model = typeof reference === "string"
+      ? await this.owner.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
+    if (this.#ticket !== ticket) return null;
+    const bus = busOf(model), uid = model.get("uid");
+    holdBus(bus); // its own view may go and come back
+    this.ends.push(() => releaseBus(bus, uid));
+    return { model, bus };
+  }
+
+  end() {
+    for (const step of this.ends.splice(0).reverse()) step();
+    this.#ticket = this.reference = null;
+  }
 }

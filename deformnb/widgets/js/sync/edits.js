@@ -25,7 +25,7 @@ import { History } from "./history.js";
 
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
 const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
-const TRUSTED_FOR = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
+const PRECEDENCE_MS = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
 /** Characters of an edit at most; Python counts the bytes of its own JSON, which has blanks and escapes. */
 export const MOST_CHARACTERS = LONGEST_EDIT / 2;
 
@@ -65,8 +65,8 @@ export class Sender {
     this.waiting = { move: new Set(), end: new Set() };
     /** @type {{ move: Point[] | null, end: { kind: string, joins: boolean, points: Point[] } | null }} */
     this.pending = { move: null, end: null };
-    this.status = ""; // "", "busy", "silent", "deaf" or "lost"
-    this.isHeard = false;
+    this.status = ""; // "", "busy", "unanswered", "detached" or "lost"
+    this.isAnswered = false;
     this.isCut = false;
     /** @type {any} measurements of a view during a drag, sent with its end */
     this.drawn = null;
@@ -122,7 +122,7 @@ export class Sender {
   receive(isNews = false, model = this.model) {
     if (!model) return;
     this.nextId = Math.max(this.nextId, model.get("next_id") ?? 0);
-    const isLate = isNews && this.clock.now() - this.lastAt > TRUSTED_FOR; // an answer that is lost blocks nothing
+    const isLate = isNews && this.clock.now() - this.lastAt > PRECEDENCE_MS; // an answer that is lost blocks nothing
     if (this.#isFilled && this.isBehind(model) && !isLate) return;
     const points = cleanPoints(model.get("points"));
     const shapes = { cuts: this.#shapesOf(model, "cuts"), parts: this.#shapesOf(model, "parts") };
@@ -155,7 +155,7 @@ export class Sender {
     if (sender !== this.id) return; // another window's
     this.waiting.move.delete(seq);
     this.waiting.end.delete(seq);
-    this.isHeard = true;
+    this.isAnswered = true;
     this.isCut = false;
     this.#setStatus("");
     this.#next();
@@ -334,8 +334,8 @@ export class Sender {
     if (move.size + end.size === 0) return;
     move.clear();
     end.clear();
-    this.#setStatus(this.isCut ? "lost" : this.isHeard ? "busy" : "silent");
-    if (this.status === "silent") this.#timer = this.clock.later(() => this.#deaf(), LOST_AFTER);
+    this.#setStatus(this.isCut ? "lost" : this.isAnswered ? "busy" : "unanswered");
+    if (this.status === "unanswered") this.#timer = this.clock.later(() => this.#reportDetached(), LOST_AFTER);
     this.#next();
   }
 
@@ -351,8 +351,8 @@ export class Sender {
 
   // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
   // is too short, and then it drops all messages to the model, for good, although the model is shown and can send.
-  #deaf() {
-    if (!this.isHeard && this.#kernel?.status === "idle") this.#setStatus("deaf");
+  #reportDetached() {
+    if (!this.isAnswered && this.#kernel?.status === "idle") this.#setStatus("detached");
   }
 
   /**
@@ -360,16 +360,16 @@ export class Sender {
    * kernel answers later; of one that is idle, no answer will come.
    */
   greet() {
-    if (this.isHeard || this.#isGreeted || this.#kernel === undefined) return;
+    if (this.isAnswered || this.#isGreeted || this.#kernel === undefined) return;
     this.#isGreeted = true;
     try { this.model?.send({ type: "greet", sender: this.id, seq: 0 }); } catch { this.isCut = true; }
     this.#expectAnswer();
   }
 
   #expectAnswer() {
-    if (this.isHeard) return;
+    if (this.isAnswered) return;
     if (this.isCut || this.#kernel === null) { this.#setStatus("lost"); return; }
-    this.#greeting = this.clock.later(() => { this.#deaf(); this.#expectAnswer(); }, LOST_AFTER);
+    this.#greeting = this.clock.later(() => { this.#reportDetached(); this.#expectAnswer(); }, LOST_AFTER);
   }
 
   /** @param {string} status */
@@ -401,7 +401,7 @@ export class RestingTrait {
   get isAhead() { return this.#timer !== 0; }
 
   /** @param {any} value */
-  tellSoon(value) {
+  sendSoon(value) {
     clearTimeout(this.#timer);
     this.#timer = setTimeout(() => {
       this.#timer = 0;
@@ -478,7 +478,7 @@ export class EditLink {
    * Whether Python's value is older than ours. `seen`: the last end that it has received of each view.
    * @param {Record<string, number> | null | undefined} seen
    */
-  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < TRUSTED_FOR; }
+  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS; }
 
   /** @param {"move" | "end"} phase @param {any} value */
   #send(phase, value) {

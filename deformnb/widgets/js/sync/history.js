@@ -1,4 +1,4 @@
-// What Ctrl+Z takes back on a page. Python has a history of its own: deformnb.session.history.
+// The steps that Ctrl+Z takes back in a front end. Python has a history of its own: deformnb.session.history.
 
 /**
  * Undo as a list of old states. Edits of one kind in quick succession (arrow keys) count as one.

@@ -1,6 +1,6 @@
 // The keys and gestures of the editors: one table for the handlers, the list on "?", and the tips of the buttons.
 
-import { OWN_KEYS, pageElement } from "./dom.js";
+import { OWN_KEYS, pageElement, treeOf } from "./dom.js";
 
 /**
  * `keys` are those that the handlers look for, letters small, "Shift+" and "Alt+" before the keys that need them.
@@ -180,23 +180,43 @@ export function shortcutsOf(table, command) {
     : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`))).join(" ");
 }
 
-/**
- * The list over the picture, hidden at first.
- * @param {Element} parent
- * @param {KeyTable} [table]
- */
-export function helpPanel(parent, table = EDITOR_KEYS) {
-  const panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures",
-    hidden: "", "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
-  const list = pageElement("div", "dnb-ed-entries", panel);
-  for (const [title, rows] of table) {
-    const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });
-    pageElement("div", "dnb-ed-title", group, { "aria-hidden": "true" }).textContent = title;
-    for (const [keys, what] of rows) {
-      const row = pageElement("div", "dnb-ed-entry", group, { role: "listitem", "aria-label": `${keys}: ${what}` });
-      pageElement("span", "", row).textContent = keys;
-      pageElement("span", "", row).textContent = what;
+/** The list over the picture, hidden at first. */
+export class HelpPanel {
+  /**
+   * @param {Element} parent
+   * @param {Element} root  of the editor: what has the focus within gets it back
+   * @param {() => void} focusStage  called where that is gone meanwhile
+   * @param {KeyTable} [table]
+   */
+  constructor(parent, root, focusStage, table = EDITOR_KEYS) {
+    this.root = root;
+    this.focusStage = focusStage;
+    /** @type {HTMLElement | SVGElement | null} */
+    this.before = null; // what had the focus
+    this.panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures",
+      hidden: "", "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
+    const list = pageElement("div", "dnb-ed-entries", this.panel);
+    for (const [title, rows] of table) {
+      const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });
+      pageElement("div", "dnb-ed-title", group, { "aria-hidden": "true" }).textContent = title;
+      for (const [keys, what] of rows) {
+        const row = pageElement("div", "dnb-ed-entry", group, { role: "listitem", "aria-label": `${keys}: ${what}` });
+        pageElement("span", "", row).textContent = keys;
+        pageElement("span", "", row).textContent = what;
+      }
     }
   }
-  return panel;
+
+  get isOpen() { return !this.panel.hidden; }
+
+  /** The focus goes to the list, and back to where it was. */
+  toggle() {
+    const { activeElement } = treeOf(this.root);
+    this.panel.hidden = this.isOpen;
+    if (this.isOpen) {
+      this.before = this.root.contains(activeElement) ? /** @type {HTMLElement} */ (activeElement) : null;
+      this.panel.focus();
+    } else if (this.before?.isConnected) this.before.focus({ preventScroll: true });
+    else this.focusStage();
+  }
 }

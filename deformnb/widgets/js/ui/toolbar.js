@@ -12,7 +12,7 @@ import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.js";
 
 /**
  * The editor around a toolbar: `guard` reports an error of f, `run` does a command.
- * @typedef {{ guard: (f: () => void) => void, run: (command: string, focused: null) => void }} ToolPage
+ * @typedef {{ guard: (f: () => void) => void, run: (command: string, focused: null) => void }} ToolbarHost
  */
 
 /**
@@ -96,16 +96,16 @@ export const EDITS = ["add", "cut", "part", "ground", "turn", "remove", "rename"
 
 export class Toolbar {
   /**
-   * @param {ToolPage} page
+   * @param {ToolbarHost} host
    * @param {HTMLElement} parent
    * @param {ToolEntry[][]} [groups]
    * @param {KeyTable} [table]
    * @param {ToolEntry[][]} [more]
    */
-  constructor(page, parent, groups = GROUPS, table = EDITOR_KEYS, more = MORE) {
+  constructor(host, parent, groups = GROUPS, table = EDITOR_KEYS, more = MORE) {
     this.parent = parent;
     this.root = pageElement("div", "dnb-ed-bar", parent, { role: "toolbar", "aria-label": "Control points" });
-    this.page = page;
+    this.host = host;
     /** @type {Map<string, { button: HTMLButtonElement, tip: string, needs?: Need, isItem?: boolean }>} */
     this.buttons = new Map();
     for (const group of groups) {
@@ -116,8 +116,8 @@ export class Toolbar {
         if (label) pageElement("span", "dnb-ed-label", button).textContent = label;
         if (stays) button.setAttribute("aria-pressed", "false");
         button.tabIndex = this.buttons.size ? -1 : 0; // one stop for Tab, arrows between the buttons
-        if (command === "more") button.addEventListener("click", () => page.guard(() => this.menu?.toggle()));
-        else button.addEventListener("click", () => page.guard(() => page.run(command, null)));
+        if (command === "more") button.addEventListener("click", () => host.guard(() => this.menu?.toggle()));
+        else button.addEventListener("click", () => host.guard(() => host.run(command, null)));
         this.buttons.set(command, { button, tip, needs });
       }
     }
@@ -168,7 +168,7 @@ export class Toolbar {
     for (const [command, { button, tip, needs }] of this.buttons) {
       const isOff = (needs !== undefined && !met[needs]) || (readOnly && EDITS.includes(command));
       if (button.ariaDisabled !== String(isOff)) button.setAttribute("aria-disabled", String(isOff));
-      if (needs === "past" || needs === "future") this.#say(button, tip, steps[command]);
+      if (needs === "past" || needs === "future") this.#labelStep(button, tip, steps[command]);
       for (const state of ["aria-pressed", "aria-checked"]) {
         if (button.hasAttribute(state)) button.setAttribute(state, String(pressed.includes(command)));
       }
@@ -181,7 +181,7 @@ export class Toolbar {
    * @param {string} tip
    * @param {string | undefined} step
    */
-  #say(button, tip, step) {
+  #labelStep(button, tip, step) {
     const text = step ? tip.replace(" (", ` ${step} (`) : tip;
     if (button.title === text) return;
     button.title = text;
@@ -229,10 +229,10 @@ class MoreMenu {
       if (k > 0) pageElement("div", "dnb-ed-line", this.root, { "aria-hidden": "true" });
       for (const entry of group) this.items.push(toolbar.item(this.root, entry, table));
     });
-    const { page } = toolbar;
-    this.root.addEventListener("click", ({ target }) => page.guard(() => this.#choose(target)));
-    this.root.addEventListener("keydown", (event) => page.guard(() => this.#key(event)));
-    this.root.addEventListener("focusout", ({ relatedTarget: next }) => page.guard(() => {
+    const { host } = toolbar;
+    this.root.addEventListener("click", ({ target }) => host.guard(() => this.#choose(target)));
+    this.root.addEventListener("keydown", (event) => host.guard(() => this.#key(event)));
+    this.root.addEventListener("focusout", ({ relatedTarget: next }) => host.guard(() => {
       if (!(next instanceof Node && this.root.contains(next)) && next !== this.opener) this.close(false);
     }));
     /** @type {(event: Event) => void} */
@@ -278,7 +278,7 @@ class MoreMenu {
     const command = item?.getAttribute("data-command");
     if (!item || !command || item.getAttribute("aria-disabled") === "true") return;
     this.close();
-    this.toolbar.page.run(command, null);
+    this.toolbar.host.run(command, null);
   }
 
   /** @param {KeyboardEvent} event */

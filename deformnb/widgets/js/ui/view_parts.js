@@ -1,5 +1,5 @@
-// Small parts of a view: its scale bar, size, captions and letters of directions, its theme, and the alternation of
-// the layers of a picture that flickers.
+// Small parts of a view: its scale bar, size, captions and letters of directions, and the alternation of the
+// layers of a picture that flickers.
 
 /** @import { Model, Sides } from "../types.d.ts" */
 
@@ -162,11 +162,11 @@ export function listen(model, name, handler, handlers, fail) {
 
 /**
  * The function that closes a view that has just been drawn.
- * @param {{ root: HTMLElement, close: () => void }} page
+ * @param {{ root: HTMLElement, close: () => void }} view
  */
-export function opened(page) {
-  Object.assign(page.root, { deformnb: page }); // for tests and for debugging
-  return () => page.close();
+export function opened(view) {
+  Object.assign(view.root, { deformnb: view }); // for tests and for debugging
+  return () => view.close();
 }
 
 /**
@@ -214,33 +214,6 @@ export class Frames {
     this.scale.write(camera, unit, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
     for (const { letters } of this.frames) letters.forEach((letter, i) => { letter.textContent = texts[i]; });
-  }
-}
-
-/** The theme of the document around: from Jupyter's attribute, the colours of VS Code, or the browser's preference. */
-export class PageTheme {
-  /** @param {Element} root @param {() => void} changed */
-  constructor(root, changed) {
-    this.probe = pageElement("span", "dnb-paper", root, { hidden: "" });
-    this.dark = window.matchMedia("(prefers-color-scheme: dark)");
-    this.changed = changed;
-    this.dark.addEventListener("change", changed);
-    this.observer = new MutationObserver(changed);
-    this.observer.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
-  }
-
-  get name() {
-    const told = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
-    if (told !== undefined) return told === "false" ? "dark" : "light";
-    const [r, g, b, alpha = 1] = (getComputedStyle(this.probe).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-    const isDark = alpha > 0 && b !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < 110 : this.dark.matches;
-    return isDark ? "dark" : "light";
-  }
-
-  close() {
-    this.dark.removeEventListener("change", this.changed);
-    this.observer.disconnect();
   }
 }
 

@@ -3,8 +3,8 @@
 
 import { layeredFit, layersOnRaster } from "../maths/cuts.js";
 import { RbfError } from "../maths/rbf.js";
-import { busOf, FIT_TRAITS, holdBus, pointsOf, releaseBus, settingsOf } from "../sync/bus.js";
-import { bitsOf, MOST_REGIONS } from "../webgl/displacement_shader.js";
+import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.js";
+import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.js";
 import { bytesOf, floatsOf } from "./volume_loader.js";
 
 /**
@@ -162,10 +162,7 @@ export class FieldLink {
     this.awaited = null; // the newest movement, if its maps have not been made
     /** @type {PlanarField | null} */
     this.base = null; // the maps that are shown
-    /** @type {string | Model | null} */
-    this.reference = null;
-    /** @type {object | null} */
-    this.ticket = null; // of the reference that is followed
+    this.followed = new FollowedModel(model);
     /** @type {Model | null} */
     this.editor = null;
     /** @type {Bus | null} */
@@ -178,35 +175,25 @@ export class FieldLink {
     /** @type {string | null} */
     this.expected = null; // of what Python's maps are made
     this.settled = "";
-    /** @type {(() => void)[]} */
-    this.undo = [];
   }
 
   /** @param {string | Model | null} reference */
   async follow(reference) {
-    if (reference === this.reference) return; // following again tears nothing down
+    if (reference === this.followed.reference) return; // following again tears nothing down
     this.close();
-    this.reference = reference;
-    if (!reference) return;
-    const ticket = {};
-    this.ticket = ticket;
-    const editor = typeof reference === "string"
-      ? await this.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
-    if (this.ticket !== ticket) return; // another one was chosen meanwhile
-    /** @type {Bus} */
-    const bus = busOf(editor);
-    const uid = editor.get("uid");
+    const found = await this.followed.choose(reference);
+    if (!found) return;
+    const { model: editor, bus } = found;
     this.editor = editor;
     this.bus = bus;
-    holdBus(bus); // the editor's own view may go and come back
     const moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.moved(event.detail);
     bus.addEventListener("deformnb:points", moved);
-    this.undo.push(() => bus.removeEventListener("deformnb:points", moved), () => releaseBus(bus, uid));
+    this.followed.ends.push(() => bus.removeEventListener("deformnb:points", moved));
     // An editor that is not drawn in this window publishes nothing; its traits still change.
     const changed = () => { if (!bus.latest) this.moved(traitsOf(bus, editor)); };
     for (const name of FOLLOWED) {
       editor.on(`change:${name}`, changed);
-      this.undo.push(() => editor.off(`change:${name}`, changed));
+      this.followed.ends.push(() => editor.off(`change:${name}`, changed));
     }
     if (this.#isNewer(bus, editor)) this.refit(newestOf(bus, editor));
   }
@@ -284,13 +271,10 @@ export class FieldLink {
   }
 
   close() {
-    for (const step of this.undo) step();
-    this.undo = [];
-    this.ticket = null;
+    this.followed.end();
     this.awaited = null;
     this.editor = null;
     this.bus = null;
-    this.reference = null;
     this.settled = "";
   }
 }

@@ -3,10 +3,7 @@
 
 import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
-import { OrientationCube } from "../ui/orientation_cube.js";
-import {
-  aboutShown, captionsOf, Flicker, Frames, listen, measuredBy, opened, PageTheme, picturesOf, remarksOn, sized,
-} from "../ui/view_parts.js";
+import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
 import { StillPicture } from "./server_view.js";
@@ -15,6 +12,7 @@ import { PointerControls } from "./pointer.js";
 import { FrameLoop } from "./render_loop.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
+import { ViewElements, ViewMessages } from "./view_elements.js";
 import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 /** @import { Model, Vector3 } from "../types.d.ts" */
@@ -25,16 +23,21 @@ import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
-class LiveViewPage {
+class LiveVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
    */
   constructor(model, el) {
     this.model = model;
-    this.id = Math.random().toString(36).slice(2, 12);
     this.closed = false;
-    this.shown = this.shows;
+    this.messages = new ViewMessages(model, (error) => this.fail(error));
+    this.elements = new ViewElements(model, el, "dnb-live", { showView: (view) => this.showView(view),
+      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), resized: () => this.size() });
+    this.root = this.elements.root;
+    this.canvas = this.elements.canvas;
+    this.flicker = this.elements.flicker;
+    this.shown = this.elements.shows;
     /** @type {VolumeInfo | null} */
     this.info = null;
     /** @type {Field | null} */
@@ -56,25 +59,11 @@ class LiveViewPage {
     this.cuts = {};
     /** @type {Record<string, number> | null} */
     this.stats = null; // measurements of the last full picture
-    /** @type {[string, (...given: any[]) => void][]} */
-    this.handlers = [];
     this.camera = new ViewCamera(this);
-
-    this.host = el;
-    this.root = pageElement("div", "dnb-view", el);
-    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
-    this.frames = new Frames(this.root);
-    this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
-    this.badge = pageElement("div", "dnb-badge", this.root);
     this.progress = pageElement("div", "dnb-progress", this.root,
       { role: "progressbar", "aria-label": "loading the volume" });
-    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.theme = new PageTheme(this.root, () => this.setBackground());
-    this.flicker = new Flicker(this.root, (layer) => this.flip(layer));
     this.setBackground();
     this.size();
-    this.observer = new ResizeObserver(() => this.size());
-    this.observer.observe(this.root);
 
     this.#listen();
     this.link = new FieldLink(model, (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
@@ -92,49 +81,39 @@ class LiveViewPage {
   // -- canvas, captions, notice --------------------------------------------------------------------------------------
 
   size() {
-    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.max(1, n));
+    const [w, h] = this.elements.size.map((n) => Math.max(1, n));
     if (this.canvas.width === w && this.canvas.height === h) return;
     this.camera.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
     if (this.loop) { this.loop.again(); this.touch(); }
   }
 
-  /** @returns {string} */
-  get background() {
-    const wanted = this.model.get("background");
-    return wanted === "auto" ? this.theme.name : wanted;
-  }
-
   setBackground() {
-    this.root.dataset.background = this.background;
-    if (!this.caster || this.caster.background === this.background) return;
-    this.caster.background = this.background;
+    const { background } = this.elements;
+    this.root.dataset.background = background;
+    if (!this.caster || this.caster.background === background) return;
+    this.caster.background = background;
     this.loop?.again();
     this.touch();
   }
 
-  /** @returns {string} */
-  get shows() { return this.model.get("shows") || "deformed"; }
-
   setShows() {
-    this.camera.reframed(() => { this.shown = this.shows; });
-    this.flicker.set(this.shows === "flicker" && Boolean(this.loop));
+    const { shows } = this.elements;
+    this.camera.reframed(() => { this.shown = shows; });
+    this.flicker.set(shows === "flicker" && Boolean(this.loop));
     this.caption();
     if (this.loop) this.loop.flip(0);
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
   setClip() {
     const clip = clipOf(this.model);
     if (this.caster) this.caster.clip = isClipped(clip) ? clip : null;
     this.touch();
-    this.still?.ask();
+    this.still?.request();
   }
 
-  caption() {
-    this.frames.show(captionsOf(this.shows, this.still ? 0 : this.flicker.layer));
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
-  }
+  caption() { this.elements.caption(this.still ? 0 : this.flicker.layer); }
 
   /** @param {number} layer */
   flip(layer) {
@@ -149,16 +128,14 @@ class LiveViewPage {
    * @returns {Picture[]}
    */
   pictures(width, height) {
-    return picturesOf(this.shows, width).map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
+    const pictures = picturesOf(this.elements.shows, width);
+    return pictures.map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
   }
 
   /** @param {string} text */
-  say(text) {
-    this.notice.textContent = text || "";
-    this.notice.hidden = !text;
-  }
+  showMessage(text) { this.elements.showMessage(text); }
 
-  mark() { this.badge.textContent = remarksOn(this); }
+  mark() { this.elements.badge.textContent = remarksOn(this); }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
@@ -175,7 +152,7 @@ class LiveViewPage {
 
   writeCamera() {
     this.camera.write();
-    this.still?.ask();
+    this.still?.request();
   }
 
   /** @param {string} view */
@@ -185,8 +162,6 @@ class LiveViewPage {
     this.touch();
     this.writeCamera();
   }
-
-  reset() { this.showView("home"); }
 
   // -- start, loss and return of WebGL -------------------------------------------------------------------------------
 
@@ -216,15 +191,15 @@ class LiveViewPage {
   hello(voxels = null) {
     const { caster } = this;
     this.send({ type: "hello", largest: caster?.largest ?? 0, renderer: caster?.name ?? "",
-      software: caster?.isSoftware ?? true, background: this.theme.name, ...(voxels && { voxels }) });
+      software: caster?.isSoftware ?? true, background: this.elements.theme.name, ...(voxels && { voxels }) });
   }
 
   /**
-   * Asks Python for half of the voxels, since the GPU does not hold the volume, until they are too few to look at.
+   * Requests half of the voxels from Python, since the GPU does not hold the volume, until they are too few to look at.
    * @param {MemoryError} why
    * @param {Vector3} shape
    */
-  #askForFewer(why, shape) {
+  #requestFewerVoxels(why, shape) {
     const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
     if (fewer < FEWEST) throw why;
     this.isScarce = true;
@@ -236,10 +211,11 @@ class LiveViewPage {
   /** @param {RayCaster} caster */
   #prepare(caster) {
     this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
-      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }), (loop) => this.tell(loop),
+      () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
+      (loop) => this.sendStats(loop),
       () => this.link.catchUp());
     caster.projection = this.model.get("projection");
-    caster.background = this.background;
+    caster.background = this.elements.background;
     this.setFolds();
     this.setClip();
   }
@@ -251,11 +227,11 @@ class LiveViewPage {
    * @param {string} text
    */
   fall(text) {
-    this.say(text);
+    this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
     this.caption();
-    this.still.ask();
+    this.still.request();
   }
 
   /** @param {Event} event */
@@ -272,7 +248,7 @@ class LiveViewPage {
     if (this.closed) return;
     this.still?.close();
     this.still = null;
-    this.say("");
+    this.showMessage("");
     this.caster = null;
     this.caster = this.#newCaster();
     if (!this.caster) return;
@@ -280,25 +256,25 @@ class LiveViewPage {
     this.setShows();
     this.setTable();
     if (!this.values || !this.info) return;
-    if (this.wasTooMuch) this.#askForFewer(new MemoryError(NOT_HELD), this.info.shape);
+    if (this.wasTooMuch) this.#requestFewerVoxels(new MemoryError(NOT_HELD), this.info.shape);
     else this.upload(this.info, this.values).catch((error) => this.fail(error));
   }
 
   // -- messages and traits -------------------------------------------------------------------------------------------
 
   /** @param {Message} content */
-  send(content) { this.model.send({ view: this.id, ...content }); }
+  send(content) { this.messages.send(content); }
 
   /**
    * @param {string} name
    * @param {(...given: any[]) => unknown} handler
    */
-  on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
+  on(name, handler) { this.messages.on(name, handler); }
 
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   #listen() {
@@ -323,7 +299,7 @@ class LiveViewPage {
    * @param {Bytes[]} buffers
    */
   receive(content, buffers) {
-    if (content.view && content.view !== this.id) return undefined; // for another front end of the same view
+    if (content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
     if (content.type === "still") return this.receiveStill(buffers[0]);
@@ -341,7 +317,7 @@ class LiveViewPage {
     this.values = null;
     this.mark();
     this.readCamera(true);
-    if (!this.caster) { this.still?.ask(); return; }
+    if (!this.caster) { this.still?.request(); return; }
     if (this.loader) this.loader.close();
     this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
       (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
@@ -349,9 +325,9 @@ class LiveViewPage {
 
   /** @param {boolean} isStuck */
   setStuck(isStuck) {
-    this.say(isStuck ? "The volume does not come. Is the kernel running?" : "");
+    this.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
-    const button = pageElement("button", "dnb-again", this.notice, { type: "button", ...OWN_KEYS });
+    const button = pageElement("button", "dnb-again", this.elements.notice, { type: "button", ...OWN_KEYS });
     button.textContent = "Try again";
     button.addEventListener("click", () => {
       if (!this.field) this.hello();
@@ -405,7 +381,7 @@ class LiveViewPage {
       done = await caster.setVolume(values, about, tick);
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
-      if (caster === this.caster && info === this.info) this.#askForFewer(error, shape);
+      if (caster === this.caster && info === this.info) this.#requestFewerVoxels(error, shape);
       return;
     }
     if (!done || caster !== this.caster) return;
@@ -450,10 +426,10 @@ class LiveViewPage {
    */
   confirm(seq) {
     if (!seq) return;
-    const tell = () => { if (!this.closed) this.send({ type: "seen", seq }); };
-    if (this.still) this.still.whenShown(tell);
-    else if (this.loop && this.caster?.isReady) this.loop.after.push(tell);
-    else tell();
+    const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
+    if (this.still) this.still.whenShown(confirm);
+    else if (this.loop && this.caster?.isReady) this.loop.after.push(confirm);
+    else confirm();
   }
 
   applyField() {
@@ -498,40 +474,37 @@ class LiveViewPage {
     this.loop.drawNow();
     /** @type {Blob | null} */
     const blob = await new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
-    if (blob) this.model.send({ view: this.id, type: "screenshot", id }, undefined, [await blob.arrayBuffer()]);
+    if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 
   /** @param {FrameLoop} loop */
-  tell(loop) {
+  sendStats(loop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
     this.send({ type: "stats", ...this.stats });
   }
 
   touch(held = false) {
-    if (this.info) { this.frames.write(this.camera, this.info.unit); this.cube.draw(this.info.views, this.camera); }
+    if (this.info) this.elements.follow(this.camera, this.info);
     this.spacePoints.draw();
     if (this.loop) this.loop.touch(held);
   }
 
   close() {
     this.closed = true;
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
+    this.messages.close();
     this.link.close();
     this.times.close();
     this.pointer.close();
     this.spacePoints.close();
-    this.observer.disconnect();
-    this.theme.close();
-    this.flicker.close();
     this.loader?.close();
     this.loop?.close();
     this.caster?.dispose();
     this.still?.close();
-    this.root.remove();
+    this.elements.close();
   }
 }
 
 /** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new LiveViewPage(model, el)); }
+function render({ model, el }) { return opened(new LiveVolumeView(model, el)); }
 
 export default { render };

@@ -3,7 +3,7 @@
 // The maps lie one behind the other, time is their third axis: what a GPU would blend between two texels is blended
 // here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
 
-import { busOf, holdBus, releaseBus } from "../sync/bus.js";
+import { FollowedModel } from "../sync/bus.js";
 import { floatsOf } from "./volume_loader.js";
 
 /** @import { Bus, Model, TimeDetail } from "../types.d.ts" */
@@ -14,56 +14,43 @@ import { floatsOf } from "./volume_loader.js";
 /** @typedef {{count: number, duration: number, maps: Float32Array, planar: PlanarField}} Moments maps of all moments */
 
 /**
- * @typedef {object} PlayedPage the live view whose field this changes
+ * @typedef {object} PlayedView the live view whose field this changes
  * @property {Model} model
  * @property {Field | null} field
- * @property {{ask(): void} | null} still
+ * @property {{request(): void} | null} still
  * @property {() => void} applyField
  * @property {(held: boolean) => void} touch
  */
 
 export class TimeLink {
-  /** @param {PlayedPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {PlayedView} view */
+  constructor(view) {
+    this.view = view;
     /** @type {Moments | null} */
     this.frames = null;
     /** @type {Bus | null} */
     this.bus = null;
     /** @type {Model | null} */
     this.player = null;
-    /** @type {string | Model | null} */
-    this.reference = null;
-    /** @type {object | null} */
-    this.ticket = null; // of the reference that is followed
-    /** @type {(() => void)[]} */
-    this.undo = [];
+    this.followed = new FollowedModel(view.model);
   }
 
   /** @param {string | Model | null} reference */
   async follow(reference) {
-    if (reference === this.reference) return;
+    if (reference === this.followed.reference) return; // following again tears nothing down
     this.close();
-    this.reference = reference;
-    if (!reference) return;
-    const ticket = {};
-    this.ticket = ticket;
-    const player = typeof reference === "string"
-      ? await this.page.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
-    if (this.ticket !== ticket) return; // another one was chosen meanwhile
+    const found = await this.followed.choose(reference);
+    if (!found) return;
+    const { model: player, bus } = found;
     this.player = player;
-    /** @type {Bus} */
-    const bus = busOf(player);
-    const uid = player.get("uid");
     this.bus = bus;
-    holdBus(bus);
     const moved = (/** @type {CustomEvent<TimeDetail>} */ event) => this.#show(event.detail);
     bus.addEventListener("deformnb:time", moved);
     // A player that is not drawn in this window has no clock here; its traits still change.
     const changed = () => { if (!bus.clock) this.#show({ time: player.get("time"), isPlaying: false }); };
     player.on("change:time", changed);
-    this.undo.push(() => bus.removeEventListener("deformnb:time", moved), () => player.off("change:time", changed),
-      () => releaseBus(bus, uid));
+    this.followed.ends.push(() => bus.removeEventListener("deformnb:time", moved),
+      () => player.off("change:time", changed));
     if (this.frames) this.#show({ time: this.time, isPlaying: false });
   }
 
@@ -89,18 +76,17 @@ export class TimeLink {
 
   /** @param {TimeDetail} moment */
   #show({ time, isPlaying }) {
-    const { page, frames } = this;
-    if (!frames || !page.field) return;
-    page.field = { ...page.field, planar: planarAt(frames, time) };
-    page.applyField();
-    page.touch(isPlaying); // while it plays only quick pictures are drawn
-    if (!isPlaying) page.still?.ask();
+    const { view, frames } = this;
+    if (!frames || !view.field) return;
+    view.field = { ...view.field, planar: planarAt(frames, time) };
+    view.applyField();
+    view.touch(isPlaying); // while it plays only quick pictures are drawn
+    if (!isPlaying) view.still?.request();
   }
 
   close() {
-    for (const step of this.undo) step();
-    this.undo = [];
-    this.ticket = this.player = this.bus = this.reference = null;
+    this.followed.end();
+    this.player = this.bus = null;
   }
 }
 

@@ -1,38 +1,38 @@
 // Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
 
 /** @import { Vector2 } from "../types.d.ts" */
-/** @import { ViewPage } from "./types.d.ts" */
+/** @import { VolumeViewLike } from "./types.d.ts" */
 /** @typedef {{left: number, top: number, width: number, height: number}} ScreenBox in CSS pixels */
 
 const TURN = 2.6; // radians for a drag across the smaller side of the view
 const KEY_TURN = Math.PI / 36;
 
 export class PointerControls {
-  /** @param {ViewPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {VolumeViewLike} view */
+  constructor(view) {
+    this.view = view;
     /** @type {Map<number, Vector2>} */
     this.points = new Map(); // the places of the pointers that are down, by their ids
     this.moving = false;
     this.rest = 0;
     this.closed = new AbortController();
-    const { canvas } = page, { signal } = this.closed;
+    const { canvas } = view, { signal } = this.closed;
     /**
      * @template {keyof HTMLElementEventMap} K
      * @param {K} name
      * @param {(event: HTMLElementEventMap[K]) => void} handler
      */
-    const add = (name, handler) => canvas.addEventListener(name, (event) => { if (page.info) handler(event); },
+    const add = (name, handler) => canvas.addEventListener(name, (event) => { if (view.info) handler(event); },
       { passive: false, signal });
     add("pointerdown", (e) => this.down(e));
     add("pointermove", (e) => this.move(e));
     add("pointerup", (e) => this.up(e));
     add("pointercancel", (e) => this.up(e));
     add("wheel", (e) => this.wheel(e));
-    add("dblclick", (e) => { if (!page.spacePoints.doubleClick(e)) page.reset(); });
+    add("dblclick", (e) => { if (!view.spacePoints.doubleClick(e)) view.showView("home"); });
     add("keydown", (e) => this.key(e));
-    canvas.addEventListener("webglcontextlost", (e) => page.lost(e), { signal });
-    canvas.addEventListener("webglcontextrestored", () => page.restored(), { signal });
+    canvas.addEventListener("webglcontextlost", (e) => view.lost(e), { signal });
+    canvas.addEventListener("webglcontextrestored", () => view.restored(), { signal });
   }
 
   get isBusy() { return this.points.size > 0; }
@@ -42,7 +42,7 @@ export class PointerControls {
    * @returns {ScreenBox}
    */
   box(x = 0) {
-    const whole = this.page.canvas.getBoundingClientRect(), { parts } = this.page.camera, width = whole.width / parts;
+    const whole = this.view.canvas.getBoundingClientRect(), { parts } = this.view.camera, width = whole.width / parts;
     const part = Math.max(0, Math.min(parts - 1, Math.floor((x - whole.left) / width)));
     return { left: whole.left + part * width, top: whole.top, width, height: whole.height };
   }
@@ -52,8 +52,8 @@ export class PointerControls {
   /** @param {PointerEvent} event */
   down(event) {
     if (event.button > 1) return; // the right button belongs to the browser
-    this.page.canvas.setPointerCapture(event.pointerId);
-    this.page.canvas.focus({ preventScroll: true });
+    this.view.canvas.setPointerCapture(event.pointerId);
+    this.view.canvas.focus({ preventScroll: true });
     this.points.set(event.pointerId, [event.clientX, event.clientY]);
     this.moving = false;
   }
@@ -65,14 +65,14 @@ export class PointerControls {
     /** @type {Vector2} */
     const now = [event.clientX, event.clientY];
     const dx = now[0] - before[0], dy = now[1] - before[1];
-    const { camera } = this.page, box = this.box(), small = Math.min(box.width, box.height);
+    const { camera } = this.view, box = this.box(), small = Math.min(box.width, box.height);
     if (this.points.size === 2) this.pinch(event.pointerId, before, now, box);
     else if (event.shiftKey || event.buttons === 4) this.pan(dx, dy, box);
     else if (event.altKey) camera.roll((-dx / small) * TURN);
     else camera.turn((dx / small) * TURN, (dy / small) * TURN);
     this.points.set(event.pointerId, now);
     this.moving = true;
-    this.page.touch(true);
+    this.view.touch(true);
   }
 
   /**
@@ -81,7 +81,7 @@ export class PointerControls {
    * @param {ScreenBox} box
    */
   pan(dx, dy, box) {
-    const { camera } = this.page, length = camera.height / box.height;
+    const { camera } = this.view, length = camera.height / box.height;
     camera.pan = [camera.pan[0] - dx * length, camera.pan[1] + dy * length];
   }
 
@@ -101,9 +101,9 @@ export class PointerControls {
   /** @param {PointerEvent} event */
   up(event) {
     if (!this.points.delete(event.pointerId) || this.points.size) return;
-    if (this.page.loop) this.page.loop.release();
-    if (this.moving) this.page.writeCamera();
-    else if (event.type === "pointerup") this.page.flicker.press(false);
+    if (this.view.loop) this.view.loop.release();
+    if (this.moving) this.view.writeCamera();
+    else if (event.type === "pointerup") this.view.flicker.press(false);
   }
 
   /**
@@ -112,7 +112,7 @@ export class PointerControls {
    * @param {{clientX: number, clientY: number} | null} at
    */
   zoom(factor, at = null) {
-    const { camera } = this.page, { full } = camera;
+    const { camera } = this.view, { full } = camera;
     const height = Math.min(8 * full, Math.max(full / 60, camera.height / factor)), change = camera.height - height;
     if (at) {
       const { clientX: x, clientY: y } = at, box = this.box(x);
@@ -127,32 +127,32 @@ export class PointerControls {
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);
     this.zoom(Math.exp(-Math.max(-300, Math.min(300, pixels)) * 0.0016), event);
-    this.page.touch();
+    this.view.touch();
     this.later();
   }
 
   /** Sends one message to Python when the wheel or a key rests, not one for each notch. */
   later() {
     clearTimeout(this.rest);
-    this.rest = setTimeout(() => { if (!this.page.closed) this.page.writeCamera(); }, 300);
+    this.rest = setTimeout(() => { if (!this.view.closed) this.view.writeCamera(); }, 300);
   }
 
   /** @param {KeyboardEvent} event */
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const { camera } = this.page, step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
+    const { camera } = this.view, step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
     /** @type {Record<string, Vector2>} */
     const turns = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
-    if (event.key === " " && !this.page.flicker.press(true)) return;
+    if (event.key === " " && !this.view.flicker.press(true)) return;
     if (turns[event.key]) camera.turn(...turns[event.key]);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);
     else if (event.key === "-") this.zoom(1 / 1.2);
-    else if (event.key === "0") this.page.reset();
+    else if (event.key === "0") this.view.showView("home");
     else if (event.key !== " ") return;
     event.preventDefault(); // and not to the notebook, whose cells listen to the same keys
     event.stopPropagation();
     if (event.key === " ") return;
-    this.page.touch();
+    this.view.touch();
     if (event.key !== "0") this.later();
   }
 }

@@ -57,7 +57,7 @@ export class FrameLoop {
     this.scale = caster.isSoftware ? 0.3 : 0.7;
     this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
     this.moved = 0;
-    this.wanted = false;
+    this.isRequested = false;
     /** @type {Work | null} */
     this.work = null;
     this.held = false;
@@ -88,7 +88,7 @@ export class FrameLoop {
   touch(held = false) {
     this.held = held;
     this.moved = performance.now();
-    this.wanted = true;
+    this.isRequested = true;
     this.work = null;
     this.drawn = {};
     this.#plan(0);
@@ -113,7 +113,7 @@ export class FrameLoop {
   flip(layer) {
     this.layer = layer;
     if (this.drawn[layer]) this.#present();
-    else { this.wanted = true; this.#plan(0); }
+    else { this.isRequested = true; this.#plan(0); }
   }
 
   close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame); }
@@ -132,7 +132,7 @@ export class FrameLoop {
     if (this.closed || !this.caster.isReady || this.caster.gl.isContextLost()) return;
     const { settle } = this.options(), idle = performance.now() - this.moved;
     if (this.rush) this.#piece(this.rush);
-    else if (this.wanted) this.#quick();
+    else if (this.isRequested) this.#quick();
     else if (this.held || idle < settle) this.#plan(Math.max(16, settle - idle));
     else this.#refine();
   }
@@ -169,7 +169,7 @@ export class FrameLoop {
   }
 
   #quick() {
-    this.wanted = false;
+    this.isRequested = false;
     this.#settle();
     const [w, h] = this.size;
     const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
@@ -215,11 +215,11 @@ export class FrameLoop {
     this.quickCost = rush.spent / (width * height);
     const change = Math.sqrt((0.5 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
     this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
-    for (const tell of this.after.splice(0)) tell();
+    for (const callback of this.after.splice(0)) callback();
     if (this.caster.isSoftware) this.restUntil = performance.now() + Math.min(MOST_REST, REST_SHARE * ms);
   }
 
-  /** Makes the changes that were wanted while a picture was being drawn. */
+  /** Makes the changes that were requested while a picture was being drawn. */
   #settle() {
     this.catchUp();
     const { change } = this;

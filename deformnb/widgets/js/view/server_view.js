@@ -2,16 +2,15 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import { OWN_KEYS, pageElement } from "../ui/dom.js";
-import { OrientationCube } from "../ui/orientation_cube.js";
-import { aboutShown, captionsOf, Flicker, Frames, listen, opened, PageTheme, sized } from "../ui/view_parts.js";
+import { pageElement } from "../ui/dom.js";
+import { opened } from "../ui/view_parts.js";
 import { PointerControls } from "./pointer.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
+import { ViewElements, ViewMessages } from "./view_elements.js";
 import { bytesOf } from "./volume_loader.js";
 
 /** @import { Model } from "../types.d.ts" */
-/** @import { PageTheme as Theme } from "../ui/view_parts.js" */
 /** @import { Bytes, VolumeInfo } from "./types.d.ts" */
 /** @import { Message } from "./volume_loader.js" */
 
@@ -19,16 +18,21 @@ const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of th
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
-export class ServerViewPage {
+export class ServerVolumeView {
   /**
    * @param {Model} model
    * @param {HTMLElement} el
    */
   constructor(model, el) {
     this.model = model;
-    this.id = Math.random().toString(36).slice(2, 12);
     this.closed = false;
-    this.shown = this.shows;
+    this.messages = new ViewMessages(model, (error) => this.fail(error));
+    this.elements = new ViewElements(model, el, "dnb-volume", { showView: (view) => this.showView(view),
+      rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); }, resized: () => this.size() });
+    this.root = this.elements.root;
+    this.canvas = this.elements.canvas;
+    this.flicker = this.elements.flicker;
+    this.shown = this.elements.shows;
     /** @type {VolumeInfo | null} */
     this.info = null;
     /** @type {ImageBitmap[]} */
@@ -46,23 +50,9 @@ export class ServerViewPage {
     this.loop = { release() {} }; // Python decides when to draw
     /** @type {HTMLIFrameElement | null} */
     this.inner = null;
-    /** @type {[string, (...given: any[]) => void][]} */
-    this.handlers = [];
     this.camera = new ViewCamera(this);
-
-    this.host = el;
-    this.root = pageElement("div", "dnb-view dnb-volume", el);
-    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
-    this.frames = new Frames(this.root);
-    this.cube = new OrientationCube(this.root, (view) => this.showView(view), () => this.reset());
     this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
-    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
-    this.badge = pageElement("div", "dnb-badge", this.root);
-    this.theme = new PageTheme(this.root, () => this.size());
-    this.flicker = new Flicker(this.root, () => { this.caption(); this.paint(); });
     this.wait("Preparing the picture \u2026");
-    this.observer = new ResizeObserver(() => this.size());
-    this.observer.observe(this.root);
 
     this.#listen();
     this.pointer = new PointerControls(this);
@@ -70,7 +60,7 @@ export class ServerViewPage {
     this.readInfo();
     this.size();
     this.setShows();
-    this.ask = setTimeout(() => {
+    this.greeting = setTimeout(() => {
       if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
     }, LONG);
   }
@@ -88,13 +78,13 @@ export class ServerViewPage {
    * @param {string} name
    * @param {(...given: any[]) => unknown} handler
    */
-  on(name, handler) { listen(this.model, name, handler, this.handlers, (error) => this.fail(error)); }
+  on(name, handler) { this.messages.on(name, handler); }
 
   /** @param {Message} content */
-  send(content) { this.model.send({ view: this.id, ...content }); }
+  send(content) { this.messages.send(content); }
 
   /** @param {string} text */
-  say(text) { this.notice.textContent = text || ""; this.notice.hidden = !text; }
+  showMessage(text) { this.elements.showMessage(text); }
 
   /** @param {string} text */
   wait(text) { this.waiting.textContent = text; this.waiting.hidden = !text; }
@@ -102,26 +92,27 @@ export class ServerViewPage {
   /** @param {unknown} error */
   fail(error) {
     console.error(error);
-    this.say(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
+    this.showMessage(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
   }
 
   // -- size, theme, captions -----------------------------------------------------------------------------------------
 
   size() {
     if (this.closed) return;
-    const wanted = this.model.get("background");
-    this.root.dataset.background = wanted === "auto" ? this.theme.name : wanted;
-    const [w, h] = sized(this.root, this.host, this.model).map((n) => Math.min(4096, Math.max(16, n)));
-    const now = { width: w, height: h, background: this.theme.name,
+    const { background, theme } = this.elements;
+    this.root.dataset.background = background;
+    const [w, h] = this.elements.size.map((n) => Math.min(4096, Math.max(16, n)));
+    const now = { width: w, height: h, background: theme.name,
       ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
-    const said = JSON.stringify(now);
-    if (said === this.sized) return;
+    const sent = JSON.stringify(now);
+    if (sent === this.sized) return;
     this.camera.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
     this.paint();
     this.touchParts();
     clearTimeout(this.resizing);
-    const tell = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = said; };
-    if (this.sized) this.resizing = setTimeout(tell, 120); else tell(); // a window that is dragged larger sends it once
+    const report = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = sent; };
+    // A window that is dragged larger sends it once.
+    if (this.sized) this.resizing = setTimeout(report, 120); else report();
   }
 
   /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
@@ -129,7 +120,7 @@ export class ServerViewPage {
 
   /** @param {Message} content */
   frame({ view, url }) {
-    if (view !== this.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
+    if (view !== this.messages.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
     this.inner = pageElement("iframe", "dnb-inner", this.root,
       { src: url, title: this.canvas.getAttribute("aria-label") ?? "" });
@@ -138,19 +129,14 @@ export class ServerViewPage {
     this.wait("");
   }
 
-  /** @returns {string} */
-  get shows() { return this.model.get("shows") || "deformed"; }
-
   setShows() {
-    this.camera.reframed(() => { this.shown = this.shows; });
-    this.flicker.set(this.shows === "flicker");
+    const { shows } = this.elements;
+    this.camera.reframed(() => { this.shown = shows; });
+    this.flicker.set(shows === "flicker");
     this.caption();
   }
 
-  caption() {
-    this.frames.show(captionsOf(this.shows, this.flicker.layer));
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
-  }
+  caption() { this.elements.caption(this.flicker.layer); }
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
@@ -159,9 +145,9 @@ export class ServerViewPage {
    * @param {Bytes[]} buffers
    */
   receive(content, buffers) {
-    if (content.type === "notice") { this.say(String(content.text)); if (!this.drawn) this.wait(""); }
+    if (content.type === "notice") { this.showMessage(String(content.text)); if (!this.drawn) this.wait(""); }
     if (content.type === "trame") this.frame(content);
-    if (content.type === "badge") this.badge.textContent = String(content.text);
+    if (content.type === "badge") this.elements.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
@@ -170,7 +156,7 @@ export class ServerViewPage {
    * @param {Bytes[]} buffers
    */
   async receiveFrame({ seq, full, camera, by }, buffers) {
-    if (by === this.id) this.#answer(camera);
+    if (by === this.messages.id) this.#answer(camera);
     try {
       const made = await Promise.all(buffers.map((b) => (
         createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" })))));
@@ -213,8 +199,7 @@ export class ServerViewPage {
 
   touchParts() {
     if (!this.info) return;
-    this.frames.write(this.camera, this.info.unit);
-    this.cube.draw(this.info.views, this.camera);
+    this.elements.follow(this.camera, this.info);
     this.spacePoints.draw();
   }
 
@@ -241,8 +226,6 @@ export class ServerViewPage {
     if (this.isLate) this.#sendCamera();
   }
 
-  reset() { this.showView("home"); }
-
   /** @param {string} view */
   showView(view) {
     if (!this.info) return;
@@ -257,60 +240,56 @@ export class ServerViewPage {
 
   close() {
     this.closed = true;
-    for (const timer of [this.ask, this.resizing, this.retry]) clearTimeout(timer);
+    for (const timer of [this.greeting, this.resizing, this.retry]) clearTimeout(timer);
     this.send({ type: "bye" });
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
+    this.messages.close();
     this.pointer.close();
     this.spacePoints.close();
-    this.observer.disconnect();
-    this.theme.close();
-    this.flicker.close();
     for (const bitmap of this.layers) bitmap.close();
-    this.root.remove();
+    this.elements.close();
   }
 }
 
 /**
- * @typedef {object} UndrawnPage a front end that cannot draw
+ * @typedef {object} UndrawnView a front end that cannot draw
  * @property {Model} model
- * @property {string} id
- * @property {HTMLElement} host
+ * @property {ViewMessages} messages
+ * @property {ViewElements} elements
  * @property {HTMLElement} root
- * @property {Theme} theme
  * @property {(content: Message) => void} send
  */
 
 /** A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there. */
 export class StillPicture {
   /**
-   * @param {UndrawnPage} page
+   * @param {UndrawnView} view
    * @param {string} why
    */
-  constructor(page, why) {
-    this.page = page;
+  constructor(view, why) {
+    this.view = view;
     this.why = why;
-    /** @type {ServerViewPage | null} */
+    /** @type {ServerVolumeView | null} */
     this.pictures = null; // as soon as Python draws
     /** @type {(() => void) | null} */
     this.after = null; // called when a picture is shown
     /** @type {VolumeInfo | null} */
     this.info = null;
-    this.image = pageElement("img", "dnb-still", page.root, { alt: page.model.get("label") || "Volume" });
+    this.image = pageElement("img", "dnb-still", view.root, { alt: view.model.get("label") || "Volume" });
   }
 
   /** Requests pictures; Python answers that it draws, and does so from then on. */
-  ask() {
-    if (!this.pictures) this.page.send({ type: "still", background: this.page.theme.name });
+  request() {
+    if (!this.pictures) this.view.send({ type: "still", background: this.view.elements.theme.name });
   }
 
   /**
-   * Calls `tell` when there is a picture of what is shown now; with Python's own pictures at once.
-   * @param {() => void} tell
+   * Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once.
+   * @param {() => void} callback
    */
-  whenShown(tell) {
-    if (this.pictures) { tell(); return; }
-    this.after = tell;
-    this.ask();
+  whenShown(callback) {
+    if (this.pictures) { callback(); return; }
+    this.after = callback;
+    this.request();
   }
 
   /** @param {Bytes} png */
@@ -327,16 +306,16 @@ export class StillPicture {
   drawn(info) {
     if (info) this.inform(info);
     if (this.pictures) return;
-    const { page } = this, { model } = page;
+    const { view } = this, { model } = view;
     /** @type {Model} */
     const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
       set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
       on: (/** @type {string} */ name, /** @type {(...given: any[]) => void} */ call) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
-      send: (content) => model.send({ type: "drawn", view: page.id, say: content }) };
-    page.root.hidden = true;
-    this.pictures = new ServerViewPage(part, page.host);
-    this.pictures.say(this.why);
+      send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }) };
+    view.root.hidden = true;
+    this.pictures = new ServerVolumeView(part, view.elements.host);
+    this.pictures.showMessage(this.why);
     opened(this.pictures);
     this.#shown();
   }
@@ -358,7 +337,7 @@ export class StillPicture {
 
   close() {
     this.pictures?.close();
-    this.page.root.hidden = false;
+    this.view.root.hidden = false;
     URL.revokeObjectURL(this.image.src);
     this.image.remove();
   }

@@ -1,13 +1,13 @@
 // Control points in space over a view of the volume: shown, dragged, and put on what is seen. A view that has the
-// voxels as well (values, field, caster) knows which points lie behind the body and where a ray meets it. Points go to
-// Python by the sender of their own editor (sync/edits.js).
+// voxels as well (values, field, caster) determines which points lie behind the body and where a ray meets it. Points
+// go to Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.js";
 import { added, dot, scaled, unitVector } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
 import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.js";
 import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.js";
-import { busOf, holdBus, publishPoints, releaseBus, settingsOf } from "../sync/bus.js";
+import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
 import { pageElement, setAttributes, svgElement } from "../ui/dom.js";
 import { opacityOfByte } from "../webgl/volume_blocks.js";
@@ -17,7 +17,7 @@ import { opacityOfByte } from "../webgl/volume_blocks.js";
 /** @import { Bus, Model, Point, PointsDetail, Sides, Vector2 } from "../types.d.ts" */
 /** @import { PlanarField, SpaceField } from "../webgl/types.d.ts" */
 /** @import { ScreenBox } from "./pointer.js" */
-/** @import { Field, ViewPage, VolumeInfo } from "./types.d.ts" */
+/** @import { Field, VolumeViewLike, VolumeInfo } from "./types.d.ts" */
 
 /** @typedef {"target" | "source"} PointEnd */
 /** @typedef {{id: number, what: PointEnd}} Hit */
@@ -271,9 +271,9 @@ function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane
 // ---- points over the view -------------------------------------------------------------------------------------------
 
 export class SpacePoints {
-  /** @param {ViewPage} page */
-  constructor(page) {
-    this.page = page;
+  /** @param {VolumeViewLike} view */
+  constructor(view) {
+    this.view = view;
     this.id = Math.random().toString(36).slice(2, 12);
     /** @type {Model | null} */
     this.editor = null; // whose points are shown
@@ -281,12 +281,7 @@ export class SpacePoints {
     this.bus = null; // the editor's
     /** @type {Sender | null} */
     this.sender = null; // the editor's
-    /** @type {string | Model | null} */
-    this.reference = null;
-    /** @type {object | null} */
-    this.ticket = null; // of the reference that is followed
-    /** @type {(() => void)[]} */
-    this.undo = [];
+    this.followed = new FollowedModel(view.model);
     /** @type {Point[]} */
     this.points = [];
     /** @type {Set<number>} */
@@ -301,10 +296,10 @@ export class SpacePoints {
     this.order = []; // ids, the farthest first
     this.lookedAt = -Infinity;
     this.timer = 0;
-    this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, page.root);
+    this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, view.root);
     this.axisLine = svgElement("path", { class: "dnb-sp-axis", visibility: "hidden" }, this.svg);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
-    this.spoken = pageElement("div", "dnb-ed-spoken", page.root, { "aria-live": "polite" });
+    this.liveRegion = pageElement("div", "dnb-ed-spoken", view.root, { "aria-live": "polite" });
     this.closed = new AbortController();
     /**
      * @template {keyof SVGElementEventMap} K
@@ -321,28 +316,21 @@ export class SpacePoints {
     on("keydown", (e) => { if (this.key(e)) { e.preventDefault(); e.stopPropagation(); } });
     on("contextmenu", (e) => { e.preventDefault(); if (isRightClick(e)) this.remove(this.hit(e)); });
     on("dblclick", (e) => { e.preventDefault(); e.stopPropagation(); });
-    page.on("change:points_editor", () => this.follow(page.model.get("points_editor")));
-    this.follow(page.model.get("points_editor")).catch((error) => page.fail(error));
+    view.on("change:points_editor", () => this.follow(view.model.get("points_editor")));
+    this.follow(view.model.get("points_editor")).catch((error) => view.fail(error));
   }
 
   /** @param {string | Model | null} reference */
   async follow(reference) {
-    if (reference === this.reference) return;
+    if (reference === this.followed.reference) return; // following again tears nothing down
     this.leave();
-    this.reference = reference;
-    if (!reference) return;
-    const ticket = {};
-    this.ticket = ticket;
-    const editor = typeof reference === "string"
-      ? await this.page.model.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
-    if (this.ticket !== ticket) return;
-    /** @type {Bus} */
-    const bus = busOf(editor);
-    const uid = editor.get("uid"), sender = senderOf(bus, editor);
+    const found = await this.followed.choose(reference);
+    if (!found) return;
+    const { model: editor, bus } = found;
+    const sender = senderOf(bus, editor);
     this.editor = editor;
     this.bus = bus;
     this.sender = sender;
-    holdBus(bus);
     const moved = (/** @type {CustomEvent<PointsDetail>} */ { detail }) => {
       if (detail.origin === this.id || this.drag0) return;
       this.points = detail.phase === "move" ? detail.points : sender.points;
@@ -352,16 +340,16 @@ export class SpacePoints {
     bus.addEventListener("deformnb:points", moved);
     editor.on("change:selected", chosen);
     const unlisten = sender.listen((/** @type {string} */ what) => { if (what === "points") this.receive(); });
-    this.undo.push(unlisten, () => bus.removeEventListener("deformnb:points", moved),
-      () => editor.off("change:selected", chosen), () => releaseBus(bus, uid));
+    this.followed.ends.push(unlisten, () => bus.removeEventListener("deformnb:points", moved),
+      () => editor.off("change:selected", chosen));
     sender.receive();
     this.points = sender.points;
     chosen();
   }
 
   leave() {
-    for (const step of this.undo.splice(0)) step();
-    this.editor = this.ticket = this.reference = this.drag0 = null;
+    this.followed.end();
+    this.editor = this.drag0 = null;
     this.points = [];
     this.draw();
   }
@@ -371,7 +359,7 @@ export class SpacePoints {
     clearTimeout(this.timer);
     this.closed.abort();
     this.svg.remove();
-    this.spoken.remove();
+    this.liveRegion.remove();
   }
 
   /** The editor with what its views share; there must be one. */
@@ -399,7 +387,7 @@ export class SpacePoints {
 
   /** The projection of the picture in which points are seen: of two side by side the deformed one. */
   get camera() {
-    const { page } = this, { camera } = page, { info, middle } = camera, { clientWidth, clientHeight } = page.canvas;
+    const { view } = this, { camera } = view, { info, middle } = camera, { clientWidth, clientHeight } = view.canvas;
     const place = info.origin.map((o, row) => o + dot(info.axes[row], middle));
     const width = Math.max(1, clientWidth / camera.parts);
     return new SpaceCamera(camera, camera.bend, place,
@@ -407,10 +395,10 @@ export class SpacePoints {
   }
 
   draw() {
-    const { page, svg } = this, isShown = Boolean(this.editor && page.info?.origin && page.shown !== "original");
+    const { view, svg } = this, isShown = Boolean(this.editor && view.info?.origin && view.shown !== "original");
     svg.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) { this.handles.update([], this.selected, PIXELS, 0, 0); return; }
-    const { camera } = this, { clientWidth: width, clientHeight: height } = page.canvas;
+    const { camera } = this, { clientWidth: width, clientHeight: height } = view.canvas;
     setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
     const flat = this.points.map((p) => {
       const target = camera.see(p.target);
@@ -421,7 +409,7 @@ export class SpacePoints {
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
     const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
-    if (isFocusLost) page.canvas.focus({ preventScroll: true });
+    if (isFocusLost) view.canvas.focus({ preventScroll: true });
     this.#drawAxis(camera);
     this.#lookLater();
   }
@@ -438,8 +426,8 @@ export class SpacePoints {
 
   /** Marks the points that lie behind the body: a hundred steps for each, so not at every movement. */
   #lookLater() {
-    const now = performance.now(), { page } = this;
-    if (!page.values) return;
+    const now = performance.now(), { view } = this;
+    if (!view.values) return;
     clearTimeout(this.timer);
     if (now - this.lookedAt < LATER) { this.timer = setTimeout(() => this.draw(), LATER); return; }
     this.lookedAt = now;
@@ -452,7 +440,7 @@ export class SpacePoints {
   }
 
   get body() {
-    const { values, info, field, caster } = this.page;
+    const { values, info, field, caster } = this.view;
     if (!values || !info || !caster?.table) return null;
     return new Body({ values, info, field, table: caster.table.rgba, unit: caster.table.unit, clip: caster.clip });
   }
@@ -485,7 +473,7 @@ export class SpacePoints {
    * @returns {Vector2}
    */
   place(event) {
-    const box = this.page.canvas.getBoundingClientRect();
+    const box = this.view.canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
@@ -567,7 +555,7 @@ export class SpacePoints {
   remove(hit) {
     if (!hit || this.isLocked) return;
     this.edited.sender.edit(removedPoints(this.points, [hit.id]), "remove");
-    this.spoken.textContent = `point ${hit.id} deleted`;
+    this.liveRegion.textContent = `point ${hit.id} deleted`;
   }
 
   /**
@@ -575,7 +563,7 @@ export class SpacePoints {
    * @param {MouseEvent} event
    */
   doubleClick(event) {
-    if (!this.editor || this.isLocked || this.page.shown === "original") return false;
+    if (!this.editor || this.isLocked || this.view.shown === "original") return false;
     const at = this.place(event), { body, camera } = this, { sender } = this.edited;
     if (!body || at[0] < camera.box.left) return false;
     const place = body.surface(camera.ray(at));
@@ -584,7 +572,7 @@ export class SpacePoints {
     sender.edit(addedPoint(this.points, id, place, place), "add"); // Python finds where it takes hold
     this.select([id]);
     this.handles.focus(id);
-    this.spoken.textContent = `point ${id} added`;
+    this.liveRegion.textContent = `point ${id} added`;
     return true;
   }
 
@@ -626,7 +614,7 @@ export class SpacePoints {
    */
   #lock(axis) {
     this.axis = this.axis === axis ? null : axis;
-    this.spoken.textContent = this.axis === null ? "free" : `along ${"xyz"[axis]} only`;
+    this.liveRegion.textContent = this.axis === null ? "free" : `along ${"xyz"[axis]} only`;
     if (this.drag0 && this.held?.at) this.#dragTo(this.held, this.held.at);
     else this.draw();
   }
@@ -637,7 +625,7 @@ export class SpacePoints {
    * @param {number} voxels
    */
   #nudge(id, by, voxels) {
-    const p = this.points.find((q) => q.id === id), length = voxels * Math.min(...this.page.camera.info.spacing);
+    const p = this.points.find((q) => q.id === id), length = voxels * Math.min(...this.view.camera.info.spacing);
     if (!p || this.isLocked) return;
     if (!this.selected.has(id)) this.select([id]);
     const way = unitVector(this.#way(p.target, by)), ids = [...this.selected];

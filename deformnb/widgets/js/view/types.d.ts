@@ -1,4 +1,4 @@
-// Shapes of what the pages of a view share.
+// Shapes of what the front ends of a view share.
 
 import type { Model, Sides, Vector2, Vector3 } from "../types.d.ts";
 import type { Flicker } from "../ui/view_parts.js";
@@ -12,19 +12,19 @@ import type { ViewCamera } from "./view_camera.js";
 export type Bytes = DataView<ArrayBuffer> | Uint8Array<ArrayBuffer> | ArrayBuffer;
 
 /** A direction of view and what is up in the picture. */
-export interface Look {
+export interface ViewDirection {
   direction: Vector3;
   up: Vector3;
 }
 
 /** The trait "camera". */
-export interface CameraTrait extends Partial<Look> {
+export interface CameraTrait extends Partial<ViewDirection> {
   pan?: Vector2;
   zoom?: number;
   perspective?: boolean;
 }
 
-/** The trait "volume_info". That of a page of pictures has neither voxels nor what is told of them. */
+/** The trait "volume_info". That of a view of pictures has neither voxels nor facts about them. */
 export interface VolumeInfo {
   id: string;
   shape: Vector3;
@@ -44,7 +44,7 @@ export interface VolumeInfo {
   note: string;
   unit: string;
   /** Looks by the name of a side, and "home". */
-  views: Record<string, Look>;
+  views: Record<string, ViewDirection>;
 }
 
 /** The displacement that is shown. */
@@ -57,8 +57,8 @@ export interface Field {
   space: SpaceField | null;
 }
 
-/** The page of a view, as its camera, its pointer and its points need it. */
-export interface ViewPage {
+/** The front end of a view, as its camera, its pointer and its points need it. */
+export interface VolumeViewLike {
   model: Model;
   root: HTMLElement;
   canvas: HTMLCanvasElement;
@@ -71,7 +71,7 @@ export interface ViewPage {
   pointer: PointerControls;
   loop: { release(): void } | null;
   spacePoints: SpacePoints;
-  /** Of a page that has the voxels. */
+  /** Of a view that has the voxels. */
   values?: Uint8Array | null;
   field?: Field | null;
   caster?: RayCaster | null;
@@ -79,7 +79,7 @@ export interface ViewPage {
   fail(error: unknown): void;
   touch(held?: boolean): void;
   writeCamera(): void;
-  reset(): void;
+  showView(view: string): void;
   lost(event: Event): void;
   restored(): void;
 }

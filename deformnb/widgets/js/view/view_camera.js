@@ -3,27 +3,27 @@
 import { Camera } from "../maths/camera.js";
 import { boxCorners } from "../ui/view_parts.js";
 
-/** @import { CameraTrait, Look, ViewPage } from "./types.d.ts" */
+/** @import { CameraTrait, ViewDirection, VolumeViewLike } from "./types.d.ts" */
 
 const PERSPECTIVE = 0.7; // bend of a camera with perspective
 
 export class ViewCamera extends Camera {
-  /** @param {ViewPage} page */
-  constructor(page) {
+  /** @param {VolumeViewLike} view */
+  constructor(view) {
     super();
-    this.page = page;
+    this.view = view;
     this.isWriting = false;
   }
 
   /** Facts about the volume; there must be one. */
   get info() {
-    const { info } = this.page;
+    const { info } = this.view;
     if (!info) throw new Error("there is no volume yet");
     return info;
   }
 
   /** The box of what is shown, in the volume's own frame. */
-  get box() { return this.page.field?.box || this.info.box; }
+  get box() { return this.view.field?.box || this.info.box; }
 
   /** The middle of the box, in the volume's own frame. */
   get middle() {
@@ -32,11 +32,11 @@ export class ViewCamera extends Camera {
   }
 
   /** Pictures side by side. */
-  get parts() { return this.page.shown === "side_by_side" ? 2 : 1; }
+  get parts() { return this.view.shown === "side_by_side" ? 2 : 1; }
 
   /** Width by height of one picture. */
   get aspect() {
-    const { width, height } = this.page.canvas;
+    const { width, height } = this.view.canvas;
     return width / this.parts / height;
   }
 
@@ -46,27 +46,27 @@ export class ViewCamera extends Camera {
   /** The value of the trait. */
   get trait() {
     const { direction, up, pan, height } = this;
-    return { ...this.page.model.get("camera"), direction, up, pan: [...pan], zoom: this.full / height };
+    return { ...this.view.model.get("camera"), direction, up, pan: [...pan], zoom: this.full / height };
   }
 
   /** Takes the value of the trait, but not while the user turns the picture; false if it did not. */
   read(isForced = false) {
-    const { page } = this;
-    if (!page.info || (!isForced && (this.isWriting || page.pointer.isBusy))) return false;
+    const { view } = this;
+    if (!view.info || (!isForced && (this.isWriting || view.pointer.isBusy))) return false;
     /** @type {CameraTrait} */
-    const wanted = page.model.get("camera") || {};
-    this.look(wanted.direction || [0.4, 1, -0.3], wanted.up);
-    this.pan = [...(wanted.pan || [0, 0])];
-    this.bend = wanted.perspective ? PERSPECTIVE : 0;
-    this.height = this.full / (wanted.zoom || 1);
+    const camera = view.model.get("camera") || {};
+    this.look(camera.direction || [0.4, 1, -0.3], camera.up);
+    this.pan = [...(camera.pan || [0, 0])];
+    this.bend = camera.perspective ? PERSPECTIVE : 0;
+    this.height = this.full / (camera.zoom || 1);
     return true;
   }
 
   write() {
-    const { page } = this;
+    const { view } = this;
     this.isWriting = true; // our own change must not come back as if Python had made it
-    page.model.set("camera", this.trait);
-    page.model.save_changes();
+    view.model.set("camera", this.trait);
+    view.model.save_changes();
     this.isWriting = false;
   }
 
@@ -75,14 +75,14 @@ export class ViewCamera extends Camera {
    * @param {() => void} change
    */
   reframed(change) {
-    const zoom = this.page.info ? this.full / this.height : 0;
+    const zoom = this.view.info ? this.full / this.height : 0;
     change();
     if (zoom) this.height = this.full / zoom;
   }
 
   /**
    * Sees all of the box.
-   * @param {Look} look
+   * @param {ViewDirection} look
    */
   seeAll({ direction, up }) {
     this.look(direction, up);

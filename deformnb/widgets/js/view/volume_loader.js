@@ -29,18 +29,18 @@ async function unpacked(bytes) {
 export class VolumeLoader {
   /**
    * @param {{id: string, shape: Vector3, chunks: number}} info of the volume; chunks: the number of pieces
-   * @param {(index: number) => void} ask requests a piece
+   * @param {(index: number) => void} request requests a piece
    * @param {(share: number) => void} progress
    * @param {(isStuck: boolean) => void} stuck gets true where pieces have been lost again and again, false if one has
    *   come after all
    */
-  constructor({ id, shape, chunks }, ask, progress, stuck = () => {}) {
+  constructor({ id, shape, chunks }, request, progress, stuck = () => {}) {
     this.id = id;
     this.chunks = chunks;
-    this.ask = ask;
+    this.request = request;
     this.progress = progress;
     this.stuck = stuck;
-    this.asked = 0; // pieces that have been requested
+    this.requested = 0; // pieces that have been requested
     this.isOver = false;
     this.isStuck = false;
     this.tries = 0;
@@ -48,7 +48,7 @@ export class VolumeLoader {
     this.values = new Uint8Array(shape[0] * shape[1] * shape[2]);
     this.missing = new Set(Array.from({ length: chunks }, (_, index) => index));
     progress(0);
-    while (this.asked < Math.min(IN_FLIGHT, chunks)) ask(this.asked++);
+    while (this.requested < Math.min(IN_FLIGHT, chunks)) request(this.requested++);
     this.#watch();
   }
 
@@ -69,7 +69,7 @@ export class VolumeLoader {
     this.#setStuck(false);
     this.progress((this.chunks - this.missing.size) / this.chunks);
     if (this.missing.size === 0) { this.close(); return this.values; }
-    if (this.asked < this.chunks) this.ask(this.asked++);
+    if (this.requested < this.chunks) this.request(this.requested++);
     this.#watch();
     return null;
   }
@@ -78,7 +78,7 @@ export class VolumeLoader {
   again() {
     this.tries = 0;
     this.#setStuck(false);
-    this.#askAgain();
+    this.#requestMissing();
   }
 
   close() {
@@ -86,8 +86,8 @@ export class VolumeLoader {
     clearTimeout(this.timer);
   }
 
-  #askAgain() {
-    for (const index of this.missing) if (index < this.asked) this.ask(index);
+  #requestMissing() {
+    for (const index of this.missing) if (index < this.requested) this.request(index);
     this.#watch();
   }
 
@@ -96,7 +96,7 @@ export class VolumeLoader {
     this.timer = setTimeout(() => {
       this.tries += 1;
       if (this.tries > LOADER_TRIES) this.#setStuck(true); // a piece that comes late is taken all the same
-      else this.#askAgain();
+      else this.#requestMissing();
     }, LOADER_PATIENCE * 2 ** this.tries);
   }
 

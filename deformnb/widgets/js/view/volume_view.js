@@ -1,11 +1,11 @@
 // The volume view: pictures that Python draws.
 
 import { opened } from "../ui/view_parts.js";
-import { ServerViewPage } from "./server_view.js";
+import { ServerVolumeView } from "./server_view.js";
 
 /** @import { Model } from "../types.d.ts" */
 
 /** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new ServerViewPage(model, el)); }
+function render({ model, el }) { return opened(new ServerVolumeView(model, el)); }
 
 export default { render };

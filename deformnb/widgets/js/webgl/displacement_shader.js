@@ -1,14 +1,8 @@
 // The part of the ray caster's shader that finds the origin of a place of the result: maps over a plane, samples in
 // space, and the regions beside cuts. Lengths are physical, along the index axes of the volume (its own frame).
 
-// A uniform of the shader has this many places; below 1024 numbers every GPU takes it.
-export const MOST_REGIONS = 32;
-
-/**
- * The sides of a region as one number: bit c is set inside cut c.
- * @param {boolean[]} sides
- */
-export function bitsOf(sides) { return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0); }
+import CUT_CHOICE from "../../glsl/cut_choice.glsl";
+import { MOST_REGIONS } from "./region_bits.js";
 
 export const DISPLACEMENT = `
 uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map
@@ -50,37 +44,20 @@ float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is 
 float firm;    // how far one may go until another region may count, or what counts may begin or end
 uniform float softness, faceWidth;
 
-float covered(float depth, float width) { return clamp(.5 + depth / width, 0., 1.); }
+${CUT_CHOICE}
+// The choice as far as the place's own region goes, into which its map leads by a depth; edge: distance of the place to
+// the region's boundary; wide: how far it is covered with the ramp of a cut face.
+Choice fromOwn(int own, float depth, float edge, out float wide) {
+  firm = min(firm, min(edge, abs(depth) - .5 * softness));
+  wide = covered(depth, faceWidth);
+  return begun(own, covered(depth, softness));
+}
 
-// The choice at a cut (Eq. 8), of the plane as of space. A place may come from each region, as far as the region's own
-// map leads into that region: so far it is covered. What is seen there is of the place's own region if at least half of
-// the place is covered from it, else of the region that covers most.
-struct Choice { int region; float best, cover, wide; bool isSure; };
-
-// Adds a region whose map leads from the place to depth in it; true if it is the one that is seen so far.
-bool adds(inout Choice choice, int region, float depth) {
-  float cover = covered(depth, softness);
-  bool isBest = !choice.isSure && cover > choice.best;
+// Adds another region into which its map leads from the place; true if it is the one that is seen so far.
+bool fromOther(inout Choice choice, inout float wide, int region, float depth) {
   firm = min(firm, abs(depth) - .5 * softness);
-  choice.cover += cover;
-  choice.wide += covered(depth, faceWidth);
-  if (isBest) { choice.best = cover; choice.region = region; }
-  return isBest;
-}
-
-// The choice as far as the place's own region goes; edge: distance of the place to the region's boundary.
-Choice begun(int own, float depth, float edge) {
-  Choice choice = Choice(own, -1., 0., 0., false);
-  firm = min(firm, edge);
-  adds(choice, own, depth);
-  choice.isSure = choice.best >= .5;
-  return choice;
-}
-
-// The rule "paper" knows no other region; what of the place belongs to its own one is all that can be covered.
-void closeByPlace(inout Choice choice, float edge) {
-  choice.cover /= covered(max(edge, 0.), softness);
-  choice.wide /= covered(max(edge, 0.), faceWidth);
+  wide += covered(depth, faceWidth);
+  return adds(choice, region, covered(depth, softness));
 }
 
 // A half and a half are one, nearly, as far as the digits of the textures go.
@@ -119,20 +96,22 @@ vec3 fromPlane(vec3 x) {
   bool isNear = depth < .5 * faceWidth;
   float known = into(own, at + d * cutScale, isNear ? cutCount : 0);
   if (isNear) depth = known;
-  Choice choice = begun(own, depth, edge);
+  float wide;
+  Choice choice = fromOwn(own, depth, edge, wide);
 #ifdef BY_PLACE
-  closeByPlace(choice, edge);
+  choice.cover = closedByPlace(choice.cover, edge, softness);
+  wide = closedByPlace(wide, edge, faceWidth);
 #else
-  int others = choice.wide < 1. ? regionCount : 0;
+  int others = wide < 1. ? regionCount : 0;
   for (int r = 0; r < others; r++) {
     if (r == own) continue;
     vec2 other = planar(x, r);
-    if (adds(choice, r, into(r, at + other * cutScale, cutCount))) d = other;
+    if (fromOther(choice, wide, r, into(r, at + other * cutScale, cutCount))) d = other;
   }
 #endif
   chosen = choice.region;
   seen = whole(choice.cover, .999);
-  closed = whole(choice.wide, .999);
+  closed = whole(wide, .999);
   return x + axisU * d.x + axisV * d.y;
 }
 #endif
@@ -155,21 +134,23 @@ vec3 fromSpace(vec3 x) {
     if (d > edge) { edge = d; own = r; }
   }
   vec4 move = textureLod(space, inLayer(x, own), 0.);
-  Choice choice = begun(own, move.w, edge);
+  float wide;
+  Choice choice = fromOwn(own, move.w, edge, wide);
 #ifdef SPACE_BY_PLACE
-  closeByPlace(choice, edge);
+  choice.cover = closedByPlace(choice.cover, edge, softness);
+  wide = closedByPlace(wide, edge, faceWidth);
 #else
-  int others = choice.wide < 1. ? spaceRegions : 0;
+  int others = wide < 1. ? spaceRegions : 0;
   for (int r = 0; r < others; r++) {
     if (r == own) continue;
     vec4 other = textureLod(space, inLayer(x, r), 0.);
-    if (adds(choice, r, other.w)) move = other;
+    if (fromOther(choice, wide, r, other.w)) move = other;
   }
 #endif
   chosenInSpace = choice.region;
   // In half precision a half and a half are not quite one.
   seen *= whole(choice.cover, .99) * textureLod(depths, inLayer(x, chosenInSpace), 0.).g;
-  closed *= whole(choice.wide, .99);
+  closed *= whole(wide, .99);
   return x + move.xyz;
 }
 #endif

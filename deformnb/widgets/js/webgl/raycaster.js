@@ -1,5 +1,5 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
-// It knows no widget and no pointer; all that comes in is arrays and numbers.
+// It has no widget and no pointer; all that comes in is arrays and numbers.
 
 /** @import { Sides, Vector3 } from "../types.d.ts" */
 /**
@@ -9,7 +9,7 @@
 
 import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
-import { bitsOf } from "./displacement_shader.js";
+import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, PRESENT, VERTEX } from "./ray_shader.js";
 import {
@@ -77,7 +77,7 @@ function toTextures({ origin, u, v, n }, starts, lengths) {
 }
 
 /**
- * The abilities that the shader needs, and no more: what nobody needs costs nothing.
+ * The abilities that the shader needs, and no more: what is not needed costs nothing.
  * @param {string} projection
  * @param {CastPlanar | null} planar
  * @param {CastSpace | null} space
@@ -86,13 +86,13 @@ function definesOf(projection, planar, space, folds = false, clipped = false) {
   const cut = planar?.cut, early = space?.cut;
   const isPaper = (/** @type {{rule?: string} | null | undefined} */ c) => c?.rule === "paper";
   /** @type {Record<string, unknown>} */
-  const wanted = {
+  const needed = {
     PLANAR: planar, WEIGHTED: planar && !planar.isReplicated, SPACE: space, WARPED: planar || space,
     MIP: projection === "mip", SHADED: projection === "shaded",
     CUT: cut || early, PLANE_CUT: cut, BY_PLACE: isPaper(cut), SPACE_CUT: early, SPACE_BY_PLACE: isPaper(early),
     FOLDS: folds && (planar || space), CLIPPED: clipped && projection === "shaded",
   };
-  return Object.keys(wanted).filter((name) => wanted[name]);
+  return Object.keys(needed).filter((name) => needed[name]);
 }
 
 // ---- the ray caster -------------------------------------------------------------------------------------------------
@@ -515,9 +515,9 @@ export class RayCaster {
       gl.uniform3fv(at.toMap0, planar.toMap.offset);
     }
     if (planar?.cut) this.#setCutNumbers(at, planar.cut);
-    const wanted = planar?.cut ? planar.softness : space?.cut?.softness;
-    if (wanted !== undefined) {
-      const softness = Math.max(wanted, finest);
+    const needed = planar?.cut ? planar.softness : space?.cut?.softness;
+    if (needed !== undefined) {
+      const softness = Math.max(needed, finest);
       gl.uniform1f(at.softness, softness);
       gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
       gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: sampled distances are not quite such

@@ -61,7 +61,7 @@ export interface PlaneCut {
   distances: Float32Array;
   /** Of each region, whether it lies inside of each cut. */
   sides: boolean[][];
-  /** One of CUT_RULES; it may be missing of cuts that have just been drawn. */
+  /** A name of the CUT_RULES of Python; it may be missing of cuts that have just been drawn. */
   rule?: string;
   /** What names the distances that Python has sent. */
   id?: string;

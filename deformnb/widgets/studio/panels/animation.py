@@ -31,7 +31,8 @@ _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
 _EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
 _STYLE = {"description_width": "initial"}
-# The front end tells where it has stopped only after an edit has stopped it: that shall not hide the edit again.
+# The front end reports the time at which it has stopped only after an edit has stopped it: that shall not hide the
+# edit again.
 _LATE = 1.0
 
 
@@ -220,8 +221,8 @@ class MovieControls:
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
         self.cancel = button("Cancel", "Stop; no half file is left", self._stop.set)
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
-        self.said = ipw.Label("")
-        self.box = row(self.kind, self.name, self.fps, self.write, self.cancel, self.bar, self.said)
+        self.message = ipw.Label("")
+        self.box = row(self.kind, self.name, self.fps, self.write, self.cancel, self.bar, self.message)
         self.arrange(False)
 
     def _renamed(self, suffix: str) -> None:
@@ -241,23 +242,23 @@ class MovieControls:
         self._stop.clear()
         self._is_writing = True
         self.bar.value, self.bar.layout.visibility = 0.0, "visible"
-        self.said.value = f"Writing {path.name} ..."
+        self.message.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
         self._thread.call(lambda: self._do(path, frozen, fps))
 
     def _do(self, path: Path, frozen: Frozen, fps: float) -> None:
-        said = ""
+        message = ""
         try:
             with frozen.files.writing(path):
                 write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
-            said = f"Wrote {path.name}."
+            message = f"Wrote {path.name}."
         except Cancelled:
-            said = f"Stopped; {path.name} was not written."
+            message = f"Stopped; {path.name} was not written."
         except Exception as error:
             reason = error
             self._guard(raising(reason))
         finally:
-            self.said.value, self._is_writing = said, False
+            self.message.value, self._is_writing = message, False
             self.bar.layout.visibility = "hidden"
             self.arrange(self._has_keys)
 
@@ -265,7 +266,7 @@ class MovieControls:
         self.bar.value = done / max(total, 1)
 
     def wait(self, timeout: float = 120.0) -> None:
-        """Until nothing is being written. For scripts and tests."""
+        """Wait until nothing is being written. For scripts and tests."""
         self._thread.call(lambda: None).result(timeout)
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ receives a drag at its end.
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable
 from typing import Any
 
@@ -13,17 +14,16 @@ import ipywidgets as ipw
 import traitlets
 
 from deformnb._weak import weakly
-from deformnb.document.step_checks import LEAST
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, row, widget_of
-from deformnb.widgets.studio.diagnostics import (
+from deformnb.widgets.studio.step_diagnostics import (
     Diagnostics,
-    FoldActions,
-    UncertaintyCache,
+    StepDiagnostics,
     facts_html,
+    look_at_point,
     point_name,
     suspects_of,
 )
@@ -51,13 +51,13 @@ class DiagnosticsPanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, editors: Any, worker: Worker) -> None:
         super().__init__(session, guard)
         self._view, self._editors, self._worker = view, editors, worker
-        self._fold_actions, self._uncertainty = FoldActions(session), UncertaintyCache()
+        self._model = StepDiagnostics(session)
         self._shown: Diagnostics | None = None
         self._named: list[str] = []
         self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
-        self.said = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.said],
+        self.message = ipw.HTML("", layout=ipw.Layout(min_width="0"))
+        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.message],
                          layout=ipw.Layout(flex="1 1 425px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
@@ -66,8 +66,8 @@ class DiagnosticsPanel(Panel):
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _fold_buttons(self) -> list[Any]:
-        self.back = action_button("take_back", lambda: self._soon(lambda panel: panel._fold_actions.take_back()))
-        self.unfold = action_button("unfold", lambda: self._soon(lambda panel: panel._fold_actions.unfold()))
+        self.back = action_button("take_back", lambda: self._soon(lambda panel: panel._model.fold_actions.take_back()))
+        self.unfold = action_button("unfold", lambda: self._soon(lambda panel: panel._model.fold_actions.unfold()))
         self.stages = self.of_step(widget_of("stages", layout=ipw.Layout(width="240px")), "stages")
         self.stages.style.description_width = "48px"
         self.keep = widget_of("keep_free")
@@ -92,52 +92,36 @@ class DiagnosticsPanel(Panel):
             self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, _is_open))
 
     def _compute(self) -> None:
-        found = self._fold_actions.look(self.keep.value)
-        if found is None:
+        findings = self._model.compute(self._editors.plane.overlay)
+        if findings is None:
             return  # another one waits
+        found = findings.diagnostics
         if self._shown is not found:
             self._shown = found
             self.facts.value = facts_html(found)
             self._show_suspects(found)
-        self._show_uncertainty()
+        self.message.value = html.escape(findings.reason)
+        self._model.show(findings, self._editors.current, self._editors.plane)
 
     def _show_suspects(self, found: Diagnostics) -> None:
-        editor, points = self._editors.current, self.session.points
+        points = self.session.points
         text, known = suspects_of(found, points)
-        if editor.has_trait("marked"):
-            editor.marked = known
-        told = [text, *(point_name(points, i) for i in known)]
-        if told == self._named:
+        shown = [text, *(point_name(points, i) for i in known)]
+        if shown == self._named:
             return
-        self._named, old = told, self.suspects.children
+        self._named, old = shown, self.suspects.children
         self.suspects.children = (ipw.Label(text), *(self._suspect(points, i) for i in known))
         for widget in old:
             close_all(widget)
 
     def _suspect(self, points: ControlPoints, point: int) -> ipw.Button:
         return button(point_name(points, point), ACTIONS["look_at"].tooltip,
-                      lambda: self.guard(lambda: self._look_at(point)))
-
-    def _look_at(self, point: int) -> None:
-        editor = self._editors.current
-        if point in editor.points.ids:
-            editor.selected = [point]
-            editor.look_at(point)
+                      lambda: self.guard(lambda: look_at_point(self._editors.current, point)))
 
     # -- the uncertainty overlay ---------------------------------------------------------------------------------------
 
     def _overlay_changed(self, _change: Any) -> None:
         self.refresh()
-
-    def _show_uncertainty(self) -> None:
-        editor = self._editors.plane
-        if editor.overlay != "uncertainty" or self.session.step.plane is None:
-            self.said.value = ""
-            return
-        made, said = self._uncertainty.make(self.session)
-        self.said.value = said.replace("&", "&amp;").replace("<", "&lt;")
-        with editor.hold_sync():
-            editor.uncertainty, editor.uncertainty_facts = made.data, made.facts
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
@@ -146,9 +130,9 @@ class DiagnosticsPanel(Panel):
         self.guard(lambda: self._worker.latest("fold action", weakly(self, _guarded(method), _is_open)))
 
     def _keep_changed(self, change: Any) -> None:
-        folds = None if self._shown is None else self._shown.folds
-        if change["new"] and folds is not None and folds.least < LEAST:
-            self._soon(lambda panel: panel._fold_actions.unfold())
+        self._model.keep_free = change["new"]
+        if change["new"] and self._shown is not None and self._shown.is_fold_free is False:
+            self._soon(lambda panel: panel._model.fold_actions.unfold())
 
     def close(self) -> None:
         for link in self._links:

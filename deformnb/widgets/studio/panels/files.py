@@ -23,7 +23,7 @@ from typing import Any
 import ipywidgets as ipw
 
 from deformnb._weak import weakly
-from deformnb.analysis.extent import grown
+from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import LONGEST, from_json
 from deformnb.document.script import VOLUME_LINE
@@ -49,7 +49,7 @@ class FilesPanel(Panel):
     Parameters
     ----------
     view : whose camera renderings and movies take.
-    folder : where files lie; the page names files in it and cannot leave it.
+    folder : where files lie; the front end names files in it and cannot leave it.
     write_page : writes the studio as one HTML file.
     """
 
@@ -80,12 +80,12 @@ class FilesPanel(Panel):
         self.upload.observe(lambda change: self._open(change["new"]), "value")
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
-        self.said = ipw.Label("")
+        self.message = ipw.Label("")
         self.file_transfer = FileTransfer()
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.bar, self.said), self.question.box,
+        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.bar, self.message), self.question.box,
                              self.file_transfer])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
@@ -97,13 +97,13 @@ class FilesPanel(Panel):
         path = self._folder / plain_name(self.name.value)
         if not path.name.lower().endswith(_PAGE):
             try:
-                export_for(path)  # refuses a suffix that says nothing, before anything begins
+                export_for(path)  # refuses an unknown suffix, before anything begins
             except DeformError as error:
-                self.said.value = ""
+                self.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, self._view.seen())
         if os.path.lexists(path) and not frozen.files.has(path):
-            self.said.value = ""
+            self.message.value = ""
             doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
             self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
                               lambda: self._begin(Job(path, frozen, downloads, overwrite=True)))
@@ -115,7 +115,7 @@ class FilesPanel(Panel):
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
         self.bar.value, self.bar.layout.display = 0.0, ""
-        self.said.value = f"Writing {job.path.name} ..."
+        self.message.value = f"Writing {job.path.name} ..."
         self._job = job
         self._thread.call(lambda: self._do(job))
 
@@ -149,7 +149,7 @@ class FilesPanel(Panel):
             with self._ending:
                 if self._job is job:
                     self.bar.value = share
-                    self.said.value = f"Writing {job.path.name} ... {share:.0%}"
+                    self.message.value = f"Writing {job.path.name} ... {share:.0%}"
 
     def _cancel(self) -> None:
         """Free the panel at once, whatever the thread is at: it may not look up for long, and ends by itself."""
@@ -159,13 +159,13 @@ class FilesPanel(Panel):
             self._thread = Worker("deformnb-files")
             self._ended(job, f"Stopped; {job.path.name} was not written.")
 
-    def _ended(self, job: Job, said: str) -> bool:
+    def _ended(self, job: Job, message: str) -> bool:
         """End the wait for a job with a message; False if it was awaited no more."""
         with self._ending:
             if self._job is not job:
                 return False
             self._job = None
-            self.said.value = said
+            self.message.value = message
             self._idle()
             return True
 
@@ -190,18 +190,18 @@ class FilesPanel(Panel):
         try:
             self._opened(document)
         except OtherVolumeError:
-            self.said.value = ""
+            self.message.value = ""
             self.question.ask(self.session.difference(document), "Open anyway",
                               lambda: self._opened(document, allow_other_volume=True))
 
     def _opened(self, document: Deformation, allow_other_volume: bool = False) -> None:
         self.session.take(document, allow_other_volume=allow_other_volume)
-        self.said.value = "Opened."
+        self.message.value = "Opened."
 
     def _copy(self) -> None:
-        self.said.value = ""
+        self.message.value = ""
         note = "" if self.session.source else (
-            f"This volume has no file: line {VOLUME_LINE} says where yours goes before the script is run.")
+            f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
         self.file_transfer.copy(self.session.code(), note)
 
     def close(self) -> None:
@@ -219,11 +219,11 @@ class Job:
     path : where it is written.
     frozen : what of.
     downloads : whether it is handed to the browser too.
-    overwrite : whether somebody has agreed that any file is replaced.
+    overwrite : whether the user has agreed that any file is replaced.
 
     Attributes
     ----------
-    is_cancelled : whether nobody wants it any more.
+    is_cancelled : whether it has been cancelled.
 
     Examples
     --------
@@ -246,7 +246,7 @@ class Job:
 
     @contextmanager
     def landing(self) -> Iterator[None]:
-        """The moment in which the file takes its place; Cancelled if nobody wants it."""
+        """The moment in which the file takes its place; Cancelled if it has been cancelled."""
         with self._lock:
             if self.is_cancelled:
                 raise Cancelled("stopped in the studio.")
@@ -320,7 +320,7 @@ def _size(path: Path) -> str:
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
 """Choices of the result's box, as labels and names."""
 
-_OWN = ("a box of its own", "own")  # that somebody gave by code
+_OWN = ("a box of its own", "own")  # that code has set
 
 LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
 """The way out that stands beside the warning: its name and what it does."""
@@ -345,7 +345,7 @@ class ResultBox(Panel):
     def __init__(self, session: Session, guard: Guard, worker: Worker) -> None:
         super().__init__(session, guard)
         self._worker = worker
-        self.follows = self._is_asked = False
+        self.follows = self._is_requested = False
         self._known: Deformation | None = None
         self._left: tuple[str, ...] = ()
         self._length = float(f"{_MARGIN * max(session.volume.grid.lengths):.1g}")
@@ -354,9 +354,9 @@ class ResultBox(Panel):
             description="mm", layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels")
         self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
-        self._told = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self._warning_text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
         self._larger = button(*LARGER, self._make_larger)
-        self.warning = row(self._told, self._larger)
+        self.warning = row(self._warning_text, self._larger)
         self.choice = self.add(menu("Result box", self._options(),
                                     "What can be seen, and what the result holds: tissue dragged out of this box is "
                                     "cut off"), self._chosen, self._choose)
@@ -369,7 +369,7 @@ class ResultBox(Panel):
 
     def _chosen(self) -> str:
         output = self.session.output
-        if self._is_asked or (self.follows and output is not None):
+        if self._is_requested or (self.follows and output is not None):
             return "needed"
         if output is None:
             return "volume"
@@ -383,14 +383,14 @@ class ResultBox(Panel):
         grid = self.session.volume.grid
         index = -grid.point_to_index(output.origin)
         for length in (self._length, *(abs(index) * grid.spacing).tolist()):
-            if grown(grid, length) == output:
+            if padded(grid, length) == output:
                 return float(length)
         return None
 
     def _choose(self, what: str) -> None:
-        self.follows = self._is_asked = what == "needed"
+        self.follows = self._is_requested = what == "needed"
         if what == "needed":
-            self._ask()
+            self._request_check()
         elif what == "margin":
             self._grow(self._length)
         elif what == "volume":
@@ -407,7 +407,7 @@ class ResultBox(Panel):
 
     def arrange(self) -> None:
         output = self.session.output
-        if output is None and not self._is_asked:
+        if output is None and not self._is_requested:
             self.follows = False  # it was taken back
         chosen = self._chosen()
         if chosen == "margin" and output is not None:
@@ -416,42 +416,42 @@ class ResultBox(Panel):
         self.margin.layout.display = "" if chosen == "margin" else "none"
         if self._known is not self.session.deformation:
             self._known = self.session.deformation
-            self._ask()
-        self._tell_size()
+            self._request_check()
+        self._show_size()
 
-    def _tell_size(self) -> None:
+    def _show_size(self) -> None:
         grid, volume = self.session.box, self.session.volume
         size = " x ".join(map(str, grid.shape[::-1]))
         facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * volume.dtype.itemsize)}"]
         if self._left:
             facts.append(f"cut off at the {_listed(self._left)}")
         self.words.value = "; ".join(facts)
-        self._told.value = as_html(cut_off_text(self._left))
+        self._warning_text.value = as_html(cut_off_text(self._left))
         self._larger.layout.display = "none" if self.follows else ""  # then it is as large as it may be
         self.warning.layout.display = "" if self._left else "none"
 
     # -- in the studio's thread ----------------------------------------------------------------------------------------
 
-    def _ask(self) -> None:
+    def _request_check(self) -> None:
         if not self._worker.is_closed:
-            self._worker.latest("result box", weakly(self, ResultBox._look_again))
+            self._worker.latest("result box", weakly(self, ResultBox._check_again))
 
     def _fit(self) -> None:
         self.session.fit_output()
 
-    def _look_again(self) -> None:
-        with contextlib.suppress(DeformError):  # of an edit that has already said it
-            self.look()
+    def _check_again(self) -> None:
+        with contextlib.suppress(DeformError):  # of an edit that has already reported it
+            self.check()
 
-    def look(self) -> None:
-        """Make the box as large as is needed, or look what it cuts off; takes a moment."""
+    def check(self) -> None:
+        """Make the box as large as is needed, or find what it cuts off; takes a moment."""
         session = self.session
-        if self._is_asked:
+        if self._is_requested:
             self.guard(self._fit)
-            self._is_asked = False
+            self._is_requested = False
         elif self.follows and session.output is not None:
             session.fit_output(joins=True)
-        self._left = session.sides_left()
+        self._left = session.exceeded_sides()
         self.refresh()
 
 

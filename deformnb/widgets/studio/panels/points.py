@@ -22,8 +22,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.points_table import PointsTable, TableAct
 from deformnb.widgets.studio.controls import Guard, Panel
-from deformnb.widgets.studio.diagnostics import diagnostics_of
 from deformnb.widgets.studio.history_labels import edit_label
+from deformnb.widgets.studio.step_diagnostics import diagnostics_of
 from deformnb.widgets.worker import Worker
 
 _AXES = {2: ("a", "b"), 3: ("x", "y", "z")}
@@ -45,7 +45,7 @@ class PointsPanel(Panel):
         self._editors, self._worker = editors, worker
         self._followed: Any = None
         self._shown: ControlPoints | None = None
-        self._asked: tuple[Any, ...] | None = None
+        self._sent_state: tuple[Any, ...] | None = None
         self._errors: dict[int, float] = {}
         self._suspects: tuple[int, ...] = ()
         self._said = ""
@@ -55,7 +55,7 @@ class PointsPanel(Panel):
         self.table.on_act(self._act)
         self.table.on_visible(self.refresh)
         self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
-        self._heard = weakly(self, PointsPanel._points_selected, lambda panel: True)
+        self._observer = weakly(self, PointsPanel._points_selected, lambda panel: True)
         self.box = ipw.VBox([self.table])
         self.refresh()
 
@@ -71,25 +71,25 @@ class PointsPanel(Panel):
         with self._showing:
             session = self.session
             state = (session.deformation, session.index, session.key)
-            if self._asked is None or self._asked[0] is not state[0] or self._asked[1:] != state[1:]:
-                if self._asked is None or self._asked[1:] != state[1:]:
+            if self._sent_state is None or self._sent_state[0] is not state[0] or self._sent_state[1:] != state[1:]:
+                if self._sent_state is None or self._sent_state[1:] != state[1:]:
                     self._errors, self._suspects = {}, ()  # of other points
-                self._asked = state
+                self._sent_state = state
                 self._worker.latest("point diagnostics", weakly(self, PointsPanel._compute, lambda panel: True))
             if self._shown is not session.points:
                 self._shown = session.points
                 self._send()
 
     def _send(self) -> None:
-        """The points with what is known of their errors: those of the edit before until they are computed again."""
+        """Send the points with their errors: those of the edit before until they are computed again."""
         points = self.session.points
         errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
         self.table.show(points, errors, self._suspects)
 
     def _compute(self) -> None:
-        """In the studio's thread, where whoever asks first waits and the others find it done."""
+        """Compute errors in the studio's thread, where the first request waits and later ones find them done."""
         if not self.table.is_seen:
-            self._asked = None
+            self._sent_state = None
             return
         found = diagnostics_of(self.session).quality
         with self._showing:
@@ -107,8 +107,8 @@ class PointsPanel(Panel):
             return
         self._unfollow()
         self._followed = editor
-        editor.observe(self._heard, "selected")
-        self._unfollow = lambda: editor.unobserve(self._heard, "selected")
+        editor.observe(self._observer, "selected")
+        self._unfollow = lambda: editor.unobserve(self._observer, "selected")
         self.table.uid = editor.uid
         self.table.selected = list(editor.selected)
 

@@ -1,4 +1,4 @@
-"""Registration panel: a target is chosen, and points move to where the two pictures look alike.
+"""Registration panel: the choice of a target, and the fit of points to the similarity of the two pictures.
 
 The fit runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
 something was edited meanwhile, that edit stays and the result is dropped.
@@ -66,7 +66,7 @@ class FitTarget:
 
     Attributes
     ----------
-    key : what is chosen; volume : the target, None for none; note : what is to be said of where it lies.
+    key : what is chosen; volume : the target, None for none; note : a remark on its place.
     """
 
     def __init__(self, session: Session, folder: str | PathLike[str], given: Volume | None = None) -> None:
@@ -228,7 +228,7 @@ class FitPanel(Panel):
 
     Attributes
     ----------
-    target : what is chosen; buttons : by their words; said : the line of words.
+    target : what is chosen; buttons : by their words; message : the line of text.
     """
 
     title = "Match to another picture"
@@ -254,20 +254,20 @@ class FitPanel(Panel):
         self.stiffness = ipw.FloatLogSlider(
             min=-4, max=1, step=0.1, value=0.005, description="Stiffness", style=_STYLE, readout_format=".1g",
             layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
-            tooltip="How much bending counts against likeness, when all points are fitted")
+            tooltip="How much bending counts against similarity, when all points are fitted")
         self.count = ipw.BoundedIntText(min=3, max=200, value=16, style=_STYLE, description="Points",
                                         layout=ipw.Layout(width="120px"), tooltip="How many are put on the outline")
         self.buttons = {text: button(text, tip, partial(guard, partial(self._start, text, work)))
                         for text, (tip, work) in self._works().items()}
         self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="140px", visibility="hidden"))
-        self.said = ipw.HTML(_words(_HINT if target is None else self.target.note))
+        self.message = ipw.HTML(_words(_HINT if target is None else self.target.note))
         self.blend = slider("Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target",
                             layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
-        self.blend.observe(self._ask_for_preview, "value")
+        self.blend.observe(self._request_preview, "value")
         self.over = slider("Overlay", 0.0, 1.0, 0.02, "The target laid over the picture that is edited; 0 not at all",
                            layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
-        self.over.observe(self._ask_for_preview, "value")
+        self.over.observe(self._request_preview, "value")
         self._laid_over: tuple[Any, ...] = ()
         self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", align_self="flex-start"))
         legend = ipw.HTML(_words("Left: now, blended with the target. Right: now in green, target in magenta; grey "
@@ -275,7 +275,8 @@ class FitPanel(Panel):
         self.shown = ipw.VBox([row(self.over, self.blend), self.preview, legend], layout=ipw.Layout(display="none"))
         snap, fit, along, along_it = self.buttons.values()
         self.box = ipw.VBox([row(self.choice, self.measure, self.stiffness),
-                             row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.said, self.shown],
+                             row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.message,
+                             self.shown],
                             layout=ipw.Layout(grid_gap="4px"))
         self.refresh()
 
@@ -294,7 +295,7 @@ class FitPanel(Panel):
             self.choice.options = choices
             self.choice.value = kept if kept in [key for _, key in choices] else NO_TARGET
         self._allow()
-        self._ask_for_preview()
+        self._request_preview()
 
     def _allow(self) -> None:
         self.shown.layout.display = "none" if self.target.volume is None or self.session.step.plane is None else None
@@ -328,7 +329,7 @@ class FitPanel(Panel):
         self._stop.clear()
         self._is_busy = True
         self.bar.value = 0.0
-        self.said.value = _words(words)
+        self.message.value = _words(words)
         self._allow()
 
     def _start(self, what: str, work: Work) -> None:
@@ -346,7 +347,7 @@ class FitPanel(Panel):
             raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
         editor = self._editors.current
         options = step.settings.arguments(session.points, lone_support(session.volume.grid))
-        settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": getattr(step, "stages", 1)}
+        settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": step.stages}
         return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
                      editor.fit(), options, settings)
 
@@ -360,19 +361,19 @@ class FitPanel(Panel):
 
     def _finish(self, action: Callable[[], str]) -> None:
         """Do it in the thread and report the result."""
-        said = ""
+        message = ""
         try:
-            said = action()
+            message = action()
         except Cancelled:
-            said = "Stopped; nothing was changed."
+            message = "Stopped; nothing was changed."
         except Exception as error:
             reason = error
             self.guard(raising(reason))
         finally:
             self._is_busy = False
-            self.said.value = _words(said)
+            self.message.value = _words(message)
             self._allow()
-            self._ask_for_preview()
+            self._request_preview()
 
     def _progress(self, share: float) -> None:
         if self._stop.is_set():
@@ -427,7 +428,7 @@ class FitPanel(Panel):
 
     # -- the preview ---------------------------------------------------------------------------------------------------
 
-    def _ask_for_preview(self, _change: Any = None) -> None:
+    def _request_preview(self, _change: Any = None) -> None:
         if self.target.volume is not None and not self._is_busy and not self._thread.is_closed:
             self._thread.latest("preview", self._show_preview)
 
@@ -441,7 +442,7 @@ class FitPanel(Panel):
             now, goal = compared(moving, fixed, self._editors.current.fit())  # type: ignore[arg-type]
             self.preview.value = as_png(blended(now, goal, self.blend.value))
         except DeformError as error:
-            self.said.value = _words(str(error))
+            self.message.value = _words(str(error))
 
     def _lay_over(self, moving: Any, fixed: Any) -> None:
         """The target over the picture in the editor; sent only where it is seen, and once."""
@@ -465,8 +466,8 @@ def _named(points: ControlPoints, point: int) -> str:
 def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
     way = np.linalg.norm(found.points.target - before.target, axis=1)
     if not way.any():
-        return f"Nothing better was found; likeness {found.score_before:.3f}. {seconds:.1f} s."
-    return (f"Likeness {found.score_before:.3f} before, {found.score_after:.3f} after. "
+        return f"Nothing better was found; similarity {found.score_before:.3f}. {seconds:.1f} s."
+    return (f"Similarity {found.score_before:.3f} before, {found.score_after:.3f} after. "
             f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
             f"{seconds:.1f} s.")
 

@@ -100,7 +100,7 @@ class HistoryPanel(Panel):
 
     Attributes
     ----------
-    recovery : what knows of earlier sessions; None for none.
+    recovery : the list of earlier sessions; None for none.
 
     Examples
     --------
@@ -121,13 +121,13 @@ class HistoryPanel(Panel):
         self.recovery: Recovery | None = None
         self._shown: tuple[tuple[HistoryNode, ...], tuple[SavedSession, ...]] = (), ()
         self._order: list[int] = []
-        self._is_seen = True  # until somebody says that another tab is
+        self._is_seen = True  # until another tab is chosen
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
         self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
         # Going between equal documents changes nothing else, and refreshes no panel.
-        self._heard = weakly(self, HistoryPanel._history_changed, lambda panel: True)
-        session.observe(self._heard, "history")
+        self._observer = weakly(self, HistoryPanel._history_changed, lambda panel: True)
+        session.observe(self._observer, "history")
         self.refresh()
 
     def _history_changed(self, _change: Any) -> None:
@@ -155,4 +155,4 @@ class HistoryPanel(Panel):
         self.items.show(rows, shown)
 
     def close(self) -> None:
-        self.session.unobserve(self._heard, "history")
+        self.session.unobserve(self._observer, "history")

@@ -71,7 +71,7 @@ class ThompsonPanel(Panel):
     def __init__(self, session: Session, guard: Guard | None = None, editor: Editor | None = None,
                  folder: str | PathLike[str] = ".") -> None:
         super().__init__(session, guard or self._guarded)
-        self.said = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))
+        self.message = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
         self._folder = Path(folder)
@@ -127,7 +127,7 @@ class ThompsonPanel(Panel):
         self.file_transfer = FileTransfer()
         self.writers = [button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}",
                                self._writer(f".{kind}")) for kind in ("svg", "pdf", "png")]
-        return [self.name, *self.writers, self.downloads, self.said]
+        return [self.name, *self.writers, self.downloads, self.message]
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -174,7 +174,7 @@ class ThompsonPanel(Panel):
         named, downloads = replace(step, name=step.name or session.volume.name), self.downloads.value
         for writer in self.writers:
             writer.disabled = True
-        self.said.value = f"Writing {path.name} ..."
+        self.message.value = f"Writing {path.name} ..."
         missing = " The uncertainty overlay is shown here only." if editor.overlay == "uncertainty" else ""
 
         def draw() -> None:
@@ -184,18 +184,18 @@ class ThompsonPanel(Panel):
         self._thread.call(lambda: self._do(draw, path, downloads, missing))
 
     def _do(self, draw: Callable[[], Any], path: Path, downloads: bool, missing: str) -> None:
-        said = ""
+        message = ""
         try:
             draw()
-            said = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB).{missing}"
+            message = f"Wrote {path.name} ({path.stat().st_size / 1e3:.0f} kB).{missing}"
             if downloads:
                 self.file_transfer.download(path.name, path.read_bytes())
         except Exception as error:
             reason = error
             self.guard(raising(reason))
         finally:
-            if said or self.said.value.startswith("Writing"):
-                self.said.value = said
+            if message or self.message.value.startswith("Writing"):
+                self.message.value = message
             for writer in self.writers:
                 writer.disabled = False
 
@@ -245,7 +245,7 @@ class ThompsonPanel(Panel):
         try:
             action()
         except DeformError as error:
-            self.said.value = str(error).replace("&", "&amp;").replace("<", "&lt;")
+            self.message.value = str(error).replace("&", "&amp;").replace("<", "&lt;")
             return False
         return True
 

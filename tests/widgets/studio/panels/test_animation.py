@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
@@ -56,7 +57,7 @@ class Bench:
 
     def act(self, what: str, index: int) -> None:
         items = self.panel.items
-        items._handle_custom_msg({"type": "act", "what": what, "index": index, "version": items.version}, [])
+        deliver(items, {"type": "act", "what": what, "index": index, "version": items.version})
 
     def drag(self, target: tuple[float, float]) -> None:
         self.session.edit_points(self.session.points.move(3, target))
@@ -235,7 +236,7 @@ def test_a_movie_is_written(bench: Bench, tmp_path: Path, monkeypatch: pytest.Mo
     bench.press("Write movie")
     movie.wait()
     assert bench.said == []
-    assert movie.said.value == f"Wrote {name}."
+    assert movie.message.value == f"Wrote {name}."
     if kind:
         from PIL import Image
 
@@ -263,7 +264,7 @@ def test_a_movie_is_stopped_and_nothing_is_left(bench: Bench, tmp_path: Path, mo
     assert begun.wait(30)
     bench.press("Cancel")
     bench.panel.movie.wait()
-    assert bench.panel.movie.said.value == "Stopped; animation.gif was not written."
+    assert bench.panel.movie.message.value == "Stopped; animation.gif was not written."
     assert list(tmp_path.iterdir()) == []
     bench.panel.movie.name.value = "../out.gif"
     bench.press("Write movie")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, controls, drag, panel
+from driven_studio import a_drag, a_volume, controls, drag, notice_of, panel, status_of
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
@@ -20,7 +20,7 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.inverse import RoundTrip
 from deformnb.widgets import Studio
-from deformnb.widgets.studio.diagnostics import diagnose, diagnostics_of, facts_html, uncertainty_overlay, unit_of
+from deformnb.widgets.studio.step_diagnostics import diagnose, diagnostics_of, facts_html, uncertainty_overlay, unit_of
 
 
 @pytest.fixture
@@ -48,15 +48,15 @@ FAR = 12.0  # of a drag that folds
 def test_the_figures_follow_the_edits(studio: Studio) -> None:
     diagnostics = panel(studio, "Diagnostics")
     assert "none; smallest det J 1" in diagnostics.facts.value
-    assert "no folds" in studio._words.status.value
-    assert "round trip 0 voxels" in studio._words.status.value
+    assert "no folds" in status_of(studio)
+    assert "round trip 0 voxels" in status_of(studio)
     drag(studio, a_drag(studio, FAR))
     settle(studio)
     found = diagnostics_of(studio.session)
     assert found.folds is not None
     assert found.folds.least == pytest.approx(least(studio))
     assert f"smallest det J {found.folds.least:.3g}" in diagnostics.facts.value
-    assert "5 points, 1 dragged \u00b7 folds " in studio._words.status.value
+    assert "5 points, 1 dragged \u00b7 folds " in status_of(studio)
     assert "Bending energy" in diagnostics.facts.value
 
 
@@ -70,8 +70,8 @@ def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     assert studio.session.step.stages > 1
     assert studio.editor.stages == controls(studio)["Stages"].value == studio.session.step.stages
     assert studio.editor.points == points
-    assert f"Done in {studio.session.step.stages} stages" in studio._words.notice.value
-    assert "no folds" in studio._words.status.value
+    assert f"Done in {studio.session.step.stages} stages" in notice_of(studio)
+    assert "no folds" in status_of(studio)
     studio.undo()
     assert studio.session.step.stages == 1
     controls(studio)["Stages"].value = 16
@@ -100,7 +100,7 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     assert studio.editor.history["undo"] == "largest safe drag"
     panel(studio, "Diagnostics").back.click()
     settle(studio)
-    assert "Nothing folds here" in studio._words.notice.value
+    assert "Nothing folds here" in notice_of(studio)
 
 
 def test_a_strength_that_folds_is_taken_back(studio: Studio) -> None:
@@ -149,7 +149,7 @@ def test_what_cannot_be_unfolded_is_said(studio: Studio) -> None:
     settle(studio)
     panel(studio, "Diagnostics").unfold.click()
     settle(studio)
-    assert "through one another" in studio._words.notice.value
+    assert "through one another" in notice_of(studio)
     assert studio.session.step.stages == 1
 
 
@@ -207,7 +207,7 @@ def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) ->
     studio.session.edit_points(studio.editor.points.reset())
     settle(studio)
     assert studio.editor.uncertainty == b""
-    assert "nothing bends" in diagnostics.said.value
+    assert "nothing bends" in diagnostics.message.value
 
 
 def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
@@ -215,7 +215,7 @@ def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
     studio.session.deformation = Deformation.in_space(points.move(4, [14.0, 9.0, 8.0]))
     settle(studio)
     assert panel(studio, "Diagnostics").overlay.disabled
-    assert "round trip" in studio._words.status.value
+    assert "round trip" in status_of(studio)
     assert "Leave-one-out" in panel(studio, "Diagnostics").facts.value
 
 

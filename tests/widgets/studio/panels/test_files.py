@@ -58,15 +58,15 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio
     assert not files.download.disabled
     assert files.cancel.disabled
     assert files.bar.layout.display == "none"
-    assert files.said.value == "Stopped; ball.png was not written."
+    assert files.message.value == "Stopped; ball.png was not written."
     files.name.value = "ball.py"
     files.write.click()  # while the other still works
-    wait_for(lambda: files.said.value.startswith("Wrote ball.py"))
+    wait_for(lambda: files.message.value.startswith("Wrote ball.py"))
     go_on.set()
     assert ended.wait(60)
     wait_for(lambda: sorted(p.name for p in tmp_path.iterdir()) == ["ball.png", "ball.py"])
     assert (tmp_path / "ball.png").read_bytes() == b"older"
-    assert files.said.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
+    assert files.message.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
 
 
 def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: Path,
@@ -86,9 +86,9 @@ def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: 
     files.write.click()
     assert landing.wait(60)
     files.cancel.click()
-    assert "Stopped" not in files.said.value  # for it is there
+    assert "Stopped" not in files.message.value  # for it is there
     go_on.set()
-    wait_for(lambda: files.said.value.startswith("Wrote ball.png"))
+    wait_for(lambda: files.message.value.startswith("Wrote ball.png"))
 
 
 def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from driven_studio import box_of
 
-from deformnb.analysis.extent import grown
+from deformnb.analysis.extent import padded
 from deformnb.document import edits as key_frames
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
@@ -38,7 +38,7 @@ def at_once(action: Callable[[], None]) -> bool:
 
 @pytest.fixture
 def box() -> Iterator[ResultBox]:
-    """A box whose thread is the test: what it asks for is done by "look"."""
+    """A box whose thread is the test: what it asks for is done by "check"."""
     made = ResultBox(Session(a_brick()), at_once, Worker())
     yield made
     made._worker.close()
@@ -47,7 +47,7 @@ def box() -> Iterator[ResultBox]:
 def looked(box: ResultBox) -> None:
     box.refresh()
     box._worker.call(lambda: None).result(30)
-    box.look()
+    box.check()
 
 
 def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
@@ -76,7 +76,7 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
     box.refresh()
     before = session.output
     assert (box.choice.value, box.margin.layout.display) == ("margin", "")
-    assert grown(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
+    assert padded(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
     assert 0 <= abs(box.margin.value - margin) < 4.0
     session.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
     box.refresh()
@@ -92,7 +92,7 @@ def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
     drag_out(box.session)
     looked(box)
     assert box.session.box.shape[2] > 16
-    assert box.session.sides_left() == ()
+    assert box.session.exceeded_sides() == ()
     assert box.session.history["undo"] == "move points"  # the box belongs to the edit
     box.session.undo()
     box.refresh()
@@ -115,12 +115,12 @@ def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
     assert box.words.value.endswith("cut off at the left side (L)")
     button.click()
     looked(box)
-    assert (box.choice.value, session.sides_left()) == ("needed", ())
+    assert (box.choice.value, session.exceeded_sides()) == ("needed", ())
     assert seen.display == "none"
     assert "cut off" not in box.words.value
     drag_out(session, 40.0)
     looked(box)
-    assert (seen.display, session.sides_left()) == ("none", ())  # the box goes on with the edits
+    assert (seen.display, session.exceeded_sides()) == ("none", ())  # the box goes on with the edits
     box.choice.value = "volume"
     looked(box)
     assert (seen.display, button.layout.display) == ("", "")
@@ -146,7 +146,7 @@ def test_the_warning_lies_over_the_volume() -> None:
         panel.warning.children[1].click()
         studio.wait()
         assert panel.warning.layout.display == "none"
-        assert studio.session.sides_left() == ()
+        assert studio.session.exceeded_sides() == ()
     finally:
         studio.close()
 

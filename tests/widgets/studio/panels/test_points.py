@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from numpy.testing import assert_allclose, assert_array_equal
 from widgets.studio.panels.test_steps_history import Guarded
 
@@ -49,7 +50,7 @@ class Bench:
         self.seq += 1
         message = {"type": "act", "view": "page", "seq": self.seq, "what": what, "ids": list(ids), "field": "",
                    "axis": 0, "value": None, **more}
-        self.table._handle_custom_msg(message, [])
+        deliver(self.table, message)
         assert self.sent[-1]["seq"] == self.seq
         return self.sent[-1]
 
@@ -318,8 +319,8 @@ def test_what_is_wrong_is_dropped_and_answered(bench: Bench, wrong: dict[str, An
 def test_what_cannot_be_answered_is_dropped(bench: Bench, wrong: dict[str, Any], caplog: Any) -> None:
     count = len(bench.sent)
     message = {"type": "act", "view": "page", "seq": 9, "what": "undo", "ids": [], "value": None, **wrong}
-    bench.table._handle_custom_msg(message, [])
-    bench.table._handle_custom_msg("nonsense", [])
+    deliver(bench.table, message)
+    deliver(bench.table, "nonsense")
     assert len(bench.sent) == count
     assert "dropped" in caplog.text
 

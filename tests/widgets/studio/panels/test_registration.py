@@ -86,7 +86,7 @@ class Bench:
 
     @property
     def said(self) -> str:
-        return str(self.panel.said.value)
+        return str(self.panel.message.value)
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_fit_all_points_finds_them_again_as_one_edit(bench: Bench) -> None:
     bench.press("Fit all points")
     assert bench.misses().max() < 0.5
     assert bench.session.history["undo"] == "fit all points"
-    assert "Likeness" in bench.said
+    assert "Similarity" in bench.said
     assert "5 points moved" in bench.said
     bench.session.undo()
     assert bench.session.points == before

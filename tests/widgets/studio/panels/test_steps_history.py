@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from driven_studio import act
+from front_end import deliver
 
 from deformnb.errors import DeformError
 from deformnb.session.history import HistoryNode
@@ -87,7 +88,7 @@ def test_a_click_on_a_row_that_has_gone_does_nothing(session: Session) -> None:
     before = panel.items.version
     session.change(strength=2.0)
     message = {"type": "act", "what": "choose", "index": 0, "value": None, "version": before}
-    panel.items._handle_custom_msg(message, [])
+    deliver(panel.items, message)
     assert session.step.strength == 2.0
     assert guard.errors == []
 

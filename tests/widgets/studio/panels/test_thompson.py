@@ -10,6 +10,7 @@ import numpy as np
 import oracle
 import pytest
 from driven_studio import a_volume, all_of, wait_for
+from front_end import deliver
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
@@ -32,8 +33,8 @@ def panel(tmp_path: Path) -> Any:
 
 def page_edits(panel: ThompsonPanel, points: ControlPoints) -> None:
     """As the end of a drag in the page."""
-    panel.editor._handle_custom_msg({"type": "edit", "sender": "test", "seq": next(SEQ), "phase": "end", "kind": "move",
-                                     "joins": False, "next_id": points.next_id, "points": points_to_json(points)}, [])
+    deliver(panel.editor, {"type": "edit", "sender": "test", "seq": next(SEQ), "phase": "end", "kind": "move",
+                           "joins": False, "next_id": points.next_id, "points": points_to_json(points)})
 
 
 SEQ = iter(range(1, 10**6))
@@ -67,7 +68,7 @@ def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPan
     page_edits(panel, before.add([12.0, 8.0], [12.0, 8.0]).add([14.0, 8.0], [12.0, 8.0]))
     assert panel.session.points == before
     assert panel.editor.points == before
-    assert "control point" in panel.said.value
+    assert "control point" in panel.message.value
 
 
 def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
@@ -162,9 +163,9 @@ def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path:
     panel.downloads.value = True
     for suffix, begins in ((".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")):
         panel.write(suffix)
-        wait_for(lambda: panel.said.value.startswith("Wrote"), 60)
+        wait_for(lambda: panel.message.value.startswith("Wrote"), 60)
         assert (tmp_path / f"ball_grids{suffix}").read_bytes().startswith(begins)
-        panel.said.value = ""
+        panel.message.value = ""
     assert "area grows" in (tmp_path / "ball_grids.svg").read_text()
     assert [name for name, size in handed if size > 1000] == ["ball_grids.svg", "ball_grids.pdf", "ball_grids.png"]
     wait_for(lambda: not any(button.disabled for button in panel.writers))
@@ -173,7 +174,7 @@ def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path:
 def test_a_name_that_leads_elsewhere_is_refused(panel: ThompsonPanel, tmp_path: Path) -> None:
     panel.name.value = "../elsewhere"
     panel.writers[0].click()
-    assert "no plain file name" in panel.said.value
+    assert "no plain file name" in panel.message.value
     assert list(tmp_path.iterdir()) == []
     assert not panel.writers[0].disabled
 
@@ -182,8 +183,8 @@ def test_a_figure_that_cannot_be_drawn_is_said(panel: ThompsonPanel, tmp_path: P
     panel._folder = tmp_path / "not there"
     panel.write(".svg")
     wait_for(lambda: not panel.writers[0].disabled)
-    assert "not there" in panel.said.value or "folder" in panel.said.value
-    assert not panel.said.value.startswith("Writ")
+    assert "not there" in panel.message.value or "folder" in panel.message.value
+    assert not panel.message.value.startswith("Writ")
 
 
 def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:

@@ -69,6 +69,16 @@ class Diagnostics:
     unit: str
 
     @property
+    def is_folded(self) -> bool:
+        """True if the map is known to fold."""
+        return self.folds is not None and self.folds.least <= 0
+
+    @property
+    def is_fold_free(self) -> bool | None:
+        """True if the map is as far from a fold as it should be; None if that is not known."""
+        return None if self.folds is None else self.folds.least >= LEAST
+
+    @property
     def folds_text(self) -> str:
         """Such as "no folds"."""
         if self.folds is None:
@@ -95,7 +105,7 @@ def diagnose(step: Step, key: int, grid: Grid) -> Diagnostics:
         reasons.append(str(error))
     points = step.maps[min(key, len(step.maps) - 1)]
     try:
-        bending = bending_energy(points if step.strength == 1 else points.blended(step.strength))
+        bending = bending_energy(points if step.strength == 1 else points.scaled(step.strength))
         quality = step_quality(step, grid, min(key, len(step.maps) - 1))
     except DeformError as error:
         reasons.append(str(error))
@@ -227,7 +237,7 @@ def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> Unc
     Raises
     ------
     DeformError
-        If there are too few points to tell.
+        If there are too few points for an estimate.
     """
     a0, a1, b0, b1 = raster.box
     cell = max(a1 - a0, b1 - b0) / _UNCERTAINTY_CELLS
@@ -238,7 +248,7 @@ def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> Unc
     values = known.on_outer_sum(np.stack([np.zeros(height), b]), np.stack([a, np.zeros(width)]))
     most = float(values.max())
     if not most > 1e-9 * (a1 - a0):
-        raise DeformError("nothing bends, so the points say nothing of how far the map may be off between them; "
+        raise DeformError("nothing bends, so the points give no estimate of the error of the map between them; "
                           "drag one.")
     levels = dict.fromkeys(_round_number(share * most) for share in _CONTOURS)
     legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}"] for v in levels if 0 < v < most]
@@ -254,13 +264,13 @@ class UncertaintyCache:
 
     def make(self, session: Session) -> tuple[UncertaintyOverlay, str]:
         """The uncertainty overlay, or none and the reason why."""
-        asked = (session.step, session.key, session.volume.grid, session.picture().raster)
+        settings = (session.step, session.key, session.volume.grid, session.picture().raster)
         kept = self._kept
-        if kept is None or kept[0][0] is not asked[0] or kept[0][1:] != asked[1:]:
+        if kept is None or kept[0][0] is not settings[0] or kept[0][1:] != settings[1:]:
             try:
-                kept = asked, uncertainty_overlay(*asked), ""
+                kept = settings, uncertainty_overlay(*settings), ""
             except DeformError as error:
-                kept = asked, NO_UNCERTAINTY, f"Uncertainty: {error}"
+                kept = settings, NO_UNCERTAINTY, f"Uncertainty: {error}"
             self._kept = kept
         return kept[1:]
 
@@ -284,7 +294,7 @@ class FoldActions:
     >>> from deformnb.datasets import PHANTOMS
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 16)), view="+y")
     >>> fold_actions = FoldActions(session)
-    >>> fold_actions.look().folds_text
+    >>> fold_actions.diagnose().folds_text
     'no folds'
     >>> fold_actions.unfold()
     >>> session.notice
@@ -295,7 +305,7 @@ class FoldActions:
         self._session = session
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
-    def look(self, keep_free: bool = False) -> Diagnostics | None:
+    def diagnose(self, keep_free: bool = False) -> Diagnostics | None:
         """Diagnostics of the session; None if it has changed meanwhile, so that they must be computed again.
 
         Parameters
@@ -307,9 +317,9 @@ class FoldActions:
         found = diagnostics_of(session)
         if session.deformation is not deformation:
             return None
-        if found.folds is not None and found.folds.least >= LEAST:
+        if found.is_fold_free:
             self._safe = (session.index, session.key, session.points)
-        elif keep_free and found.folds is not None and self._kept_free(deformation):
+        elif keep_free and found.is_fold_free is False and self._kept_free(deformation):
             return None
         return found
 
@@ -327,16 +337,16 @@ class FoldActions:
             made = safe_points(step, start, points, grid, session.key)
             if made is not points:
                 session.edit_points(made, "largest safe drag")
-                self._tell("The last drag goes as far as is safe now.")
+                self._report("The last drag goes as far as is safe now.")
                 return
         safe = safe_strength(step, grid)
         if safe == step.strength:
-            self._tell("Nothing folds here: the whole drag is safe.")
+            self._report("Nothing folds here: the whole drag is safe.")
         elif safe == 0:
-            raise DeformError("the map folds however weak it is; the control points, or a shape, ask for too much.")
+            raise DeformError("the map folds however weak it is; the control points, or a shape, require too much.")
         else:
             session.change("largest safe strength", strength=safe)
-            self._tell(f"The strength is {safe:.2f} now, as much as is safe.")
+            self._report(f"The strength is {safe:.2f} now, as much as is safe.")
 
     def unfold(self) -> None:
         """As few stages as leave no fold.
@@ -349,13 +359,13 @@ class FoldActions:
         session, step = self._session, self._session.step
         count = stages_needed(step, session.volume.grid)
         if count == step.stages:
-            self._tell("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
+            self._report("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
             return
         session.change("unfold by stages" if count > 1 else "back to one stage", stages=count)
-        self._tell(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
+        self._report(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
 
-    def _tell(self, text: str) -> None:
-        self._session.notice = ""  # the same words again are said again
+    def _report(self, text: str) -> None:
+        self._session.notice = ""  # the same message again is shown again
         self._session.notice = text
 
     def _start_of_drag(self) -> ControlPoints | None:
@@ -372,9 +382,79 @@ class FoldActions:
         try:
             count = stages_needed(step, session.volume.grid)
         except DeformError as error:
-            self._tell(str(error))
+            self._report(str(error))
             return False
         if count == step.stages:
             return False
         made = deformation.with_step(index, replace(step, stages=count))
         return session.amend(deformation, made, f"Done in {count} stages, so that nothing folds.")
+
+
+# ---- what the studio and the application show of it ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Diagnostics of a step with the uncertainty overlay, if that was requested.
+
+    Parameters
+    ----------
+    diagnostics : of the step.
+    uncertainty : the overlay; None if none was requested.
+    reason : why there is none, if it was.
+    """
+
+    diagnostics: Diagnostics
+    uncertainty: UncertaintyOverlay | None = None
+    reason: str = ""
+
+
+class StepDiagnostics:
+    """Diagnostics of the step that a session edits: the model of the studio's panel and of the application's section.
+
+    Attributes
+    ----------
+    fold_actions : the actions that make the step fold-free.
+    keep_free : whether to choose stages that leave no fold after every edit.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._uncertainty = UncertaintyCache()
+        self.fold_actions = FoldActions(session)
+        self.keep_free = False
+
+    def compute(self, overlay: str) -> Findings | None:
+        """Diagnostics of the session's current state; takes a moment. None if it changes meanwhile.
+
+        Parameters
+        ----------
+        overlay : of the picture; "uncertainty" has it made.
+        """
+        found = self.fold_actions.diagnose(self.keep_free)
+        if found is None:
+            return None
+        if overlay != "uncertainty" or found.step.plane is None:
+            return Findings(found)
+        return Findings(found, *self._uncertainty.make(self._session))
+
+    def show(self, findings: Findings, current: Any, picture: Any) -> None:
+        """Mark possible outliers in the current editor, and lay the uncertainty over the picture."""
+        if current.has_trait("marked"):
+            current.marked = suspects_of(findings.diagnostics, self._session.points)[1]
+        if findings.uncertainty is not None:
+            with picture.hold_sync():
+                picture.uncertainty, picture.uncertainty_facts = findings.uncertainty.data, findings.uncertainty.facts
+
+
+def look_at_point(editor: Any, point: int) -> None:
+    """Select a point in an editor and bring it to the middle.
+
+    Raises
+    ------
+    DeformError
+        If there is none with this id.
+    """
+    editor.points.index(point)
+    editor.selected = [point]
+    editor.look_at(point)

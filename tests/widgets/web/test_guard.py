@@ -1,26 +1,19 @@
-"""Access control of the application: which clients are admitted, and which messages they may send."""
+"""Access control of the server of pages: which clients are admitted, and which messages they may send."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import os
-import signal
-import socket
-import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import aiohttp
 import pytest
-from running_app import PATIENCE, RunningApp, connected, framed, status_of
+from running_app import HANDSHAKE, PATIENCE, RunningApp, connected, connection_with, framed, request_of, status_of
 
-from deformnb.app.application import Application
-from deformnb.app.launch import app_server
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
@@ -32,7 +25,6 @@ from deformnb.widgets.web.guard import (
     checked_host,
     own_names,
 )
-from deformnb.widgets.web.server import PageServer
 
 
 @pytest.fixture(scope="module")
@@ -157,29 +149,8 @@ def test_only_a_classroom_of_pages_is_let_in(running: RunningApp) -> None:
     assert asyncio.run(attempt()) == (MOST_PAGES, 503)
 
 
-_HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "Upgrade",
-              "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
-
-
-def _request(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
-    said = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
-    return "\r\n".join([f"{method} {path} HTTP/1.1", *said, "", ""]).encode()
-
-
 def _without(*names: str, **others: str) -> dict[str, str]:
-    return {name: value for name, value in {**_HANDSHAKE, **others}.items() if name not in names}
-
-
-def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:
-    """A connection on which these bytes were sent."""
-    made = socket.socket()
-    if receive_buffer is not None:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-    made.settimeout(PATIENCE)
-    host, port = name.split(":")
-    made.connect((host, int(port)))
-    made.sendall(request)
-    return made
+    return {name: value for name, value in {**HANDSHAKE, **others}.items() if name not in names}
 
 
 @pytest.mark.parametrize(("method", "headers", "status"), [
@@ -192,16 +163,16 @@ def _sent(name: str, request: bytes, receive_buffer: int | None = None) -> socke
     ("GET", _without("Connection"), 400),
     ("GET", _without(Connection="close"), 400),
     ("GET", _without("Sec-WebSocket-Version"), 400),
-    ("GET", {**_HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
+    ("GET", {**HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
     ("GET", _without("Sec-WebSocket-Key"), 400),
-    ("GET", {**_HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
-    ("HEAD", _HANDSHAKE, 405),
-    ("POST", _HANDSHAKE, 405),
+    ("GET", {**HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
+    ("HEAD", HANDSHAKE, 405),
+    ("POST", HANDSHAKE, 405),
 ])
 def test_what_is_no_websocket_takes_no_place(running: RunningApp, method: str, headers: dict[str, str], status: int
                                              ) -> None:
     for _ in range(MOST_PAGES + 1):
-        with _sent(running.name, _request(running.name, method=method, **headers)) as visitor:
+        with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
     assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
     test_the_password_of_this_start_opens(running)
@@ -247,7 +218,22 @@ def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) 
     assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
 
 
-# -- what a page may say -----------------------------------------------------------------------------------------------
+def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
+    check, now = PasswordCheck("secret"), 100.0
+    check.onConnect(None, "early")
+    now = 104.0
+    check.onConnect(None, "late")
+    assert check.unauthenticated(set()) == []
+    now = 111.0
+    assert check.unauthenticated(set()) == ["early"]
+    assert check.unauthenticated({"early"}) == []
+    check.onClose("early")
+    now = 120.0
+    assert check.unauthenticated(set()) == ["late"]
+
+
+# -- what a page may send ----------------------------------------------------------------------------------------------
 
 _FORBIDDEN = (
     ("application.exit",), ("application.exit.later", 0), ("trame.force.push", "kernel"),
@@ -422,176 +408,3 @@ def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFix
             assert (status, running.server.token in text) == (200, False)
         asyncio.run(attempt())
     assert running.server.token not in caplog.text
-
-
-# -- its end -----------------------------------------------------------------------------------------------------------
-
-
-def _is_open(port: int) -> bool:
-    with socket.socket() as s:
-        return s.connect_ex(("127.0.0.1", port)) == 0
-
-
-def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
-    async def stay(seconds: float) -> None:
-        async with connected(running):
-            running.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
-            await asyncio.sleep(seconds)
-
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as running:
-        asyncio.run(stay(2.5))
-        assert running.server.reason == ""  # a page was there
-        running.ended()
-        assert "no page was connected" in running.server.reason
-        assert not _is_open(running.server.port)
-
-
-def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
-    session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
-    with RunningApp(session) as running:
-        assert running.server.idle == 4 * 60 * 60
-    with RunningApp(session, idle=0) as running:
-        time.sleep(1.5)  # it looks every second
-        assert running.server.reason == ""
-
-
-def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
-    check, now = PasswordCheck("secret"), 100.0
-    check.onConnect(None, "early")
-    now = 104.0
-    check.onConnect(None, "late")
-    assert check.unauthenticated(set()) == []
-    now = 111.0
-    assert check.unauthenticated(set()) == ["early"]
-    assert check.unauthenticated({"early"}) == []
-    check.onClose("early")
-    now = 120.0
-    assert check.unauthenticated(set()) == ["late"]
-
-
-def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.widgets.web.guard.LOGIN_SECONDS", 0.2)
-
-    async def loiter() -> int | None:
-        async with connected(running, secret=None) as page:
-            await asyncio.wait_for(page.socket.receive(), PATIENCE)
-            return page.socket.close_code
-
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=4.0) as running:
-        assert asyncio.run(loiter()) == 1000  # shut by the server
-        running.ended()
-        assert "no page was connected" in running.server.reason
-
-
-def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder)
-    assert process.stdout is not None
-    url = process.stdout.readline().strip()
-    assert url.startswith("http://127.0.0.1:"), url
-    return process, url
-
-
-def _volume(folder: Path) -> str:
-    from deformnb.io import write_volume
-
-    path = folder / "bar.nii.gz"
-    write_volume(PHANTOMS["bar"].make((8, 8, 8)), path)
-    return str(path)
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
-def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"]
-    process, url = _started(command, tmp_path)
-    port = int(url.split(":")[2].split("/")[0])
-    assert _is_open(port)
-    process.send_signal(getattr(signal, name))
-    rest, _ = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, rest) == (0, "")  # the address is printed once
-    assert not _is_open(port)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
-def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
-    process, url = _started([sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"], tmp_path)
-    name = url.split("/")[2]
-    visitors = [_sent(name, _request(name)) for _ in range(MOST_PAGES + 1)]  # no WebSockets
-    visitors += [_sent(name, _request(name, **_HANDSHAKE)) for _ in range(MOST_PAGES)]  # who answer no farewell
-    # Who takes no more of a long answer than fits into the buffers between.
-    visitors += [_sent(name, _request(name, "/vue.global.js") * 30, receive_buffer=4096)]
-    try:
-        for visitor in visitors:
-            assert visitor.recv(16)  # the server has begun to answer
-        visitors += [_sent(name, _request(name)[:-2])]  # half a request
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=8.0)  # wslink waits 10 s for each page, aiohttp 60 s for each answer
-        assert process.returncode == 0
-        assert not _is_open(int(name.split(":")[1]))
-    finally:
-        process.kill()
-        process.wait(PATIENCE)
-        for visitor in visitors:
-            visitor.close()
-
-
-def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
-    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
-    server = app_server(app)
-    server.stop("asked early")
-    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
-    app.close()
-    assert (server.reason, server.url) == ("asked early", "")
-
-
-def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    configured = PageServer._configure
-
-    def stop_first(server: PageServer, root: Any) -> None:
-        server.stop("asked early")  # before its bridge has a loop
-        configured(server, root)
-
-    monkeypatch.setattr(PageServer, "_configure", stop_first)
-    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
-    server = app_server(app)
-    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
-    app.close()
-    assert server.reason == "asked early"
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
-def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
-    command = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser --idle 0"
-    inner = f"trap '' HUP; {command} & echo $!; wait"
-    shell = subprocess.Popen(["/bin/sh", "-c", inner], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    assert shell.stdout is not None
-    process = int(shell.stdout.readline())
-    try:
-        port = int(shell.stdout.readline().split(":")[2].split("/")[0])
-        os.kill(process, signal.SIGHUP)
-        shell.kill()
-        shell.wait(PATIENCE)
-        time.sleep(3.0)  # it looks every second
-        assert _is_open(port)
-    finally:
-        os.kill(process, signal.SIGTERM)
-    shell.communicate(timeout=PATIENCE)  # until it has closed its end
-    assert not _is_open(port)
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(os.name != "posix", reason="processes of another kind")
-def test_the_command_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
-    # The shell starts it and is killed without a chance to pass anything on.
-    inner = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser & wait"
-    shell, url = _started(["/bin/sh", "-c", inner], tmp_path)
-    port = int(url.split(":")[2].split("/")[0])
-    shell.kill()
-    shell.communicate(timeout=PATIENCE)  # until the server has closed its end too
-    until = time.monotonic() + PATIENCE
-    while _is_open(port) and time.monotonic() < until:
-        time.sleep(0.1)
-    assert not _is_open(port)

@@ -1,0 +1,45 @@
+// The theme of the page around a widget: of Jupyter, of VS Code, or the browser's preference.
+
+import { pageElement } from "./dom.js";
+
+const DARK_BELOW = 110; // luminance of the background, of 255
+
+/** Finds whether an element has a dark background, and calls `changed` when the page around it changes its theme. */
+export class ThemeObserver {
+  /** @param {Element} element @param {() => void} changed */
+  constructor(element, changed) {
+    this.element = element;
+    this.changed = changed;
+    this.preference = window.matchMedia("(prefers-color-scheme: dark)");
+    this.preference.addEventListener("change", changed);
+    this.observer = new MutationObserver(changed); // Jupyter and VS Code change attributes of the body
+    this.observer.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
+      "data-jp-theme-name", "data-vscode-theme-kind"] });
+  }
+
+  /** By the element's own colour, which variables of Jupyter and VS Code set; else by the browser's preference. */
+  get isDark() {
+    const [r, g, b, alpha = 1] = (getComputedStyle(this.element).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
+    return alpha > 0 && b !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : this.preference.matches;
+  }
+
+  close() {
+    this.preference.removeEventListener("change", this.changed);
+    this.observer.disconnect();
+  }
+}
+
+/** The theme of the page by name, for a view, whose own background is that of its volume. */
+export class Theme {
+  /** @param {Element} root @param {() => void} changed */
+  constructor(root, changed) {
+    this.observer = new ThemeObserver(pageElement("span", "dnb-paper", root, { hidden: "" }), changed);
+  }
+
+  get name() {
+    const attribute = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
+    return (attribute === undefined ? this.observer.isDark : attribute === "false") ? "dark" : "light";
+  }
+
+  close() { this.observer.close(); }
+}

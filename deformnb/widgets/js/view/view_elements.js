@@ -1,0 +1,113 @@
+// What a view of a volume has, whoever draws it: elements around the picture, and its messages.
+
+import { OWN_KEYS, pageElement } from "../ui/dom.js";
+import { OrientationCube } from "../ui/orientation_cube.js";
+import { Theme } from "../ui/theme.js";
+import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
+
+/** @import { Model } from "../types.d.ts" */
+/** @import { VolumeInfo } from "./types.d.ts" */
+/** @import { ViewCamera } from "./view_camera.js" */
+/** @import { Message } from "./volume_loader.js" */
+
+/**
+ * @typedef {object} ElementActions what the elements call
+ * @property {(view: string) => void} showView  a side of the cube was pressed
+ * @property {() => void} rethemed  the page around has another theme
+ * @property {(layer: number) => void} flip  the other picture of two in turn is seen
+ * @property {() => void} resized
+ */
+
+/** The canvas and what stands around it: captions, directions, scale, cube, a remark and a notice. */
+export class ViewElements {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} host
+   * @param {string} kind  a class of the root
+   * @param {ElementActions} actions
+   */
+  constructor(model, host, kind, actions) {
+    this.model = model;
+    this.host = host;
+    this.root = pageElement("div", `dnb-view ${kind}`, host);
+    this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
+    this.frames = new Frames(this.root);
+    this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
+    this.badge = pageElement("div", "dnb-badge", this.root);
+    this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
+    this.theme = new Theme(this.root, actions.rethemed);
+    this.flicker = new Flicker(this.root, actions.flip);
+    this.observer = new ResizeObserver(actions.resized);
+    this.observer.observe(this.root);
+  }
+
+  /** What is shown: a value of the trait. @returns {string} */
+  get shows() { return this.model.get("shows") || "deformed"; }
+
+  /** @returns {string} */
+  get background() {
+    const background = this.model.get("background");
+    return background === "auto" ? this.theme.name : background;
+  }
+
+  /** The size of the picture in pixels, after taking that of the traits. */
+  get size() { return sized(this.root, this.host, this.model); }
+
+  /** @param {string} text */
+  showMessage(text) {
+    this.notice.textContent = text || "";
+    this.notice.hidden = !text;
+  }
+
+  /** Names what is shown; layer: the one that is seen of two in turn. @param {number} layer */
+  caption(layer) {
+    this.frames.show(captionsOf(this.shows, layer));
+    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
+  }
+
+  /**
+   * Follows the camera.
+   * @param {ViewCamera} camera
+   * @param {VolumeInfo} info
+   */
+  follow(camera, info) {
+    this.frames.write(camera, info.unit);
+    this.cube.draw(info.views, camera);
+  }
+
+  close() {
+    this.observer.disconnect();
+    this.theme.close();
+    this.flicker.close();
+    this.root.remove();
+  }
+}
+
+/** The traits and messages of a view; other views of its model have other numbers. */
+export class ViewMessages {
+  /**
+   * @param {Model} model
+   * @param {(error: unknown) => void} fail  called with the error of a handler
+   */
+  constructor(model, fail) {
+    this.model = model;
+    this.fail = fail;
+    this.id = Math.random().toString(36).slice(2, 12);
+    /** @type {[string, (...given: any[]) => void][]} */
+    this.handlers = [];
+  }
+
+  /**
+   * @param {Message} content
+   * @param {ArrayBuffer[]} [buffers]
+   */
+  send(content, buffers) { this.model.send({ view: this.id, ...content }, undefined, buffers); }
+
+  /**
+   * @param {string} name
+   * @param {(...given: any[]) => unknown} handler
+   */
+  on(name, handler) { listen(this.model, name, handler, this.handlers, this.fail); }
+
+  close() { for (const [name, handler] of this.handlers) this.model.off(name, handler); }
+}

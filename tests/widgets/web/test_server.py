@@ -1,0 +1,178 @@
+"""The end of the server of pages: with its terminal, without pages, and whatever its visitors do."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from running_app import HANDSHAKE, PATIENCE, RunningApp, connected, connection_with, request_of
+
+from deformnb.app.application import Application
+from deformnb.app.launch import app_server
+from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.session.session import Session
+from deformnb.widgets.web.guard import MOST_PAGES
+from deformnb.widgets.web.server import PageServer
+
+
+def _is_open(port: int) -> bool:
+    with socket.socket() as s:
+        return s.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
+    async def stay(seconds: float) -> None:
+        async with connected(running):
+            running.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
+            await asyncio.sleep(seconds)
+
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as running:
+        asyncio.run(stay(2.5))
+        assert running.server.reason == ""  # a page was there
+        running.ended()
+        assert "no page was connected" in running.server.reason
+        assert not _is_open(running.server.port)
+
+
+def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
+    session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
+    with RunningApp(session) as running:
+        assert running.server.idle == 4 * 60 * 60
+    with RunningApp(session, idle=0) as running:
+        time.sleep(1.5)  # it looks every second
+        assert running.server.reason == ""
+
+
+def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.web.guard.LOGIN_SECONDS", 0.2)
+
+    async def loiter() -> int | None:
+        async with connected(running, secret=None) as page:
+            await asyncio.wait_for(page.socket.receive(), PATIENCE)
+            return page.socket.close_code
+
+    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=4.0) as running:
+        assert asyncio.run(loiter()) == 1000  # shut by the server
+        running.ended()
+        assert "no page was connected" in running.server.reason
+
+
+def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder)
+    assert process.stdout is not None
+    url = process.stdout.readline().strip()
+    assert url.startswith("http://127.0.0.1:"), url
+    return process, url
+
+
+def _volume(folder: Path) -> str:
+    from deformnb.io import write_volume
+
+    path = folder / "bar.nii.gz"
+    write_volume(PHANTOMS["bar"].make((8, 8, 8)), path)
+    return str(path)
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])
+def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"]
+    process, url = _started(command, tmp_path)
+    port = int(url.split(":")[2].split("/")[0])
+    assert _is_open(port)
+    process.send_signal(getattr(signal, name))
+    rest, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, rest) == (0, "")  # the address is printed once
+    assert not _is_open(port)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
+    process, url = _started([sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"], tmp_path)
+    name = url.split("/")[2]
+    visitors = [connection_with(name, request_of(name)) for _ in range(MOST_PAGES + 1)]  # no WebSockets
+    visitors += [connection_with(name, request_of(name, **HANDSHAKE)) for _ in range(MOST_PAGES)]  # silent
+    # Who takes no more of a long answer than fits into the buffers between.
+    visitors += [connection_with(name, request_of(name, "/vue.global.js") * 30, receive_buffer=4096)]
+    try:
+        for visitor in visitors:
+            assert visitor.recv(16)  # the server has begun to answer
+        visitors += [connection_with(name, request_of(name)[:-2])]  # half a request
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=8.0)  # wslink waits 10 s for each page, aiohttp 60 s for each answer
+        assert process.returncode == 0
+        assert not _is_open(int(name.split(":")[1]))
+    finally:
+        process.kill()
+        process.wait(PATIENCE)
+        for visitor in visitors:
+            visitor.close()
+
+
+def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
+    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = app_server(app)
+    server.stop("asked early")
+    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
+    app.close()
+    assert (server.reason, server.url) == ("asked early", "")
+
+
+def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    configured = PageServer._configure
+
+    def stop_first(server: PageServer, root: Any) -> None:
+        server.stop("asked early")  # before its bridge has a loop
+        configured(server, root)
+
+    monkeypatch.setattr(PageServer, "_configure", stop_first)
+    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    server = app_server(app)
+    asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
+    app.close()
+    assert server.reason == "asked early"
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
+def test_it_outlives_its_terminal_if_it_is_told_to(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser --idle 0"
+    inner = f"trap '' HUP; {command} & echo $!; wait"
+    shell = subprocess.Popen(["/bin/sh", "-c", inner], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert shell.stdout is not None
+    process = int(shell.stdout.readline())
+    try:
+        port = int(shell.stdout.readline().split(":")[2].split("/")[0])
+        os.kill(process, signal.SIGHUP)
+        shell.kill()
+        shell.wait(PATIENCE)
+        time.sleep(3.0)  # it looks every second
+        assert _is_open(port)
+    finally:
+        os.kill(process, signal.SIGTERM)
+    shell.communicate(timeout=PATIENCE)  # until it has closed its end
+    assert not _is_open(port)
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(os.name != "posix", reason="processes of another kind")
+def test_the_command_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
+    # The shell starts it and is killed without a chance to pass anything on.
+    inner = f"{sys.executable} -m deformnb app {_volume(tmp_path)} --no-browser & wait"
+    shell, url = _started(["/bin/sh", "-c", inner], tmp_path)
+    port = int(url.split(":")[2].split("/")[0])
+    shell.kill()
+    shell.communicate(timeout=PATIENCE)  # until the server has closed its end too
+    until = time.monotonic() + PATIENCE
+    while _is_open(port) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not _is_open(port)
