@@ -357,13 +357,13 @@ test("a trait is sent after a rest, the newest value once, and not after the end
   const sent = [];
   const trait = new RestingTrait({ set: (name, value) => sent.push([name, value]), save_changes() {} }, "selected");
   for (const value of [[1], [1, 2]]) {
-    trait.tellSoon(value);
+    trait.sendSoon(value);
     t.mock.timers.tick(149);
   }
   assert.deepEqual([sent, trait.isAhead], [[], true]);
   t.mock.timers.tick(1);
   assert.deepEqual([sent, trait.isAhead], [[["selected", [1, 2]]], false]);
-  trait.tellSoon([3]);
+  trait.sendSoon([3]);
   trait.close();
   t.mock.timers.tick(1000);
   assert.deepEqual([sent.length, trait.isAhead], [1, false]);
