@@ -167,7 +167,7 @@ class Panel:
 
     Attributes
     ----------
-    title : of the tab; box : the widget; controls : what is bound.
+    title : of its section; box : the widget; controls : what is bound.
     warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing.
     """
 
@@ -208,7 +208,7 @@ class Panel:
         """Show or hide what depends on the session, and fill the menus."""
 
     def opened(self, is_open: bool) -> None:
-        """Called when the tab of the panel is chosen, and when it is left."""
+        """Called when the panel is shown, and when it is hidden."""
 
     def close(self) -> None:
         """Stop what the panel does on its own."""

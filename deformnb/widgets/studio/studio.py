@@ -191,7 +191,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     transfer : colours and opacities of the volume: a transfer function, or the name of a preset. Both are by default as
         the deformation was saved, or else "mip" and "specimen".
     view : "live" renders in the browser, "vtk" in Python; or a view of your own.
-    height : of picture and volume in CSS pixels.
+    height : of the panes and the panel together, in CSS pixels.
     folder : where files are saved and opened by the controls.
     labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
         regions can be made rigid or cut out; label_names : what the numbers are called.

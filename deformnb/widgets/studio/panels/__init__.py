@@ -1,1 +1,1 @@
-"""The panels of the studio, one for each tab."""
+"""The panels of the studio; widgets/studio/layout.py has their places."""

@@ -121,7 +121,7 @@ class HistoryPanel(Panel):
         self.recovery: Recovery | None = None
         self._shown: tuple[tuple[HistoryNode, ...], tuple[SavedSession, ...]] = (), ()
         self._order: list[int] = []
-        self._is_seen = True  # until another tab is chosen
+        self._is_seen = True  # until it is hidden
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
         self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
