@@ -29,6 +29,7 @@ def output_grid(document: Deformation, volume: Volume, *, spacing: ArrayLike | N
 
     Examples
     --------
+    >>> import numpy as np
     >>> volume = Volume.from_array(np.zeros((4, 4, 4)))
     >>> output_grid(Deformation(), volume, spacing=0.5, margin=1).grid.shape
     (12, 12, 12)

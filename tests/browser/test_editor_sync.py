@@ -207,7 +207,7 @@ def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(opened: Any,
 def test_a_busy_kernel_is_said_until_it_answers(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     page.drag(points.target[0], (10, 5))
-    page.wait(f"{PAGE}.sender.isHeard")
+    page.wait(f"{PAGE}.sender.isAnswered")
     pressed(page, points.target[4], (20, 10))
     page.page.mouse.up()  # the answer stays in the outbox
     page.page.wait_for_selector(TIP, timeout=15_000)

@@ -57,7 +57,7 @@ def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
         scripts = "space_editor/editor.js space_editor/pointer.js"
     text = "".join((JS / name).read_text(encoding="utf-8") for name in scripts.split())
     for command in {command for _, command in commands} - {"rotate", "scale", "brush-radius", "zoom"}:
-        assert re.search(rf'[{{,\s]"?{command}"?: \((?:page|tools)?(?:, ids)?\) =>', text), command
+        assert re.search(rf'[{{,\s]"?{command}"?: \((?:editor|tools)?(?:, ids)?\) =>', text), command
 
 
 @pytest.mark.needs_browser

@@ -1,0 +1,76 @@
+"""Examples of a deformation: one edit each, undone at once, and what they do to the subject."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from deformnb.datasets import PHANTOMS
+from deformnb.errors import DeformError
+from deformnb.imaging.demo import subject_box
+from deformnb.session.examples import EXAMPLES, apply_example
+from deformnb.session.session import Session
+from deformnb.volume.volume import Grid, Volume
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session(PHANTOMS["fish"].make((24, 48, 24)), view="-x")
+
+
+@pytest.mark.parametrize("name", list(EXAMPLES))
+def test_an_example_is_one_edit_that_one_undo_takes_back(session: Session, name: str) -> None:
+    before = session.deformation
+    apply_example(session, name)
+    assert session.deformation != before
+    assert session.points.displacement.any()
+    assert EXAMPLES[name].title.lower() in session.history["undo"]
+    session.undo()
+    assert session.deformation == before
+
+
+@pytest.mark.parametrize("name", list(EXAMPLES))
+def test_an_example_takes_the_place_of_what_was_there(session: Session, name: str) -> None:
+    apply_example(session, name)
+    once = session.deformation
+    apply_example(session, "open")
+    apply_example(session, name)
+    assert session.deformation.steps == once.steps
+
+
+def test_the_bent_middle_line_is_an_arc_of_the_same_length(session: Session) -> None:
+    apply_example(session, "bend")
+    target = session.points.target.reshape(3, 5, 2)[1]  # of the middle line
+    source = session.points.source.reshape(3, 5, 2)[1]
+    chords = np.linalg.norm(np.diff(target, axis=0), axis=1)
+    np.testing.assert_allclose(chords, chords[0])
+    angle = 1.0 / 4  # of a chord: a fourth of a radian
+    np.testing.assert_allclose(chords, np.linalg.norm(source[1] - source[0]) * np.sin(angle / 2) / (angle / 2))
+    turned = np.diff(target, axis=0) / chords[:, None]
+    np.testing.assert_allclose(np.sum(turned[1:] * turned[:-1], axis=1), np.cos(angle))
+
+
+def test_a_cut_parts_the_subject_along_its_length(session: Session) -> None:
+    apply_example(session, "open")
+    (cut,) = session.step.cuts
+    a0, a1, b0, b1 = subject_box(session.picture())
+    np.testing.assert_allclose(cut.region.vertices, [(a0, (b0 + b1) / 2), (a1, (b0 + b1) / 2)])
+    sides = cut.region.signed_distance(session.points.source) < 0
+    moved = session.points.displacement.any(axis=1)
+    assert sorted(sides[moved].tolist()) == [False, True]
+    away = cut.region.signed_distance(session.points.target[moved])
+    assert (np.abs(away) > np.abs(cut.region.signed_distance(session.points.source[moved]))).all()
+
+
+def test_what_cannot_be_done_is_said_and_changes_nothing(session: Session) -> None:
+    before = session.deformation
+    with pytest.raises(DeformError, match="unknown example 'twist'; choose one of bend, open, thompson"):
+        apply_example(session, "twist")
+    session.add_step(in_space=True)
+    with pytest.raises(DeformError, match="points in space"):
+        apply_example(session, "bend")
+    session.undo()
+    assert session.deformation == before
+    empty = Session(Volume(np.zeros((4, 5, 6), np.uint8), Grid((4, 5, 6))))
+    with pytest.raises(DeformError, match="all pixels are alike"):
+        apply_example(empty, "bend")
