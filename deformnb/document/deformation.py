@@ -179,7 +179,7 @@ class Step(AbstractFitSettings):
     def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit], ...]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region.
 
-        They are solved once for a grid, and kept until another is asked for: a step never changes.
+        They are solved once for a grid, and kept until another is requested: a step never changes.
         """
         known: tuple[Grid, tuple[Mapping[Sides, Fit], ...]] | None = self.__dict__.get("_solved")
         if known is None or known[0] != grid:
@@ -540,11 +540,11 @@ class Deformation:
     def difference(self, volume: Volume | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
         """Warning about a volume that this was not made on; empty for the one that it was made on.
 
-        Labels that lie as the volume does belong to it. A document that does not tell its volume fits any.
+        Labels that lie as the volume does belong to it. A document without a volume fits any.
 
         Parameters
         ----------
-        volume : or its grid alone, where its voxels are not known.
+        volume : or its grid alone, where its voxels are not available.
         reference : makes that of the volume, where it is kept.
         """
         made, here = self.volume, self.own_grid(as_grid(volume))
@@ -556,7 +556,7 @@ class Deformation:
             name = shown_value(made.name) if made.name else "without a name"
             return (f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
                     "voxels); its points may lie elsewhere.")
-        if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it told no place
+        if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it had no place
             return ""
         then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made.spacing, here.spacing))
         return (f"This document was made on the same voxels at another place or of another size ({then} then, {now} "

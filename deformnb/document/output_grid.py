@@ -12,7 +12,7 @@ from deformnb.volume.volume import Volume
 
 def output_grid(document: Deformation, volume: Volume, *, spacing: ArrayLike | None = None,
                 margin: ArrayLike | str | None = None) -> FieldOfView:
-    """The grid on which a document's result lies, as it is asked for.
+    """The grid on which a document's result lies, with the spacing and the margin that are requested.
 
     Parameters
     ----------

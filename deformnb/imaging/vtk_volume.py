@@ -106,7 +106,7 @@ class VolumeWindow:
         grid : where its voxels are.
         """
         self.unload()
-        # The transfer function and its unit replace these choices, but pyvista wants to make them.
+        # The transfer function and its unit replace these choices, but pyvista makes them in any case.
         self.actor = self.plotter.add_volume(image, mapper="gpu", shade=True, show_scalar_bar=False, cmap="gray",
                                              opacity="linear", opacity_unit_distance=1.0, reset_camera=False,
                                              render=False)
@@ -261,7 +261,7 @@ def placement(grid: Grid) -> NDArray[np.float64]:
 
 
 def clipped_for(volume: Volume, transfer: TransferFunction) -> Volume:
-    """A volume without outliers that a transfer function cannot tell from the values beside them.
+    """A volume without outliers that a transfer function cannot distinguish from the values beside them.
 
     VTK tabulates colours and opacities over all values that it is given, in 16384 entries at most: one voxel of 1e6 in
     a ramp of 0 to 100 would leave two of them to the ramp. What lies outside of the typical range and of the transfer
@@ -296,7 +296,7 @@ _VTK_ENTRIES = 16000
 def _vtk_nodes(transfer: TransferFunction, low: float, high: float) -> list[tuple[float, NDArray[np.float64]]]:
     """Nodes (value, colour and alpha) for VTK, at least an entry of its tables apart, and the first two just that.
 
-    VTK reads its tables up to half an entry beside the value, and knows no two nodes at one value. So a jump ends two
+    VTK reads its tables up to half an entry beside the value, and allows no two nodes at one value. So a jump ends two
     entries below its value, where what comes after it holds: at most 1/5000 of the range too early.
     """
     gap = ((high - low) or 1.0) / _VTK_ENTRIES

@@ -4,7 +4,7 @@ Both take two pictures, a moving one that the points deform and a fixed one that
 coordinates; or two volumes, for points in space. The result is ordinary control points. Pictures and volumes are
 compared as grey values that can be sampled anywhere.
 
-The multiscale fit maximises a measure of similarity, coarse to fine: at each level it makes a objective of the two
+The multiscale fit maximises a measure of similarity, coarse to fine: at each level it makes an objective of the two
 pictures and keeps the best targets so far.
 """
 
@@ -179,7 +179,7 @@ class MultiscaleFit:
         self.progress(1.0)
         return x, before.alike, after.alike, least
 
-    # -- comparisons ---------------------------------------------------------------------------------------------------
+    # -- objectives ----------------------------------------------------------------------------------------------------
 
     def level(self, factor: int) -> Objective:
         """Both pictures smoothed, and compared at every ``factor``-th pixel of the moving one.
@@ -382,7 +382,7 @@ def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64
 
 
 def initial_objective(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
-                stages: int) -> Objective:
+                      stages: int) -> Objective:
     """Targets, sources and settings of a fit, relative to its origin and support; without pictures."""
     at = _positions(points, start)
     n, size = len(at), len(start.centers)

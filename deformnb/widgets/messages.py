@@ -51,7 +51,7 @@ class PointData(TypedDict):
 
 
 class Greeting(TypedDict):
-    """A front end has opened; done answers it: Python listens."""
+    """A front end has opened; done answers it: Python receives."""
 
     type: Literal["greet"]
     sender: Window

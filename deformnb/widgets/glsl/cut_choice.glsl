@@ -1,4 +1,4 @@
-// The choice at a cut (Eq. 8), of the plane as of space, in the page's shader as in VTK's. A place may come from each
+// The choice at a cut (Eq. 8), of the plane as of space, in WebGL's shader as in VTK's. A place may come from each
 // region, as far as the region's own map leads into that region: so far it is covered. What is seen there is of the
 // place's own region if at least half of the place is covered from it, else of the region that covers most.
 struct Choice { int region; float best, cover; bool isSure; };
@@ -17,6 +17,6 @@ bool adds(inout Choice choice, int region, float cover) {
   return isBest;
 }
 
-// The rule "paper" knows no other region; what of the place belongs to its own one is all that can be covered.
+// The rule "paper" has no other region; what of the place belongs to its own one is all that can be covered.
 // edge: distance of the place to that region's boundary.
 float closedByPlace(float cover, float edge, float width) { return cover / covered(max(edge, 0.), width); }
