@@ -160,5 +160,5 @@ def test_the_first_notebook_says_what_differs_and_what_it_does_to_the_studio_abo
     assert ".text(" in bars
     dragging, keeping = (next(text_of(cell) for cell in cells if text_of(cell).startswith(start))
                          for start in ("## 2. Drag it", "Without Python, the same"))
-    assert "three\npoints and a bent carp instead" in dragging
+    assert "three points and a bent carp instead" in " ".join(dragging.split())
     assert "`head`, `back` and `tail`" in keeping

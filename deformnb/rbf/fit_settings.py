@@ -38,7 +38,7 @@ class AbstractFitSettings:
     strength : factor of the displacement of the points and the rigid parts: 0 not at all, 1 as they are, -1 the
         opposite way.
     stages : number of equal parts of the points' way, one map after the other; see :mod:`deformnb.rbf.stages`.
-    chosen_support : what :func:`~deformnb.rbf.interpolant.choose_support` found while ``support`` is None, and for
+    chosen_support : what :func:`~deformnb.rbf.support.choose_support` found while ``support`` is None, and for
         which kernel; that of another kernel is dropped.
 
     Raises

@@ -2,7 +2,8 @@
 
 All of it is pure JAX and works in the plane and in space alike: the fit (:func:`solve`), the displacement
 it makes, the moving picture sampled there, a measure of similarity, the energy of the fit, and det J on a lattice. The
-targets are the variables. The objectives of two pictures and the optimiser are in :mod:`deformnb.registration.optimise`.
+targets are the variables. What is made of two pictures, and the optimiser, are in
+:mod:`deformnb.registration.optimise`.
 """
 
 from __future__ import annotations

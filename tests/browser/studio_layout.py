@@ -103,6 +103,15 @@ def faults(page: Any, may_scroll: str = "") -> list[str]:
     return list(page.evaluate(FAULTS, may_scroll))
 
 
+def has_fault(page: Any, words: str) -> bool:
+    """Whether a fault with these words is found, at once or when the layout has come to rest."""
+    for _ in range(10):
+        if any(words in fault for fault in faults(page)):
+            return True
+        page.wait_for_timeout(200)
+    return False
+
+
 def lasting_faults(page: Any, may_scroll: str = "") -> list[str]:
     """The same, but for what passes while parts of a tab that was never shown before are still arriving."""
     for _ in range(10):

@@ -114,6 +114,7 @@ def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Pi
 
 def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture))
+    page.js("document.querySelector('.dnb-editor').parentElement.style.height = '480px'")
     page.js("models.editor.set('fill', true)")
     page.js(f"{PAGE}.layout()")
     assert page.js("getComputedStyle(document.querySelector('.dnb-ed-stage')).touchAction") == "none"

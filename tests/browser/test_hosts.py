@@ -40,7 +40,7 @@ told = Label().add_class("told")
 """
 # The point in the middle of the ball is number 4; an observer that raises when number 0 moves stands for a user's.
 SHOW = """
-studio = Studio(volume, start, side="+y", transfer="surface", height=300)
+studio = Studio(volume, start, side="+y", transfer="surface", height=600)
 studio.editor.density = 0
 studio.view.background = "dark"
 studio.view.set_camera((0, 1, 0))
@@ -72,7 +72,7 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...options) {
 };
 """
 # What lies over the two pictures.
-OVERLAYS = ".dnb-ed-svg, .dnb-view > :not(canvas) { opacity: 0 !important }"
+OVERLAYS = ".dnb-ed-svg, .dnb-view > :not(canvas), .dnb-studio-start, .dnb-studio-messages { opacity: 0 !important }"
 
 
 class Shown:
@@ -268,7 +268,7 @@ def test_a_view_is_as_dark_as_its_page(shown: Shown) -> None:
             shown.host.dark(shown.page, dark)
         shade = "dark" if dark else "light"
         shown.page.wait_for_function(f"document.querySelector('.plain .dnb-view').dataset.background === '{shade}'")
-        paper = shown.page.locator(".dnb-editor").evaluate("(e) => getComputedStyle(e).backgroundColor")
+        paper = shown.page.locator(".dnb-studio").evaluate("(e) => getComputedStyle(e).backgroundColor")
         assert (np.mean([int(part) for part in re.findall(r"\d+", paper)[:3]]) < 110) == dark
 
 

@@ -29,7 +29,7 @@ class ExamplesPanel(Panel):
     >>> panel = ExamplesPanel(session, lambda action: action() or True, is_start=True)
     >>> panel.buttons["bend"].click()
     >>> len(session.points), panel.box.layout.display
-    (7, 'none')
+    (15, 'none')
     """
 
     def __init__(self, session: Session, guard: Guard, *, is_start: bool = False) -> None:
