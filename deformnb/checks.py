@@ -105,3 +105,22 @@ def one_of(name: object, names: Collection[str], what: str) -> str:
     if not isinstance(name, str) or name not in names:
         raise DeformError(f"unknown {what} {shown_value(name)}; choose one of {', '.join(names)}.")
     return name
+
+
+def checked_window(window: object) -> tuple[float, float]:
+    """A window of values, lowest and highest.
+
+    Raises
+    ------
+    DeformError
+        If it is not two finite numbers that rise.
+
+    Examples
+    --------
+    >>> checked_window([0, 80])
+    (0.0, 80.0)
+    """
+    low, high = finite_array(window, (2,), "a window must be two rising numbers").tolist()
+    if not low < high:
+        raise DeformError(f"a window must be two rising numbers, got {shown_value(window)}.")
+    return low, high

@@ -13,12 +13,14 @@ import pytest
 from xdist.scheduler import LoadFileScheduling
 
 BROWSER = "tests/browser/"
+# Files with pages of JupyterLab, by the ends of their names: one process starts it for all of them.
+OF_LAB = ("_lab.py", "/test_hosts.py", "/test_studio_layout.py", "/test_volume_view_hand.py")
 # Each of its tests runs a notebook in a kernel of its own, for minutes: they are handed out one by one and first.
 ONE_BY_ONE = "tests/test_notebooks.py"
 
 
 class BrowsersApart(LoadFileScheduling):
-    """Hands out files in their order, but those of browsers to ``limit`` processes at a time.
+    """Hands out files in their order, but those of browsers to ``limit`` processes at a time, those of Lab to one.
 
     Parameters
     ----------
@@ -41,7 +43,10 @@ class BrowsersApart(LoadFileScheduling):
         super()._assign_work_unit(node)
 
     def _split_scope(self, nodeid: str) -> str:
-        return nodeid if nodeid.startswith(ONE_BY_ONE) else super()._split_scope(nodeid)
+        if nodeid.startswith(ONE_BY_ONE):
+            return nodeid
+        file = super()._split_scope(nodeid)
+        return f"{BROWSER}lab" if file.startswith(BROWSER) and file.endswith(OF_LAB) else file
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -16,16 +16,17 @@ import msgpack
 from deformnb.app.application import Application
 from deformnb.app.launch import app_server
 from deformnb.session.session import Session
+from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.web.server import PageServer
 
 PATIENCE = 30.0  # seconds, on a busy machine
 
 
 class RunningApp:
-    """Serves a session from entering the context until leaving it."""
+    """Serves an application from entering the context until leaving it, and closes it then."""
 
-    def __init__(self, session: Session, **options: Any) -> None:
-        self.application = Application(session, viewer=options.pop("viewer", "live"))
+    def __init__(self, application: Application, **options: Any) -> None:
+        self.application = application
         self._options = options
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -69,9 +70,20 @@ class RunningApp:
         """Host and port."""
         return f"127.0.0.1:{self.server.port}"
 
+    @property
+    def session(self) -> Session:
+        """What is edited."""
+        return self.application.session
+
+    @property
+    def studio(self) -> Studio:
+        """What the pages show."""
+        return self.application.studio
+
     def settled(self) -> None:
         """Wait until the application has done all that was asked of it so far."""
         self.application.thread.call(lambda: None).result(PATIENCE)
+        self.studio.wait(PATIENCE)
 
 
 def framed(content: Any) -> bytes:

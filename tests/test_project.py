@@ -36,7 +36,6 @@ DISTRIBUTION = {
     "PIL": "pillow",
     "skimage": "scikit-image",
     "trame_rca": "trame-rca",
-    "trame_vuetify": "trame-vuetify",
     "xdist": "pytest-xdist",
     "yaml": "pyyaml",
 }

@@ -1,230 +1,186 @@
-"""Bridge between the widgets' comms and trame's socket, and from the client's controls to the application.
+"""Bridge between the comms of the studio's widgets and trame's socket.
 
 A widget exchanges messages with its front end through its comm. Here the comm is one of ours: the messages that the
-widget sends are published to all connected clients, and those that a client sends are passed to the comm in the
+widget sends are published to all connected pages, and those that a page sends are passed to the comm in the
 application's thread. To the widget nothing is different.
+
+Pages know the widgets that can be reached from the studio, and no others: each is given a comm of ours when the state
+of another one first refers to it.
 """
 
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
-from collections.abc import Callable
+import threading
+from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from deformnb.app.application import NUMBERED, REQUESTS, Application
-from deformnb.app.files import DOWNLOADS
-from deformnb.app.panel_widgets import WIDGETS
+import ipywidgets as ipw
+
+from deformnb.app.application import Application
 from deformnb.errors import DeformError
-from deformnb.widgets.inputs.base import is_whole
-from deformnb.widgets.synced import LocalComm
+from deformnb.widgets.synced import LocalComm, SyncedWidget
 from deformnb.widgets.web.guard import Answer
-from deformnb.widgets.web.remote_area import for_area
 from deformnb.widgets.web.server import PageServer
 
-TOPIC = "deformnb.widget"
-"""Topic under which clients receive messages for their widgets."""
+TOPIC = "deformnb.comm"
+"""Topic under which pages receive the messages of widgets."""
 
-_MOST_WAITING = 256  # messages of clients that wait for the application; a user on a slider never gets there
+SETTABLE = {
+    "BoundedFloatTextModel": {"value"}, "BoundedIntTextModel": {"value"}, "FloatTextModel": {"value"},
+    "TextModel": {"value"}, "TextareaModel": {"value"}, "FloatSliderModel": {"value"}, "FloatLogSliderModel": {"value"},
+    "IntSliderModel": {"value"}, "CheckboxModel": {"value"}, "DropdownModel": {"index"},
+    "SelectMultipleModel": {"index"},
+    "FileUploadModel": {"value", "error"}, "TabModel": {"selected_index"}, "AccordionModel": {"selected_index"},
+}
+"""Traits of ipywidgets that a page may set, by the name of the model. Our own widgets check what they are sent."""
+
 _LONGEST_NAME = 64
-
-# Of the widgets' traits what belongs to Jupyter.
-_OTHERS = ("layout", "tabbable", "tooltip", "comm")
+_REFERENCE = "IPY_MODEL_"
 
 _LOG = logging.getLogger(__name__)
 
 
 class Bridge:
-    """Between one application and the clients of one server.
+    """Between the studio of an application and the pages of one server.
 
     Parameters
     ----------
-    app : whose widgets are shown.
-    server : sends to the clients, and has trame's state and triggers.
+    app : whose studio is shown.
+    server : sends to the pages.
     """
 
     def __init__(self, app: Application, server: PageServer) -> None:
         self.app, self._server = app, server
-        self._waiting = 0
-        self._newest: dict[str, int] = {}  # number of the last value that a client has set a control to
-        self._done: dict[str, int] = {}  # and of the one that the application has come to
-        for name, widget in app.widgets.items():
-            widget.comm = LocalComm(partial(self._publish, name))
-        app.changed = self._push_values
-        self._remote = app.volumes.serve(app.fail, server.push_picture)
-        with server.trame.state as state:
-            state.update(app.state())
+        self._answered = ""  # id of the message by a page that a widget takes now
+        self._lock = threading.RLock()
+        self._widgets: dict[str, ipw.Widget] = {}
+        self._reach(app.studio)
 
     # -- for the server ------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Send the clients what has changed before there was a loop."""
-        self.app.thread.call(self._push_values)
+        """Wait for a page."""
 
-    def assets(self) -> dict[str, tuple[str, str]]:
-        """Scripts and styles of the widgets."""
-        sheets = dict.fromkeys(str(widget._css) for widget in WIDGETS.values())
-        return {**{f"/deformnb/{name}.js": (str(widget._esm), "text/javascript") for name, widget in WIDGETS.items()},
-                "/deformnb/widgets.css": ("\n".join(sheets), "text/css")}
-
-    def file(self, key: str) -> Path | None:
-        """A file that the application has written for a client."""
-        return self.app.files.path(key)
+    def bundles(self) -> tuple[str, ...]:
+        """Script and styles of the page; those of widgets come with their states."""
+        return ("app.js", "app.css")
 
     def left(self) -> None:
-        """A client has gone: its drag is given up."""
-        self.app.thread.call(self.app.give_up)
-
-    # -- to the clients ------------------------------------------------------------------------------------------------
-
-    def _publish(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
-        kind = data.get("method")
-        if kind == "custom":
-            message = {"widget": name, "content": data["content"], "buffers": buffers}
-        elif kind == "update":  # echoes are for front ends that share a kernel; clients are informed in _relay
-            message = {"widget": name, "state": _whole(data["state"], data.get("buffer_paths", []), buffers)}
-        else:
-            return
-        self._server.in_loop(self._server.publish, TOPIC, message)
-
-    def _push_values(self) -> None:
-        """The application's values to the clients, but for those that a client has set anew meanwhile."""
-        self._server.in_loop(self._push, self.app.state())
-
-    def _push(self, values: dict[str, Any]) -> None:
-        with self._server.trame.state as state:
-            state.update({name: value for name, value in values.items()
-                          if self._newest.get(name) == self._done.get(name)})
-
-    # -- from a client -------------------------------------------------------------------------------------------------
+        """A page has gone, and with it what its user was about to do."""
+        self.app.thread.call(self.app.studio.show_session)
 
     def answers(self) -> dict[str, Answer]:
-        """Remote procedures of a client, by name; each checks its arguments."""
-        return {"deformnb.open": self._open, "deformnb.message": self._message, "deformnb.state": self._state,
-                "trame.state.update": self._set, "trame.trigger": self._trigger,
-                "trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
-                "deformnb.seen": for_area(self._remote.seen),
-                "deformnb.look": self.app.volumes.look,
-                "deformnb.write": self._write, "deformnb.take": self._take}
+        """Remote procedures of a page, by name; each checks its arguments."""
+        return {"deformnb.open": self._open, "deformnb.comm": self._message}
 
-    def _write(self, kind: str, page: str) -> None:
-        if not isinstance(kind, str) or kind not in DOWNLOADS or not isinstance(page, str) or len(page) > _LONGEST_NAME:
-            raise DeformError("there is no such file.")
-        self._later(lambda: self.app.write(kind, page))
+    # -- to the pages --------------------------------------------------------------------------------------------------
 
-    def _take(self, document: str) -> None:
-        if not isinstance(document, str):
-            raise DeformError("a saved session is text.")
-        self._later(lambda: self.app.open(document))
+    def _reach(self, widget: ipw.Widget) -> dict[str, dict[str, Any]]:
+        """Give comms to a widget and to all that its state refers to; returns the states of those that are new."""
+        found: dict[str, dict[str, Any]] = {}
+        waiting = [widget]
+        with self._lock:
+            while waiting:
+                new = waiting.pop()
+                if new.comm is None or new.model_id in self._widgets:  # a widget that is closed has none
+                    continue
+                name = new.model_id
+                self._widgets[name] = new
+                new.comm = LocalComm(partial(self._publish, name), comm_id=name)
+                found[name] = new.get_state()
+                waiting += [_widget_of(reference) for reference in _references(found[name])]
+        return found
 
-    def _size(self, origin: str, size: dict[str, Any]) -> None:
-        is_first = not self._remote.is_used
-        self._remote.update_size(size)
-        if is_first:
-            self._later(self.app.volumes.wake)
+    def _publish(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
+        message = {"widget": name, "data": data, "buffers": buffers}
+        if data.get("method") == "echo_update":
+            message["parent"] = self._answered
+        with self._lock:
+            opened: dict[str, Any] = {}
+            for reference in _references(data.get("state", {})):
+                opened |= self._reach(_widget_of(reference))
+            if opened:
+                message["opened"] = opened
+            self._server.in_loop(self._server.publish, TOPIC, message)
 
-    def _event(self, origin: str, event: dict[str, Any]) -> None:
-        self._remote.on_event(event)
+    # -- from a page ---------------------------------------------------------------------------------------------------
 
-    async def _open(self, name: str) -> dict[str, Any]:
-        """All that a client needs of a widget to show it."""
-        widget = self._widget(name)
-
+    async def _open(self) -> dict[str, Any]:
+        """The model id of the studio, and the states of all widgets."""
         def look() -> dict[str, Any]:
-            return {k: v for k, v in widget.get_state().items() if not k.startswith("_") and k not in _OTHERS}
+            with self._lock:
+                self._widgets = {name: widget for name, widget in self._widgets.items() if widget.comm is not None}
+                return {name: widget.get_state() for name, widget in self._widgets.items()}
 
-        state = await asyncio.wrap_future(self.app.thread.call(look))
-        return {"state": state, "models": {w.model_id: n for n, w in self.app.widgets.items()}}
+        states = await asyncio.wrap_future(self.app.thread.call(look))
+        return {"studio": self.app.studio.model_id, "widgets": states}
 
-    def _message(self, name: str, content: dict[str, Any]) -> None:
-        self._widget(name)
-        if not isinstance(content, dict):
-            raise DeformError("a message is an object.")
-        picture = self.app.pictures  # which one the client has done it on
-        self._later(lambda: self.app.receive(name, {"method": "custom", "content": content}, picture))
+    async def _message(self, name: str, data: dict[str, Any], number: str, buffers: list[bytes]) -> None:
+        """A message by the front end of a widget; returns when the widget has taken it.
 
-    def _state(self, name: str, page: str, state: dict[str, Any]) -> None:
-        self._widget(name)
-        if not isinstance(state, dict) or not isinstance(page, str) or len(page) > _LONGEST_NAME:
-            raise DeformError("a change of state names its page.")
-
-        def take() -> None:
-            try:
-                self.app.receive(name, {"method": "update", "state": state, "buffer_paths": []})
-            finally:  # taken or refused: the client of origin goes before what we send of these until it gets this
-                now = self.app.widgets[name].get_state(list(state.keys() & self.app.widgets[name].keys))
-                self._server.in_loop(self._server.publish, TOPIC, {"widget": name, "state": now, "origin": page})
-
-        self._later(take)
-
-    def _set(self, changes: list[dict[str, Any]]) -> None:
-        """trame's message of variables that a client has changed: our controls, and nothing else."""
-        if not isinstance(changes, list) or len(changes) > len(self.app.parameters):
-            raise DeformError("a list of changes.")
-        for change in changes:
-            name = change["key"]
-            if not isinstance(name, str) or name not in self.app.parameters:
-                raise DeformError("it is no control.")
-            value = self.app.parameters[name].checked(change.get("value"))
-            self._newest[name] = number = self._newest.get(name, 0) + 1
-            self._later(partial(self._set_one, name, value, number))
-            # Other clients follow; the one that has set it is ahead of us, informed only of refusals. trame looks
-            # the client of the last message when it sends, not now, and may so leave out another: hence twice.
-            self._server.root.push_state_change({name: value}, skip_last_active_client=True)
-            for client in self._server.others():
-                self._server.publish("trame.state.topic", {name: value}, client_id=client)
-            with self._server.trame.state as state:
-                state[name] = value
-
-    def _set_one(self, name: str, value: Any, number: int) -> None:
-        if number == self._newest[name]:  # else one waits that takes its place
-            self._done[name] = number
-            self.app.set(name, value)
-
-    async def _trigger(self, name: str, args: list[Any], kwargs: dict[str, Any]) -> Any:
-        fits = isinstance(args, list) and len(args) == (name in NUMBERED) and all(map(is_whole, args))
-        if name not in (*REQUESTS, *NUMBERED) or not fits or kwargs:
-            raise DeformError("no action of the page.")
-        if name != "save":
-            self._later(lambda: self.app.act(name, *args))
-            return None
-        return await asyncio.wrap_future(self.app.thread.call(self.app.document))
-
-    def _widget(self, name: Any) -> Any:
-        if not isinstance(name, str) or name not in self.app.widgets:
+        Parameters
+        ----------
+        number : of the message; the echo of a state refers to it.
+        """
+        widget = self._widgets.get(name) if isinstance(name, str) else None
+        if widget is None or widget.comm is None:
             raise DeformError("there is no such widget.")
-        return self.app.widgets[name]
+        if not isinstance(number, str) or len(number) > _LONGEST_NAME:
+            raise DeformError("a message has a number.")
+        if not isinstance(buffers, list) or not all(isinstance(buffer, bytes) for buffer in buffers):
+            raise DeformError("buffers are bytes.")
+        taken = {"content": {"data": checked(widget, data)}, "buffers": [memoryview(buffer) for buffer in buffers]}
+        await asyncio.wrap_future(self.app.thread.call(partial(self._take, widget, taken, number)))
 
-    def _later(self, work: Callable[[], None]) -> None:
-        """Run a function in the application's thread."""
-        if self._waiting >= _MOST_WAITING:
-            raise DeformError("too much waits to be done.")
-        self._waiting += 1
-
-        def done() -> None:
-            try:
-                work()
-            except DeformError as error:
-                _LOG.warning("a message of the client was dropped: %s", error)
-            except Exception:
-                _LOG.exception("a message of the client could not be answered")
-            finally:
-                self._server.in_loop(self._one_less)
-
-        self.app.thread.call(done)
-
-    def _one_less(self) -> None:
-        self._waiting -= 1
+    def _take(self, widget: ipw.Widget, message: dict[str, Any], number: str) -> None:
+        """Pass a message to a widget, in the application's thread; the page's next one waits for that."""
+        self._answered = number
+        try:
+            if widget.comm is not None:
+                widget.comm.handle_msg(message)
+        except Exception:
+            _LOG.exception("a message of a page could not be answered")
+        finally:
+            self._answered = ""
 
 
-def _whole(state: dict[str, Any], paths: list[list[Any]], buffers: list[bytes]) -> dict[str, Any]:
-    """A state update with its bytes in their places; here they travel inside of messages."""
-    whole = dict(state)
-    for path, buffer in zip(paths, buffers, strict=True):
-        if len(path) != 1:
-            raise ValueError(f"bytes within a trait, at {json.dumps(path)}")
-        whole[path[0]] = buffer
-    return whole
+def checked(widget: ipw.Widget, data: Any) -> dict[str, Any]:
+    """A page's message to a widget, with nothing in it that the widget's front end would not send.
+
+    Raises
+    ------
+    DeformError
+        If it is no update of traits that :data:`SETTABLE` has, and no message of the widget's own.
+    """
+    if not isinstance(data, dict) or data.get("method") not in ("update", "custom"):
+        raise DeformError("a message updates traits, or is one of the widget's own.")
+    if data["method"] == "custom":
+        if not isinstance(data.get("content"), dict):
+            raise DeformError("a message is an object.")
+        return {"method": "custom", "content": data["content"]}
+    state, paths = data.get("state"), data.get("buffer_paths", [])
+    if not isinstance(state, dict) or not isinstance(paths, list):
+        raise DeformError("an update has a state.")
+    if not isinstance(widget, SyncedWidget) and not state.keys() <= SETTABLE.get(widget._model_name, set()):
+        raise DeformError(f"a page cannot set {sorted(map(str, state))[0]:.40} of a {widget._model_name}.")
+    return {"method": "update", "state": state, "buffer_paths": paths}
+
+
+def _references(state: Any) -> Iterator[str]:
+    """References to widgets in a state."""
+    if isinstance(state, str):
+        if state.startswith(_REFERENCE):
+            yield state
+    elif isinstance(state, dict):
+        for value in state.values():
+            yield from _references(value)
+    elif isinstance(state, (list, tuple)):
+        for value in state:
+            yield from _references(value)
+
+
+def _widget_of(reference: str) -> Any:
+    return ipw.widget_serialization["from_json"](reference, None)

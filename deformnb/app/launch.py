@@ -20,8 +20,6 @@ from deformnb.app.page import build_page
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.session.inputs import best_view
-from deformnb.session.session import Session
 from deformnb.volume.plane import VIEWS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.web.guard import checked_host, is_loopback
@@ -83,7 +81,7 @@ def open_app(volume: Volume, deformation: Deformation | None = None, *, side: st
     host = check_app(host, port, side, idle)
     if not is_loopback(host):
         _print(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
-    app = Application(Session(volume, deformation, view=side or best_view(volume)), viewer=viewer)
+    app = Application(volume, deformation, side=side, viewer=viewer)
     try:
         server = app_server(app, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:

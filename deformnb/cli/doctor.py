@@ -29,7 +29,7 @@ OPTIONAL = {
 }
 """Optional packages: what each is for and the extra that installs it."""
 
-REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "trame-rca", "trame-vuetify",
+REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "trame-rca",
             "ipywidgets", "anywidget", "pooch", "pillow")
 
 

@@ -192,8 +192,9 @@ def read_cut(r: Reader) -> Cut:
 def part_to_data(part: RigidPart) -> dict[str, Any]:
     """A rigid part as JSON data."""
     motion = part.motion and {"matrix": [list(row) for row in part.motion.matrix], "shift": list(part.motion.shift)}
+    pivot = {} if part.pivot is None else {"pivot": list(part.pivot)}
     return {"name": part.name, "enabled": part.enabled, "weight": part.weight, "reach": part.reach, "motion": motion,
-            "region": region_to_data(part.region)}
+            **pivot, "region": region_to_data(part.region)}
 
 
 def part_from_data(data: Any, where: str = "part") -> RigidPart:
@@ -206,6 +207,7 @@ def read_part(r: Reader) -> RigidPart:
     motion, region = None, read_region(r.part("region"))
     reach = None if r.data.get("reach") is None else r.number("reach")
     weight, name, enabled = r.text("weight", "saturated"), r.text("name", ""), r.flag("enabled", True)
+    pivot = None if r.data.get("pivot") is None else r.numbers("pivot")
     if r.data.get("motion") is not None:
         m = r.part("motion")
         shift = m.numbers("shift")
@@ -214,7 +216,7 @@ def read_part(r: Reader) -> RigidPart:
     try:
         if r.data.get("motion") is not None:
             motion = RigidMotion(tuple(rows), shift)
-        return RigidPart(region, motion, weight, reach, name, enabled)
+        return RigidPart(region, motion, weight, reach, name, enabled, pivot)
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
 
@@ -222,8 +224,8 @@ def read_part(r: Reader) -> RigidPart:
 FORMAT = "deformnb-deformation"
 VERSION = (2, 0)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
-result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, and the trend
-"affine" shrinks across thin directions. Each is left out where a document has none."""
+result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, pivots of
+rigid parts, and the trend "affine" shrinks across thin directions. Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may request; what there is no memory for is refused when it is made."""

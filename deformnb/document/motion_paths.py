@@ -43,7 +43,7 @@ from deformnb.rbf.extrusion import CURVE_KNOTS, modulate
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.rbf.rigid import RigidMotion, RigidPart, scaled_points
 from deformnb.rbf.stages import fit_points
 
 Points = NDArray[np.float64]
@@ -369,7 +369,8 @@ def _untouched(step: Step) -> Step:
 
 def _applied(step: Step) -> Step:
     """The same deformation with a strength of 1."""
-    return replace(step, strength=1.0, maps=tuple(m.scaled(step.strength) for m in step.maps),
+    maps = tuple(scaled_points(m, step.parts, step.strength) for m in step.maps)
+    return replace(step, strength=1.0, maps=maps,
                    parts=tuple(part.scaled(step.strength) for part in step.parts))
 
 
@@ -455,7 +456,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
 
 def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     """The places to which a step takes the tissue at these places."""
-    chosen = points if step.strength == 1 else points.scaled(step.strength)
+    chosen = scaled_points(points, step.parts, step.strength)
     regions = [cut.region for cut in step.cuts if cut.enabled]
     result = places.copy()
     sides = sides_of(regions, places) if regions else np.zeros((len(places), 0), dtype=bool)

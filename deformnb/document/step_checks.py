@@ -22,7 +22,7 @@ from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
-from deformnb.rbf.rigid import RigidInterpolant, fit_rigid
+from deformnb.rbf.rigid import RigidInterpolant, fit_rigid, scaled_points
 from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Plane, Raster
@@ -273,7 +273,7 @@ def _dragged(step: Step, key: int) -> ControlPoints:
     if not 0 <= key < len(step.maps):
         raise DeformError(f"there is no set of control points {key}; there are {len(step.maps)}.")
     points = step.maps[key]
-    points = points if step.strength == 1 else points.scaled(step.strength)
+    points = scaled_points(points, step.parts, step.strength)
     return points.take(np.flatnonzero(points.active))
 
 

@@ -184,7 +184,8 @@ class _Map:
             matrix = self.matrix @ np.asarray(motion.matrix) @ np.linalg.inv(self.matrix)
             motion = RigidMotion(matrix, self(way) - matrix @ self.shift)
         reach = None if part.reach is None else part.reach * self.scale
-        return replace(part, region=self.region(part.region), motion=motion, reach=reach)
+        pivot = None if part.pivot is None else tuple(self(part.pivot).tolist())
+        return replace(part, region=self.region(part.region), motion=motion, reach=reach, pivot=pivot)
 
     def region(self, region: AbstractRegion) -> AbstractRegion:
         if isinstance(region, HalfSpace):

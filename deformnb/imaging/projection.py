@@ -22,7 +22,7 @@ from deformnb.imaging.raycast import Blocks, PerspectiveCamera, blocks, composit
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
-from deformnb.volume.transfer import TransferFunction, as_transfer, typical_range
+from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_volume
 from deformnb.warping.warper import warp
 
@@ -30,6 +30,8 @@ from deformnb.warping.warper import warp
 _LAYERS = 32
 # Whole numbers of a smaller range show as terraces on a surface that is lit.
 _FEW = 64
+# Of the pixels are black, and as many of those brighter than black white: noise and a few bright spots.
+_SATURATED = 0.005
 # Beyond this a float32 has no square.
 _LARGEST = 1e18
 
@@ -139,7 +141,7 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
         if not isinstance(given, kind) and (given is not None or kind is Plane):
             raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
-    order = _voxel_order(volume.grid, plane)
+    order = voxel_order(volume.grid, plane)
     settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
     if order is not None and spacing is None and part is None and eye is None:
         picture = _project_voxels(volume, plane, how, settings, depth, progress)
@@ -147,17 +149,25 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
         picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, progress)
     if progress is not None:
         progress(1.0)
-    return picture if picture.values.ndim == 3 else replace(picture, window=_window(picture.values, volume))
+    if picture.values.ndim == 3:
+        return picture
+    return replace(picture, window=_window(picture.values, volume), unit="HU" if is_hounsfield(volume) else "")
 
 
 def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
-    """Black is the background; white is what only 1 in 300 pixels of the subject exceeds.
+    """The automatic window of a grey picture.
 
-    So one dense spot (a filling, a clip) does not darken the rest.
+    Black is the 0.5 percentile of the pixels, white the 99.5 percentile of those brighter than black: where much of a
+    picture is background, white follows the subject alone. What lies outside of the volume's
+    :func:`~deformnb.volume.transfer.typical_range` does not count: metal, and the padding of a scanner. Of labels, and
+    where all pixels are alike, black is the smallest value of the volume.
     """
-    low = volume.background
-    subject = values[values > low]
-    high = float(np.quantile(subject.astype(np.float64), 1 - 1 / 300)) if subject.size else low
+    lowest, highest = typical_range(volume)
+    shown = values[(values >= lowest) & (values <= highest)].astype(np.float64)
+    is_even = volume.is_labels or not shown.size or shown.min() == shown.max()
+    low = volume.background if is_even else float(np.quantile(shown, _SATURATED))
+    subject = shown[shown > low]
+    high = float(np.quantile(subject, 1 - _SATURATED)) if subject.size else low
     # One grey level of the type, or one step of a float, where everything is alike: never a window without width.
     return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
 
@@ -183,7 +193,7 @@ def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> di
             "light": light / np.linalg.norm(light), "faces": None}
 
 
-def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
+def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
     """Array axis and sign of depth, v and u if the plane lies along the voxel axes, else None."""
     cosines = plane.frame[[2, 1, 0]] @ np.asarray(grid.direction)
     best = np.abs(cosines).argmax(axis=1)
@@ -198,7 +208,7 @@ def _voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
 
 def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
                     progress: Progress | None) -> Picture:
-    order = _voxel_order(volume.grid, plane)
+    order = voxel_order(volume.grid, plane)
     assert order is not None
     turned = volume.finite_values.transpose([axis for axis, _ in order])
     turned = turned[tuple(slice(None, None, sign) for _, sign in order)]  # [depth, v, u], a view
@@ -271,7 +281,7 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
         is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
         layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)
         settings = _with_steps(settings, d, d, d)
-        if is_lit and part is None and _voxel_order(volume.grid, plane) is None:
+        if is_lit and part is None and voxel_order(volume.grid, plane) is None:
             part = Part.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
         if is_lit and part is not None:
             settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])

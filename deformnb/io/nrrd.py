@@ -122,6 +122,21 @@ def read_header(path: Path) -> Header:
     return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes, **affine)
 
 
+def segment_names(path: Path) -> dict[int, str]:
+    """What the labels of a segmentation of 3D Slicer (.seg.nrrd) are called; empty for other NRRD files.
+
+    Parameters
+    ----------
+    path : of the file, whose keys Segment0_LabelValue, Segment0_Name and so on are read.
+    """
+    keys, names = _fields(path).keys, {}
+    for key, value in keys.items():
+        found = re.fullmatch(r"(Segment\d+)_LabelValue", key)
+        if found and value.isdecimal() and keys.get(f"{found[1]}_Name"):
+            names[int(value)] = keys[f"{found[1]}_Name"]
+    return names
+
+
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
     name = " ".join(fields["type"].lower().split())
     if name not in _DTYPES:

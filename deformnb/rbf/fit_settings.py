@@ -18,7 +18,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
-from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.rigid import RigidPart, scaled_points
 from deformnb.rbf.stages import Fit, check_stages, fit_points
 from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
 from deformnb.rbf.trends import trend_named
@@ -164,7 +164,7 @@ class FitSettings(AbstractFitSettings):
         before = dict(previous or {})
 
         def fit(sides: Sides, own: ControlPoints) -> Fit:
-            dragged = own if self.strength == 1 else own.scaled(self.strength)
+            dragged = scaled_points(own, parts, self.strength)
             return fit_points(dragged, moved, stages=self.stages, previous=before.get(sides),
                               **self.arguments(own, lone))
 

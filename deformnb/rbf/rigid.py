@@ -315,6 +315,8 @@ class RigidPart:
     reach : distance from the part beyond which it has no effect; None leaves that to the nearest control point.
     name : shown to people.
     enabled : a part that is switched off stays in the list.
+    pivot : the place of the region about which editors turn it, as many coordinates; None is the region's middle. It
+        decides how a motion is set and shown, and changes none.
     """
 
     region: AbstractRegion
@@ -323,6 +325,7 @@ class RigidPart:
     reach: float | None = None
     name: str = ""
     enabled: bool = True
+    pivot: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.region, AbstractRegion):
@@ -335,6 +338,12 @@ class RigidPart:
             raise DeformError(f"the reach of a rigid part must be a positive length, got {self.reach}.")
         if self.motion is not None and self.motion.dim != self.region.dim:
             raise DeformError(f"a motion of {self.motion.dim} dimensions does not move a region of {self.region.dim}.")
+        if self.pivot is not None:
+            pivot = _numbers(self.pivot)
+            if pivot.shape != (self.region.dim,) or not np.isfinite(pivot).all():
+                raise DeformError(f"the pivot of a rigid part in {self.region.dim} dimensions must be as many finite "
+                                  f"numbers, got {self.pivot}.")
+            object.__setattr__(self, "pivot", tuple(pivot.tolist()))
 
     @property
     def label(self) -> str:
@@ -551,6 +560,63 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
         for k in np.flatnonzero(differs).tolist():
             points = points.edit(points.ids[k], **({"target": carried[k]} if held == "carry" else {"active": False}))
     return points
+
+
+def carried_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequence[RigidPart]) -> ControlPoints:
+    """The control points after rigid parts have got other motions: those that a part carried go on with it.
+
+    Parameters
+    ----------
+    before, after : the same parts in the same order; those whose motion alone differs count. A part carries the active
+        points in it that require what it does.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Polygon
+    >>> bone = RigidPart(Polygon([(0, 0), (9, 0), (9, 9), (0, 9)]))
+    >>> points = ControlPoints.from_arrays([[2, 2], [20, 2]])
+    >>> carried_points(points, [bone], [replace(bone, motion=RigidMotion.turn(0, (0, 0), (5, 1)))]).target.tolist()
+    [[7.0, 3.0], [20.0, 2.0]]
+    """
+    target = points.target.copy()
+    for p, q in zip(before, after, strict=False):
+        if p.motion != q.motion and p.region == q.region and p.enabled and q.enabled:
+            goes = _carried(points, p)
+            target[goes] = points.source[goes] if q.motion is None else q.motion(points.source[goes])
+    return points if np.array_equal(target, points.target) else replace(points, target=target)
+
+
+def scaled_points(points: ControlPoints, parts: Sequence[RigidPart], strength: float) -> ControlPoints:
+    """The control points dragged ``strength`` times as far; those that a part carries go as far as it does then.
+
+    Half of a turn is not half of the way: a carried point that went straight would leave its place in the part.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Polygon
+    >>> bone = RigidPart(Polygon([(0, 0), (9, 0), (9, 9), (0, 9)]), RigidMotion.turn(180, (0, 0)))
+    >>> points = ControlPoints.from_arrays([[2, 0], [20, 2]], [[-2, 0], [24, 2]])
+    >>> scaled_points(points, [bone], 0.5).target.round(9).tolist()
+    [[0.0, 2.0], [22.0, 2.0]]
+    """
+    if strength == 1:
+        return points
+    scaled = points.scaled(strength)
+    target = scaled.target.copy()
+    for part in parts:
+        if part.enabled and part.motion is not None:
+            goes = _carried(points, part)
+            target[goes] = part.motion.power(strength)(points.source[goes])
+    return replace(scaled, target=target)
+
+
+def _carried(points: ControlPoints, part: RigidPart) -> NDArray[np.bool_]:
+    """Mask of the active points that lie in a part and require what it does."""
+    if part.region.dim != points.dim:
+        return np.zeros(len(points), dtype=bool)
+    back = points.target if part.motion is None else part.motion.inverse(points.target)
+    near = np.linalg.norm(points.source - back, axis=1) <= SAME_MOTION * _size_of(points)
+    return np.asarray(points.active & near & (part.region.signed_distance(back) <= 0))
 
 
 def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:

@@ -287,13 +287,15 @@ class Fitted:
     score_before, score_after : similarity of the pictures at the finest level, larger is better.
     history : (level, similarity) of every iteration.
     least : the smallest det J of the map on a lattice over the picture; above 0 nothing is folded.
+    support : the support radius of the map in physical units; points that have moved would be given another one.
     """
 
     points: ControlPoints
     score_before: float
     score_after: float
-    history: tuple[tuple[int, float], ...] = field(default=())
-    least: float = 1.0
+    history: tuple[tuple[int, float], ...]
+    least: float
+    support: float
 
 
 def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, kernel: str = "wendland_c2",
@@ -350,7 +352,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
         target = points.target.copy()
         target[at[free]] = (start.origin + start.support * x[: len(at)])[free]
         points = replace(points, target=target)
-    return Fitted(points, before, after, tuple(search.history), smallest)
+    return Fitted(points, before, after, tuple(search.history), smallest, float(start.support))
 
 
 def _check_options(energy: float, iterations: int, least: float) -> None:

@@ -208,6 +208,43 @@ def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline
     return slide(added, [target.ring[:-1]], ids=new, iterations=iterations, progress=progress)
 
 
+HELD = "outline"
+"""Name of the points that :func:`hold_outline` adds."""
+
+
+def hold_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> ControlPoints:
+    """Add points that stay, spread evenly by arc length along an outline: drags bend only what lies around them.
+
+    Those of an earlier call that have not been moved make room. None is added within half of the spacing of another
+    point, so that what lies at the outline can be dragged.
+
+    Parameters
+    ----------
+    points : control points of a picture.
+    line : a closed polyline (n, 2), such as :func:`outline` gives.
+    count : how many places there are along the outline.
+
+    Examples
+    --------
+    >>> square = [[0, 0], [40, 0], [40, 40], [0, 40]]
+    >>> held = hold_outline(ControlPoints.from_arrays([[40.0, 20.0]], [[60.0, 20.0]]), square, count=8)
+    >>> len(held), held.names.count(HELD)
+    (8, 7)
+    """
+    if points.dim != 2:
+        raise DeformError("outlines lie on a picture; points in space have none.")
+    if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
+        raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
+    curve, moved = Curve(line), np.any(points.displacement != 0, axis=1)
+    kept = points.take([k for k, name in enumerate(points.names) if name != HELD or moved[k]])
+    free = curve.length / count / 2
+    taken = np.concatenate([kept.source, kept.target])
+    for place in curve.at(np.arange(count) * curve.length / count):
+        if not (np.linalg.norm(taken - place, axis=1) < free).any():
+            kept = kept.add(place, name=HELD)
+    return kept
+
+
 def _begins(source: Curve, target: Curve) -> float:
     """The share of the target's length at which it lies closest to the source's beginning, over all of both."""
     share = np.arange(_COMPARED) / _COMPARED

@@ -108,6 +108,7 @@ class Frozen:
     plane: Plane
     method: str
     depth: float | None
+    window: tuple[float, float] | None
     transfer: TransferFunction
     seen: Seen
     save: Callable[..., None]
@@ -129,8 +130,8 @@ class Frozen:
         """
         depth = session.depth if session.method == "slice" else None
         return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
-                   session.transfer_function, Seen.of(seen), session.save, session.files, session.source,
-                   _checked_size(size), _checked_rate(fps))
+                   session.window, session.transfer_function, Seen.of(seen), session.save, session.files,
+                   session.source, _checked_size(size), _checked_rate(fps))
 
     @property
     def output(self) -> Grid | None:
@@ -241,7 +242,8 @@ def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
 
 def _projected(it: Frozen, volume: Volume) -> Picture:
     colours = it.transfer if it.method in ("composite", "shaded") else None
-    return project(volume, it.plane, it.method, transfer=colours, depth=it.depth)
+    made = project(volume, it.plane, it.method, transfer=colours, depth=it.depth)
+    return made if it.window is None else replace(made, window=it.window)
 
 
 def _movie(it: Frozen, path: Path, progress: Progress) -> None:

@@ -29,6 +29,7 @@ from deformnb.analysis.extent import (
     padded,
     reached_places,
 )
+from deformnb.checks import checked_window
 from deformnb.document.deformation import STEP_LABELS, Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
@@ -40,12 +41,14 @@ from deformnb.io.documents import read_document, write_deformation
 from deformnb.io.memory import check_room
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidPart, without_conflicts
+from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts
+from deformnb.registration.outlines import HELD, hold_outline, outline
 from deformnb.session.history import History, HistoryNode
 from deformnb.session.view_state import ViewState, without_view_state
-from deformnb.volume.plane import VIEWS, Picture, Plane
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.plane import VIEWS, Picture, Plane, Slices
+from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.points import Landmarks
 from deformnb.warping.warper import warp
 
 
@@ -74,6 +77,7 @@ class Session(traitlets.HasTraits):
     key : its set of control points that is edited, for the rule "interpolate".
     method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
     depth : where a "slice" lies along the normal, from the middle of the volume.
+    window : values shown as black and white in grey pictures, set by hand; None for the automatic window of each.
     transfer : colours and opacities, a :class:`~deformnb.volume.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
     notice : the last message to the user, such as a trend that was changed along with a kernel; first the notes of the
@@ -111,6 +115,7 @@ class Session(traitlets.HasTraits):
     notice = traitlets.Unicode("")
     method = traitlets.Enum(list(PROJECTIONS), "mip")
     depth = traitlets.Float(0.0)
+    window = traitlets.Any(None)
     transfer = traitlets.Any("specimen")
     saved = traitlets.Instance(Deformation, allow_none=True)
     file = traitlets.Instance(Path, allow_none=True)
@@ -210,6 +215,72 @@ class Session(traitlets.HasTraits):
             key, before = min(self.key, len(self.step.maps) - 1), self.points
             step = _renamed(self.step.with_points(points, key), key, before)
             self._become(self.deformation.with_step(self.index, step), label, kind)
+
+    def add_landmarks(self, landmarks: Landmarks) -> None:
+        """Add control points at landmarks, dragged to their fixed places where they have any.
+
+        Parameters
+        ----------
+        landmarks : places in space (LPS), which on a picture are seen from its side, or on a picture its (a, b).
+
+        Raises
+        ------
+        DeformError
+            If they have two coordinates and the step's points three, or the points cannot be fitted.
+        """
+        plane = self.step.plane
+        if plane is None and landmarks.points.shape[1] == 2:
+            raise DeformError("these landmarks lie on a picture, and the points of this step in space: choose another "
+                              "step.")
+        source, points = landmarks.points, self.points
+        target = source if landmarks.fixed is None else np.where(np.isfinite(landmarks.fixed), landmarks.fixed, source)
+        if plane is not None and source.shape[1] == 3:
+            source, target = (plane.to_plane(places)[:, :2] for places in (source, target))
+        assert landmarks.active is not None
+        for start, end, name, active in zip(source, target, landmarks.names, landmarks.active, strict=True):
+            new = points.next_id
+            points = points.add(start, end, name=name)
+            points = points if active else points.edit(new, active=False)
+        self.edit_points(points, "add landmarks")
+
+    def landmarks(self) -> Landmarks:
+        """The control points being edited as landmarks in space (LPS), with their targets as fixed places.
+
+        Those of a picture lie in its plane.
+        """
+        points, plane = self.points, self.step.plane
+        ends = [points.source, points.target]
+        source, target = ends if plane is None else [plane.from_plane(end) for end in ends]
+        return Landmarks(source, points.names, fixed=target, active=points.active)
+
+    def hold_outline(self, count: int = 16) -> None:
+        """Add points that stay along the outline of what the picture shows: drags bend only what lies around them.
+
+        On a slice and a maximum the outline is where the values rise above air, elsewhere where dark and bright part
+        best. Points that hold it already and were not moved make room.
+
+        Parameters
+        ----------
+        count : places along the outline; those beside another point stay free.
+
+        Raises
+        ------
+        DeformError
+            For a step in space, and where nothing is seen on the picture.
+        """
+        if self.step.plane is None:
+            raise DeformError("an outline lies on a picture, and this step has its points in space: choose another "
+                              "step, or add one.")
+        picture, level = self.automatic_picture(), None  # a window set by hand may begin above air
+        if self.method in ("slice", "mip"):
+            low, high = picture.window
+            level = min(max((levels(self.volume)[1] - low) / (high - low), 0.02), 0.98)
+        lines = outline(picture, level)
+        if not lines:
+            raise DeformError("there is no outline on the picture: all of it is alike.")
+        points = hold_outline(self.points, lines[0], count=count)
+        self.edit_points(points, "hold the outline")
+        self.notice = f"{points.names.count(HELD)} points hold the outline: a drag bends only what lies around it."
 
     def change(self, label: str = "", kind: str | None = None, *, slides: bool = False, **fields: Any) -> None:
         """Change fields of the step being edited, such as ``kernel="gaussian"``.
@@ -348,13 +419,17 @@ class Session(traitlets.HasTraits):
                    slides: bool = False, points: ControlPoints | None = None) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rbf.rigid.RigidPart`; see :meth:`edit_cuts`.
 
-        A point inside a part that requires something else than the part does is refused; ``slides`` is as of
-        :meth:`change`. ``points`` are other control points that belong to the same edit.
+        Points that a part carries go on with it where it gets another motion. A point inside a part that requires
+        something else than the part does is refused; ``slides`` is as of :meth:`change`. ``points`` are other control
+        points that belong to the same edit.
         """
         with self._lock:
-            key = min(self.key, len(self.step.maps) - 1)
-            fields = {} if points is None else {"maps": self.step.with_points(points, key).maps}
-            self.change(label or "change rigid parts", kind, slides=slides, parts=tuple(parts), **fields)
+            step, parts = self.step, tuple(parts)
+            key = min(self.key, len(step.maps) - 1)
+            step = replace(step, maps=tuple(carried_points(own, step.parts, parts) for own in step.maps))
+            step = step if points is None else step.with_points(points, key)
+            fields = {} if step.maps == self.step.maps else {"maps": step.maps}
+            self.change(label or "change rigid parts", kind, slides=slides, parts=parts, **fields)
 
     def add_part(self, part: RigidPart, label: str = "", *, held: str = "refuse") -> None:
         """One more rigid part on the step being edited, as one edit together with what becomes of the points in it.
@@ -568,11 +643,15 @@ class Session(traitlets.HasTraits):
             raise DeformError(f"transfer must be a TransferFunction or the name of a preset, got {value!r:.60}.")
         return value
 
+    @traitlets.validate("window")
+    def _valid_window(self, proposal: Any) -> tuple[float, float]:
+        return checked_window(proposal["value"])  # traitlets validates no None
+
     @property
     def view_state(self) -> ViewState:
         """View state at this moment; the depth only where it is the slice of the last step."""
         is_slice = self.method == "slice" and self.index == len(self.deformation.steps) - 1
-        return ViewState(self.transfer, self.method, self.depth if is_slice else None)
+        return ViewState(self.transfer, self.method, self.depth if is_slice else None, self.window)
 
     def _restore_view_state(self, stored: ViewState, *, besides: Container[str] = (), is_other: bool = False) -> None:
         """Take over the view state of a document, as far as it is stored."""
@@ -603,7 +682,15 @@ class Session(traitlets.HasTraits):
             return Deformation(tuple(s for s in steps if s.enabled), mode=self.deformation.mode)
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
-        """The picture that is being edited, before the step that is edited; kept until something else is requested."""
+        """The picture that is being edited, before the step that is edited, in the window that was set by hand."""
+        return self.in_window(self.automatic_picture(progress))
+
+    def in_window(self, picture: Picture) -> Picture:
+        """A grey picture in the window that was set by hand, if one was."""
+        return picture if self.window is None else replace(picture, window=self.window)
+
+    def automatic_picture(self, progress: Callable[[float], None] | None = None) -> Picture:
+        """The picture that is being edited, in its automatic window; kept until something else is requested."""
         with self._drawing:  # one thread after the other, each for the document of one moment
             settings = self._picture_settings()
             kept = self._picture
@@ -626,6 +713,11 @@ class Session(traitlets.HasTraits):
     def depth_range(self) -> tuple[float, float]:
         """Range of slice depths, from the middle of the volume."""
         return self.plane.depth_range(self.volume.grid)
+
+    @property
+    def slices(self) -> Slices:
+        """The slices that the picture can show, by their depths."""
+        return self.plane.slices(self.volume.grid)
 
     # -- the box of the result -----------------------------------------------------------------------------------------
 

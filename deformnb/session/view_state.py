@@ -1,4 +1,4 @@
-"""View state of a volume, kept in a document beside its edits: projection, slice, colours, opacities.
+"""View state of a volume, kept in a document beside its edits: projection, slice, window, colours, opacities.
 
 A document has it in a field of its own, ``look``, since version 1.4. It is no part of the deformation: it is not undone
 with an edit, and two documents that only look different are the same.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from deformnb.checks import checked_window
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import Reader
 from deformnb.errors import DeformError
@@ -29,11 +30,13 @@ class ViewState:
     transfer : colours and opacities, or the name of a preset.
     method : projection of the picture.
     depth : where a slice lies along the normal, from the middle of the volume.
+    window : values shown as black and white, where they were chosen by hand.
     """
 
     transfer: str | TransferFunction | None = None
     method: str | None = None
     depth: float | None = None
+    window: tuple[float, float] | None = None
 
     def added_to(self, deformation: Deformation) -> Deformation:
         """A document with this view state."""
@@ -41,7 +44,8 @@ class ViewState:
         if isinstance(transfer, TransferFunction):
             transfer = {"colors": [list(row) for row in transfer.colors], "unit": transfer.unit,
                         "opacities": [list(row) for row in transfer.opacities]}
-        settings = {"transfer": transfer, "method": self.method, "depth": self.depth}
+        settings = {"transfer": transfer, "method": self.method, "depth": self.depth,
+                    "window": None if self.window is None else list(self.window)}
         data = {key: value for key, value in settings.items() if value is not None}
         return replace(deformation, extra={**deformation.extra, FIELD: data})
 
@@ -61,13 +65,14 @@ class ViewState:
         r = Reader(deformation.extra[FIELD], f"document.{FIELD}")
         method = r.text("method", "")
         depth = r.number("depth") if "depth" in r.data else None
-        state = cls(_transfer(r), method if method in PROJECTIONS else None, depth)
+        state = cls(_transfer(r), method if method in PROJECTIONS else None, depth, _window(r))
         return without_view_state(deformation), state
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
-        """Settings that a session takes over; colours at the values of another volume would not fit."""
+        """Settings that a session takes over; colours and window at the values of another volume would not fit."""
         settings = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
-                "method": self.method, "depth": None if is_other else self.depth}
+                "method": self.method, "depth": None if is_other else self.depth,
+                "window": None if is_other else self.window}
         return {key: value for key, value in settings.items() if value is not None}
 
 
@@ -87,6 +92,15 @@ def _transfer(r: Reader) -> str | TransferFunction | None:
         return TransferFunction(_nodes(part, "colors", 4), _nodes(part, "opacities", 2), part.number("unit"))
     except DeformError as error:
         raise DeformError(f"{part.where}: {error}") from None
+
+
+def _window(r: Reader) -> tuple[float, float] | None:
+    if "window" not in r.data:
+        return None
+    try:
+        return checked_window(r.numbers("window", 2))
+    except DeformError as error:
+        raise DeformError(f"{r.where}: {error}") from None
 
 
 def _nodes(r: Reader, key: str, width: int) -> Any:

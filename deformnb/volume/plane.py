@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._typing import Float3
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_grid
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
@@ -80,6 +80,30 @@ class Raster:
         """All pixel centres, shape (nv, nu, 2)."""
         a, b = np.meshgrid(self.columns, self.rows)
         return np.stack([a, b], axis=-1)
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Parallel slices through a volume, see :meth:`Plane.slices`.
+
+    Parameters
+    ----------
+    first : depth c of the first one, in front.
+    spacing : distance of neighbours.
+    count : how many there are.
+    """
+
+    first: float
+    spacing: float
+    count: int
+
+    def depth(self, index: int) -> float:
+        """Depth c of a slice, counted from 0; of the first or last one where there is none."""
+        return self.first + self.spacing * min(max(index, 0), self.count - 1)
+
+    def index(self, depth: float) -> int:
+        """The slice nearest to a depth c."""
+        return min(max(round((depth - self.first) / self.spacing), 0), self.count - 1)
 
 
 @dataclass(frozen=True)
@@ -209,6 +233,22 @@ class Plane:
         c = self.to_plane(as_grid(grid).corners(centres=True))[:, 2]
         return float(c.min()), float(c.max())
 
+    def slices(self, grid: Grid | Volume) -> Slices:
+        """The slices of ``grid`` along the normal: its layers of voxels; aslant as near as the smallest voxel size.
+
+        Examples
+        --------
+        >>> grid = Grid((4, 5, 6), (1.0, 1.0, 2.5))
+        >>> Plane.along(grid, "+z").slices(grid)
+        Slices(first=-3.75, spacing=2.5, count=4)
+        """
+        grid = as_grid(grid)
+        first, last = self.depth_range(grid)
+        cosines = np.abs(np.asarray(grid.direction).T @ np.array(self.normal))
+        is_along = np.sort(cosines)[-2] <= 2 * ORTHONORMAL_TOLERANCE
+        spacing = grid.spacing[int(cosines.argmax())] if is_along else min(grid.spacing)
+        return Slices(first, spacing, int((last - first) / spacing + 1e-6) + 1)
+
 
 def _nearest_column(direction: NDArray[np.float64], toward: NDArray[np.float64],
                     without: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -232,6 +272,7 @@ class Picture:
     method : name of the projection.
     window : values shown as black and white.
     grid : of the volume that is seen; None if the picture is of none.
+    unit : of the grey values, such as "HU"; empty if that is not known.
     """
 
     values: NDArray[Any]
@@ -240,6 +281,7 @@ class Picture:
     method: str
     window: tuple[float, float]
     grid: Grid | None = None
+    unit: str = ""
 
     def __repr__(self) -> str:
         high, wide = self.values.shape[:2]

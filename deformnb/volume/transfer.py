@@ -23,8 +23,14 @@ _OUTLIERS, _STRETCH, _FEW_VOXELS = 1e-4, 16, 512
 # Entries between neighbouring bytes, at most, in a table for the page: 255 * 8 + 1 = 2041 fit into the smallest texture
 # that WebGL2 allows, 2048.
 _FINEST = 8
-# What reaches from air to bone on Hounsfield's scale is taken to be on it: lung is at -700, spongy bone at 300.
-_AIR_HU, _BONE_HU = -700.0, 300.0
+# What reaches from air to bone on Hounsfield's scale is taken to be on it: lung is at -700, spongy bone at 300. Below
+# -1100 there is nothing: air is at -1000, give or take noise; what is there are values such as -2000 or -3024, which
+# scanners write where nothing was measured. Resampling leaves a few values between them and air.
+_AIR_HU, _BONE_HU, _NOTHING_HU = -700.0, 300.0, -1100.0
+_RESAMPLED = 0.02
+# The field of a scanner is a circle in a square: at least so much of its slices lies outside, it comes so near to their
+# sides, and so few places are on the wrong side of it. About so many places along each axis are looked at.
+_CORNERS, _TOUCHES, _STRAY, _LOOKED_AT = 0.05, 0.95, 0.03, 64
 _CLIPPED = "colours and opacities were clipped to 0 to 1"
 
 
@@ -268,16 +274,76 @@ def levels(volume: Volume) -> tuple[float, float, float, float]:
     """Air, the edge between air and tissue, the edge between tissue and dense tissue, and the densest value.
 
     The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
-    Outliers that stretch the range are left out, see :func:`typical_range`.
+    Padding is left out, see :func:`smallest_measured`, and outliers that stretch the range, see :func:`typical_range`.
     """
     return _measured(volume).levels
 
 
-def typical_range(volume: Volume) -> tuple[float, float]:
-    """The smallest and the largest value, but of outliers that stretch this range sixteenfold or more.
+def smallest_measured(volume: Volume) -> float:
+    """The smallest value that is no padding: not what scanners write where they have measured nothing.
 
-    Those are at most 1 in 10 000 voxels, or one: hot voxels, a marker. Labels, bytes and volumes of fewer than 512
-    voxels have none.
+    Padding is what lies far below air in Hounsfield units, such as -2000 or -3024, and one value that fills the slices
+    outside of the circle that a scanner sees, whatever the scale.
+
+    Examples
+    --------
+    >>> values = np.full((10, 10, 10), -3024, np.int16)
+    >>> values[:, 1:9, 1:9], values[:, 3:7, 3:7], values[:, 5, 5] = -1000, 40, 900
+    >>> smallest_measured(Volume.from_array(values))
+    -1000.0
+    """
+    if volume not in _SMALLEST:
+        _SMALLEST[volume] = _above_padding(volume)
+    return _SMALLEST[volume]
+
+
+_SMALLEST: WeakKeyDictionary[Volume, float] = WeakKeyDictionary()
+
+
+def _above_padding(volume: Volume) -> float:
+    low, high = volume.value_range
+    if volume.is_labels or volume.dtype == np.bool_ or not low < high:
+        return low
+    if low < _NOTHING_HU and high >= _BONE_HU:
+        air = _smallest_from(volume, _NOTHING_HU)
+        near = low + (_NOTHING_HU - low) / 8
+        between = sum(int(np.count_nonzero((part > near) & (part < _NOTHING_HU))) for part in volume.finite_values)
+        if air <= _AIR_HU and between <= _RESAMPLED * volume.grid.size:
+            return air
+    if _fills_corners(volume, low):
+        return _smallest_from(volume, float(np.nextafter(volume.dtype.type(low), np.inf))
+                              if volume.dtype.kind == "f" else low + 1)
+    return low
+
+
+def _smallest_from(volume: Volume, limit: float) -> float:
+    """The smallest value at or above a limit that is not above all values."""
+    found = (part[part >= limit] for part in volume.finite_values)
+    return min(float(part.min()) for part in found if part.size)
+
+
+def _fills_corners(volume: Volume, value: float) -> bool:
+    """Check whether a value fills what is outside of a circle in the slices of some axis, and nothing within it."""
+    steps = [max(1, n // _LOOKED_AT) for n in volume.shape]
+    is_there = volume.finite_values[tuple(slice(None, None, step) for step in steps)] == volume.dtype.type(value)
+    share = float(is_there.mean())
+    if not _CORNERS < share < 1 - np.pi / 4 / 2:
+        return False
+    for axis in range(3):
+        rows, columns = np.delete(is_there.shape, axis)
+        radius = np.hypot(np.linspace(-1, 1, rows)[:, None], np.linspace(-1, 1, columns))
+        edge = np.quantile(radius, 1 - share)
+        stray = np.abs(is_there.mean(axis=axis) - (radius > edge)).mean()
+        if stray < _STRAY and edge > _TOUCHES:
+            return True
+    return False
+
+
+def typical_range(volume: Volume) -> tuple[float, float]:
+    """The smallest and the largest value, but of padding and of outliers that stretch this range sixteenfold or more.
+
+    Padding is what lies below :func:`smallest_measured`. Outliers are at most 1 in 10 000 voxels, or one: hot voxels, a
+    marker. Labels, bytes and volumes of fewer than 512 voxels have none.
 
     Examples
     --------
@@ -304,7 +370,7 @@ _MEASURED: WeakKeyDictionary[Volume, _Measured] = WeakKeyDictionary()
 
 def _measured(volume: Volume) -> _Measured:
     if volume not in _MEASURED:
-        low, high = volume.value_range
+        low, high = smallest_measured(volume), volume.value_range[1]
         if high <= low:
             _MEASURED[volume] = _Measured((low, low), (low, low, low, low))
         else:
@@ -318,6 +384,8 @@ def _typical(volume: Volume, whole: Histogram) -> Histogram:
     if not _may_have_outliers(volume):
         return whole
     size = volume.grid.size
+    if whole.low > volume.background:  # what is below is padding
+        size = sum(int(np.count_nonzero(part >= whole.low)) for part in volume.finite_values)
     most, found = max(1, int(_OUTLIERS * size)), whole
     while (ends := _crowded(found, most)) is not None:
         inside = [part[(part >= ends[0]) & (part <= ends[1])] for part in volume.finite_values]
@@ -363,6 +431,19 @@ def _rising(values: list[float]) -> list[float]:
     return [float(v) for v in np.maximum.accumulate(values)]
 
 
+def is_hounsfield(volume: Volume) -> bool:
+    """Check whether the values are taken to be on Hounsfield's scale: they reach from air to bone.
+
+    >>> is_hounsfield(Volume.from_array(np.array([[[-1000, 40, 700]]])))
+    True
+    """
+    low, high = volume.value_range
+    if volume.is_labels or volume.dtype.kind == "b" or low > _AIR_HU or high < _BONE_HU:
+        return False
+    found = levels(volume)
+    return _is_hounsfield(found[0], found[3])
+
+
 def _layer(volume: Volume) -> float:
     """One hundredth of the shortest edge of the volume: the thickness that preset opacities are meant for."""
     return min(volume.grid.lengths) / 100
@@ -373,61 +454,71 @@ def _is_hounsfield(low: float, high: float) -> bool:
     return low <= _AIR_HU and high >= _BONE_HU
 
 
-def specimen(volume: Volume) -> TransferFunction:
-    """A fish or a lobster in a glass jar: translucent flesh, bright bones."""
-    low, air, dense, high = levels(volume)
-    body = air + 0.35 * (dense - air)
-    v = _rising([low, air, body, dense, dense + 0.35 * (high - dense), high])
-    rgb = [(0.55, 0.28, 0.18), (0.62, 0.33, 0.2), (0.86, 0.55, 0.38), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86),
-           (1.0, 1.0, 0.97)]
-    alpha = [0.0, 0.004, 0.016, 0.045, 0.45, 0.9]
-    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)), tuple(zip(v, alpha, strict=True)),
+def _function(volume: Volume, values: list[float], colors: list[tuple[float, float, float]],
+              alphas: list[float]) -> TransferFunction:
+    """Colours and alphas of values, each at least the one before, for layers of :func:`_layer`."""
+    v = _rising(values)
+    return TransferFunction(tuple((a, *c) for a, c in zip(v, colors, strict=True)), tuple(zip(v, alphas, strict=True)),
                             _layer(volume))
+
+
+def specimen(volume: Volume) -> TransferFunction:
+    """A fish or a lobster in a glass jar, bone in translucent skin: faint flesh, bright bones."""
+    low, air, dense, high = levels(volume)
+    if _is_hounsfield(low, high):  # blankets and the foam of a table are below -200, fat is at -100, spongy bone at 200
+        return _function(volume, [low, -200.0, -80.0, 60.0, 160.0, 300.0, 700.0, max(high, 1000.0)],
+                         [(0.55, 0.28, 0.18), (0.78, 0.5, 0.34), (0.86, 0.6, 0.42), (0.78, 0.36, 0.25),
+                          (0.9, 0.52, 0.36), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86), (1.0, 1.0, 0.97)],
+                         [0.0, 0.0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9])
+    body = air + 0.35 * (dense - air)
+    return _function(volume, [low, air, body, dense, dense + 0.35 * (high - dense), high],
+                     [(0.55, 0.28, 0.18), (0.62, 0.33, 0.2), (0.86, 0.55, 0.38), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86),
+                      (1.0, 1.0, 0.97)], [0.0, 0.0, 0.016, 0.045, 0.45, 0.9])
 
 
 def bone(volume: Volume) -> TransferFunction:
     """Only what is dense: bones in CT."""
     low, _, dense, high = levels(volume)
     if _is_hounsfield(low, high):
-        v = _rising([low, 150.0, 400.0, max(high, 1000.0)])
+        values = [low, 150.0, 400.0, max(high, 1000.0)]
     else:
-        v = _rising([low, dense, dense + 0.25 * (high - dense), high])
-    rgb = [(0.7, 0.5, 0.35), (0.85, 0.7, 0.52), (0.96, 0.9, 0.78), (1.0, 1.0, 0.98)]
-    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)),
-                            tuple(zip(v, (0.0, 0.0, 0.6, 0.95), strict=True)), _layer(volume))
+        values = [low, dense, dense + 0.25 * (high - dense), high]
+    return _function(volume, values, [(0.7, 0.5, 0.35), (0.85, 0.7, 0.52), (0.96, 0.9, 0.78), (1.0, 1.0, 0.98)],
+                     [0.0, 0.0, 0.6, 0.95])
 
 
 def muscle(volume: Volume) -> TransferFunction:
     """Flesh over bones: red soft tissue that lets the skeleton through, fat hardly seen."""
     low, air, dense, high = levels(volume)
     if _is_hounsfield(low, high):
-        v = _rising([low, -200.0, 0.0, 60.0, 180.0, 400.0, max(high, 1000.0)])
+        values = [low, -200.0, 0.0, 60.0, 180.0, 400.0, max(high, 1000.0)]
     else:
         edge = dense - air
-        v = _rising([low, air, air + 0.3 * edge, air + 0.7 * edge, dense, dense + 0.35 * (high - dense), high])
+        values = [low, air, air + 0.3 * edge, air + 0.7 * edge, dense, dense + 0.35 * (high - dense), high]
     rgb = [(0.6, 0.45, 0.25), (0.7, 0.5, 0.3), (0.72, 0.22, 0.15), (0.8, 0.25, 0.17), (0.93, 0.6, 0.42),
            (1.0, 0.95, 0.84), (1.0, 1.0, 0.97)]
-    alpha = [0.0, 0.0, 0.012, 0.035, 0.1, 0.6, 0.95]
-    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)), tuple(zip(v, alpha, strict=True)),
-                            _layer(volume))
+    return _function(volume, values, rgb, [0.0, 0.0, 0.012, 0.035, 0.1, 0.6, 0.95])
 
 
 def surface(volume: Volume) -> TransferFunction:
     """The skin: everything that is not air, opaque."""
     low, air, dense, high = levels(volume)
-    v = _rising([low, air, air + 0.3 * (dense - air), dense, high])
-    rgb = [(0.75, 0.55, 0.42), (0.8, 0.6, 0.47), (0.9, 0.72, 0.58), (0.96, 0.86, 0.74), (1.0, 0.98, 0.94)]
-    return TransferFunction(tuple((a, *c) for a, c in zip(v, rgb, strict=True)),
-                            tuple(zip(v, (0.0, 0.0, 0.8, 0.95, 0.98), strict=True)), _layer(volume))
+    values = [low, air, air + 0.3 * (dense - air), dense, high]
+    if _is_hounsfield(low, high):  # skin is at -100 and more; hair, cloth and foam are below
+        values = [low, -350.0, -50.0, 200.0, max(high, 1000.0)]
+    return _function(volume, values,
+                     [(0.75, 0.55, 0.42), (0.8, 0.6, 0.47), (0.9, 0.72, 0.58), (0.96, 0.86, 0.74), (1.0, 0.98, 0.94)],
+                     [0.0, 0.0, 0.8, 0.95, 0.98])
 
 
 def xray(volume: Volume) -> TransferFunction:
     """Like an X-ray film: everything adds a little, the dense adds more."""
     low, air, dense, high = levels(volume)
-    v = _rising([low, air, dense, high])
-    grey = (0.9, 0.94, 1.0)
-    return TransferFunction(tuple((a, *grey) for a in v), tuple(zip(v, (0.0, 0.002, 0.02, 0.06), strict=True)),
-                            _layer(volume))
+    if _is_hounsfield(low, high):
+        values, alphas = [low, -200.0, 60.0, 200.0, max(high, 1000.0)], [0.0, 0.0, 0.005, 0.02, 0.07]
+    else:
+        values, alphas = [low, air, air + 0.1 * (dense - air), dense, high], [0.0, 0.0, 0.002, 0.02, 0.06]
+    return _function(volume, values, [(0.9, 0.94, 1.0)] * 5, alphas)
 
 
 PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {

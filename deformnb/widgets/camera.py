@@ -10,7 +10,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._typing import Progress
+from deformnb._typing import Image, Progress
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera
 from deformnb.volume.clip import WHOLE, Clip, checked_clip
@@ -33,12 +33,24 @@ SHOWS = {
     "original": "the volume as it was given",
     "side_by_side": "original on the left and deformed on the right, turned together",
     "flicker": "original and deformed in turn, at the same place",
+    "wipe": "original left of a line that can be dragged, deformed right of it",
 }
 """Display modes of a volume and its deformation, by name; the first is the default."""
 
 SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
          "-z": "from above (-z)", "+z": "from below (+z)"}
 """The six views in words, for a patient or an animal in LPS."""
+
+def wiped(original: Image, deformed: Image) -> Image:
+    """A still of the display mode "wipe": the line stands in the middle.
+
+    Parameters
+    ----------
+    original, deformed : pictures (height, width, 3) from one camera.
+    """
+    middle = original.shape[1] // 2
+    return np.concatenate([original[:, :middle], deformed[:, middle:]], axis=1)
+
 
 HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}
 """The camera of a view at the start; ``pan`` is the way of the eye to the right and up, a length."""

@@ -83,6 +83,7 @@ class ShapesEdit(TypedDict):
     kind: Annotated[str, "what was done, in words"]
     shapes: Annotated[list[dict[str, Any]], "all shapes of that sort, as documents hold them"]
     points: Annotated[NotRequired[list[PointData]], "all points, where the edit has changed them too"]
+    joins: Annotated[NotRequired[bool], "true where such edits in quick succession are undone as one"]
 
 
 class ShapeChoice(TypedDict):
@@ -126,6 +127,14 @@ class DrawShape(TypedDict):
 
     type: Literal["draw"]
     tool: Literal["cut", "part", "ground"]
+
+
+class ProposedParts(TypedDict):
+    """Other rigid parts that control points contradict: ask what becomes of those."""
+
+    type: Literal["parts"]
+    parts: Annotated[list[dict[str, Any]], "all parts, as documents hold them"]
+    kind: Annotated[str, "what is done, in words"]
 
 
 class ShowPoint(TypedDict):
@@ -533,6 +542,7 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind(EditDone, TO_FRONT_END, _EDITORS),
     MessageKind(EditRefused, TO_FRONT_END, _EDITORS),
     MessageKind(DrawShape, TO_FRONT_END, "Editor"),
+    MessageKind(ProposedParts, TO_FRONT_END, "Editor"),
     MessageKind(ShowPoint, TO_FRONT_END, _EDITORS),
     MessageKind(PicturesWanted, TO_PYTHON, _SPACE),
     MessageKind(SlicesMoved, TO_PYTHON, _SPACE),

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.checks import checked_window
 from deformnb.errors import DeformError
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import TransferFunction, levels
@@ -224,14 +225,6 @@ def whole_window(volume: Volume) -> tuple[float, float]:
     if not (volume.is_labels or volume.dtype in (np.bool_, np.uint8)):
         low, _, _, high = levels(volume)
     return low, high if high > low else low + max(1.0, abs(low)) * 1e-6
-
-
-def checked_window(window: tuple[float, float]) -> tuple[float, float]:
-    """The window of values that are resolved, lowest and highest; refused if they do not rise."""
-    low, high = (float(v) for v in window)
-    if not (np.isfinite(low) and np.isfinite(high) and high > low):
-        raise DeformError(f"the window must be two rising numbers, got {window!r}.")
-    return low, high
 
 
 def _white(volume: Volume, low: float, high: float) -> float:

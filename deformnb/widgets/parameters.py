@@ -1,19 +1,17 @@
 """Parameters that a user sets: label, tooltip, range and choices of each, in one table for all front ends.
 
-The studio makes ipywidgets of it, the application Vuetify controls, the exported page plain HTML controls (it gets the
-table as JSON), and ``docs/parameters.md`` is written from it: ``python -m deformnb.widgets.parameters``.
+The studio makes ipywidgets of it, the exported page plain HTML controls (it gets the table as JSON), and
+``docs/parameters.md`` is written from it: ``python -m deformnb.widgets.parameters``.
 """
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from deformnb.document.deformation import MODES, STEP_LABELS
-from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
@@ -23,8 +21,6 @@ from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
 from deformnb.widgets.camera import SHOWS, SIDES
 from deformnb.widgets.protocol import OVERLAYS
-
-_ROUNDING = 1e-9  # of a number that a front end has turned into a logarithm and back
 
 
 @dataclass(frozen=True)
@@ -39,16 +35,6 @@ class AbstractParameter(ABC):
 
     label: str
     tooltip: str = ""
-
-    @abstractmethod
-    def checked(self, value: Any) -> Any:
-        """The value as Python requires it.
-
-        Raises
-        ------
-        DeformError
-            If it cannot be set to that.
-        """
 
     @property
     @abstractmethod
@@ -81,11 +67,6 @@ class Choice(AbstractParameter):
         words = title if isinstance(title, str) else name.replace("_", " ")
         return words[:1].upper() + words[1:]
 
-    def checked(self, value: Any) -> str:
-        if not isinstance(value, str) or value not in self.registry:
-            raise DeformError(f"{self.label} is one of {', '.join(self.registry)}.")
-        return value
-
     @property
     def values(self) -> str:
         return ", ".join(label for _, label in self.options)
@@ -115,15 +96,6 @@ class Number(AbstractParameter):
     digits: int = 2
     is_log: bool = False
 
-    def checked(self, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise DeformError(f"{self.label} is a number.")
-        slack = _ROUNDING * max(abs(self.low), abs(self.high))
-        if not self.low - slack <= value <= self.high + slack:
-            raise DeformError(f"{self.label} lies between {self.low:g} and {self.high:g}.")
-        within = min(max(value, self.low), self.high)
-        return round(within) if self.digits == 0 else float(within)
-
     @property
     def values(self) -> str:
         unit = {"diagonal": " times the volume's diagonal", "": ""}.get(self.unit, f" {self.unit}")
@@ -133,11 +105,6 @@ class Number(AbstractParameter):
 @dataclass(frozen=True)
 class Switch(AbstractParameter):
     """On or off."""
-
-    def checked(self, value: Any) -> bool:
-        if not isinstance(value, bool):
-            raise DeformError(f"{self.label} is on or off.")
-        return value
 
     @property
     def values(self) -> str:
@@ -207,6 +174,8 @@ OF_THE_FIT = tuple(name for name in PARAMETERS if name in SETTINGS)
 
 ACTIONS: dict[str, Action] = {
     "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),
+    "hold_outline": Action("Hold outline", "Points that stay along the outline: a drag then bends only what lies "
+                           "around it, and not the whole body"),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
     "unfold": Action("Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to "
@@ -227,8 +196,8 @@ def parameters(diagonal: float) -> dict[str, AbstractParameter]:
 
     Examples
     --------
-    >>> parameters(100.0)["support"].checked(250)
-    250.0
+    >>> parameters(100.0)["support"].high
+    400.0
     """
     return {name: replace(p, low=p.low * diagonal, high=p.high * diagonal, unit="")
             if isinstance(p, Number) and p.unit == "diagonal" else p for name, p in PARAMETERS.items()}
@@ -254,7 +223,7 @@ def as_markdown() -> str:
     """The page of the documentation."""
     rows = [f"| `{name}` | {p.label} | {p.values} | {p.tooltip}. |" for name, p in PARAMETERS.items()]
     buttons = [f"| `{name}` | {a.label} | {a.tooltip}. |" for name, a in ACTIONS.items() if a.label]
-    about = ("What can be set in the studio, in the application and, partly, in an exported page, by the names that "
+    about = ("What can be set in the studio and, partly, in an exported page, by the names that "
              "code uses. This page is written by `python -m deformnb.widgets.parameters`.")
     lines = ["# Parameters", "", about, "", "| name | label | values | |", "|---|---|---|---|", *rows, "",
              "## Buttons", "", "| name | label | |", "|---|---|---|", *buttons]

@@ -279,12 +279,14 @@ class ShapesMessage(Message):
     kind : what was done, in words: "add cut", "move part", "undo".
     shapes : all the shapes of that sort after the edit.
     points : all control points after the edit, where it has changed them too; else None.
+    joins : True if such edits in quick succession are one step of an undo, as those of arrow keys are.
     """
 
     what: str
     kind: str
     shapes: tuple[Any, ...]
     points: ControlPoints | None = None
+    joins: bool = False
 
 
 @dataclass(frozen=True)
@@ -411,11 +413,13 @@ def shapes_from_page(content: dict[str, Any], next_id: int = 0) -> ShapesMessage
     """Parse a message about shapes, and points if it has some; DeformError for anything wrong in it."""
     sender, seq = header(content)
     check_size(content, LONGEST_EDIT)
-    what, kind = content.get("what"), content.get("kind")
+    what, kind, joins = content.get("what"), content.get("kind"), content.get("joins", False)
     if what not in _SORTS or not isinstance(kind, str) or not 1 <= len(kind) <= _LONGEST_KIND:
         raise DeformError("an edit of shapes needs its sort and its kind.")
+    if not isinstance(joins, bool):
+        raise DeformError("whether an edit of shapes joins the one before must be true or false.")
     points = points_from_json(content["points"], next_id) if "points" in content else None
-    return ShapesMessage(sender, seq, what, kind, checked_shapes(what, content.get("shapes")), points)
+    return ShapesMessage(sender, seq, what, kind, checked_shapes(what, content.get("shapes")), points, joins)
 
 
 _LOG = logging.getLogger(__name__)

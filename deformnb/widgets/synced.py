@@ -26,11 +26,12 @@ class LocalComm(BaseComm):
     Parameters
     ----------
     post : called with the message's data and its buffers.
+    comm_id : by which front ends know it; default is a new one.
     """
 
-    def __init__(self, post: Callable[[dict[str, Any], list[bytes]], None]) -> None:
+    def __init__(self, post: Callable[[dict[str, Any], list[bytes]], None], comm_id: str | None = None) -> None:
         self._post = post
-        super().__init__(target_name="deformnb.page")
+        super().__init__(target_name="deformnb.page", comm_id=comm_id)
 
     def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
                     **keys: Any) -> None:

@@ -1,22 +1,21 @@
-"""The application without a browser: its controls, its app, and its conversation with pages."""
+"""The application without a browser: its widgets in their thread, its conversation with pages, its command."""
 
 from __future__ import annotations
 
 import asyncio
-import re
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from running_app import PATIENCE, RunningApp, connected, edit_of, heard
 
-from deformnb.app.application import REQUESTS, Application
+from deformnb.app.application import Application
+from deformnb.app.bridge import SETTABLE
 from deformnb.app.launch import _announce, check_app, made_up_carp
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
-from deformnb.document.json_format import from_json
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
@@ -28,192 +27,80 @@ def _bar() -> Volume:
 
 
 @pytest.fixture
-def app() -> Iterator[Application]:
-    made = Application(Session(_bar(), view="+y"))
-    yield made
-    made.close()
+def running(tmp_path: Path) -> Iterator[RunningApp]:
+    with RunningApp(Application(_bar(), side="+y", folder=tmp_path)) as running:
+        yield running
 
 
-def _dragged_points(app: Application, by: float = 3.0) -> list[dict[str, Any]]:
-    points = points_to_json(app.session.points)
+def _dragged_points(running: RunningApp, by: float = 3.0) -> list[dict[str, Any]]:
+    points = points_to_json(running.session.points)
     points[0]["target"] = [points[0]["target"][0] + by, points[0]["target"][1]]
     return points
 
 
-# -- controls ----------------------------------------------------------------------------------------------------------
+def _named(states: dict[str, Any], trait: str, value: Any) -> str:
+    """The id of the first widget with this value of a trait."""
+    return next(name for name, state in states.items() if state.get(trait) == value)
 
 
-def test_every_control_takes_what_the_desk_says_of_itself(app: Application) -> None:
-    state = app.state()
-    for name, control in app.parameters.items():
-        assert control.checked(state[name]) == state[name]
+def _custom(content: dict[str, Any]) -> dict[str, Any]:
+    return {"method": "custom", "content": content}
 
 
-# -- the application ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "value", "seen"), [
-    ("kernel", "gaussian", lambda s: s.step.kernel), ("trend", "rigid", lambda s: s.step.trend),
-    ("smoothing", 0.5, lambda s: s.step.smoothing), ("strength", -0.5, lambda s: s.step.strength),
-    ("support", 12.0, lambda s: s.step.support), ("extrusion", "modulate", lambda s: s.step.extrusion),
-    ("view", "-x", lambda s: s.view), ("method", "mean", lambda s: s.method),
-])
-def test_a_control_changes_the_session(app: Application, name: str, value: Any, seen: Callable[[Session], Any]) -> None:
-    app.set(name, value)
-    assert seen(app.session) == value
-    assert app.state()[name] == value
-    assert app.error == ""
-
-
-def test_widgets_follow_the_session(app: Application) -> None:
-    image = app.editor.image
-    app.set("kernel", "thin_plate")
-    assert (app.editor.kernel, app.session.step.trend) == ("thin_plate", "affine")
-    app.set("view", "-x")
-    assert app.editor.image != image
-    assert app.editor.picture is app.session.picture()
-    app.set("shows", "original")
-    assert app.live.shows == "original"
-    app.set("projection", "mip")
-    assert app.live.projection == "mip"
-    for name in ("show_radius", "drag_grid"):
-        app.set(name, True)
-        assert getattr(app.editor, name)
-
-
-def test_a_slice_goes_from_front_to_back(app: Application) -> None:
-    app.set("method", "slice")
-    low, high = app.session.depth_range
-    app.set("depth", 0.0)
-    front = app.editor.image
-    assert app.session.depth == pytest.approx(low)
-    app.set("depth", 0.5)
-    assert app.editor.image != front  # the bar is inside
-    app.set("depth", 1.0)
-    assert app.session.depth == pytest.approx(high)
-    assert app.state()["depth"] == pytest.approx(1.0)
-
-
-def test_a_drag_in_the_page_is_an_edit_that_can_be_undone(app: Application) -> None:
-    from deformnb.widgets.synced import LocalComm
-
-    app.editor.comm = LocalComm(lambda data, buffers: None)
-    app.receive("editor", {"method": "custom", "content": edit_of(_dragged_points(app))})
-    np.testing.assert_allclose(app.session.points.displacement[0], [-3.0, 0.0])
-    assert app.state()["undo"]
-    app.act("undo")
-    assert not app.session.points.displacement.any()
-    assert not app.editor.points.displacement.any()
-    app.act("redo")
-    assert app.editor.points.displacement.any()
-    app.act("reset")
-    assert not app.editor.points.displacement.any()
-    assert app.state()["facts"].startswith("4 points, 0 moved")
-
-
-def test_points_that_cannot_be_fitted_go_back(app: Application) -> None:
-    before = app.session.points
-    target = before.target.copy()
-    target[1] = target[0]
-    app.editor.points = type(before).from_arrays(before.source, target)  # two features asked to be in one place
-    assert "control point 0 and control point 1" in app.error
-    assert app.session.points == before
-    assert app.editor.points == before
-
-
-def test_two_pictures_are_deformed_one_after_the_other(app: Application) -> None:
-    app.editor.points = app.editor.points.move(0, app.editor.points.target[0] + 2.0)
-    app.set("view", "-x")
-    assert len(app.session.deformation.steps) == 2
-    assert "step 2 of 2" in app.state()["facts"]
-    assert app.editor.points == app.session.points
-    app.act("undo")
-    assert app.state()["view"] == "+y"
-    assert app.editor.picture is app.session.picture()
-
-
-def test_cameras_look_from_the_side_of_the_picture(app: Application) -> None:
-    glance = np.array(app.live.camera["direction"])
-    assert 0.8 < glance @ np.array(app.session.plane.normal) < 0.99  # turned a little, so that depth shows
-    app.act("front")
-    np.testing.assert_allclose(app.live.camera["direction"], app.session.plane.normal, atol=1e-12)
-    np.testing.assert_allclose(app.live.camera["up"], [-c for c in app.session.plane.v], atol=1e-12)
-
-
-def test_another_side_is_seen_square_on_unless_somebody_has_turned_the_volume(app: Application) -> None:
-    for side, toward in (("-x", (-1, 0, 0)), ("+z", (0, 0, 1))):
-        app.set("view", side)
-        np.testing.assert_allclose(app.live.camera["direction"], toward, atol=1e-12)
-    turned = [0.6, 0.0, 0.8]
-    app.live.set_camera(turned)
-    app.set("view", "-x")
-    np.testing.assert_allclose(app.live.camera["direction"], turned, atol=1e-12)
-    app.act("front")
-    app.set("view", "+y")
-    np.testing.assert_allclose(app.live.camera["direction"], (0, 1, 0), atol=1e-12)
-
-
-def test_the_points_of_a_side_wait_there_and_choosing_it_again_leads_back(app: Application) -> None:
-    app.editor.points = dragged = app.editor.points.move(0, app.editor.points.target[0] + 2.0)
-    app.set("view", "-x")
-    assert app.state()["notice"] == "Step 2 begins. The points of step 1 are kept: choose its side again to edit them."
-    assert app.editor.points != dragged
-    app.editor.points = others = app.editor.points.move(1, app.editor.points.target[1] - 1.0)
-    app.set("view", "+y")
-    assert (app.editor.points, app.session.points) == (dragged, dragged)
-    assert "step 1 of 2" in app.state()["facts"]
-    app.set("view", "-x")
-    assert app.editor.points == others
-
-
-@pytest.mark.parametrize(("name", "values"), [
-    ("strength", (0.4, 0.9, 2.6)), ("smoothing", (0.1, 0.2, 0.3)), ("support", (30.0, 90.0, 40.0)),
-])
-def test_a_slow_hand_on_a_slider_makes_one_edit(app: Application, monkeypatch: pytest.MonkeyPatch, name: str,
-                                                values: tuple[float, ...]) -> None:
-    now = 100.0
-    monkeypatch.setattr("deformnb.session.history.time.monotonic", lambda: now)
-    first = app.state()[name]
-    for hold in range(2):
-        app.act("take_hold")
-        for value in values:
-            app.set(name, value + 0.05 * hold)
-            now += 2.0
-    app.act("undo")
-    assert app.state()[name] == values[-1]
-    app.act("undo")
-    assert app.state()[name] == first
-    assert app.state()["undo"] == ""
-
-
-def test_unknown_names_are_refused(app: Application) -> None:
-    for call in (lambda: app.set("volume", 1), lambda: app.act("close"), lambda: app.act("save"),
-                 lambda: app.receive("comm", {})):
-        with pytest.raises(DeformError):
-            call()
-    assert "save" in REQUESTS
+def _update(**state: Any) -> dict[str, Any]:
+    return {"method": "update", "state": state, "buffer_paths": []}
 
 
 # -- the conversation --------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def running() -> Iterator[RunningApp]:
-    with RunningApp(Session(_bar(), view="+y")) as running:
-        yield running
-
-
-def test_a_page_gets_all_of_a_widget(running: RunningApp) -> None:
+def test_a_page_gets_all_widgets_that_the_studio_refers_to(running: RunningApp) -> None:
     async def talk() -> Any:
         async with connected(running) as page:
-            return await page.call("deformnb.open", "editor"), await page.call("deformnb.open", "live")
+            return await page.call("deformnb.open")
 
-    editor, live = asyncio.run(talk())
-    assert editor["state"]["image"].startswith(b"\x89PNG")
-    assert len(editor["state"]["points"]) == 4
-    assert editor["models"] == {widget.model_id: name for name, widget in running.application.widgets.items()}
-    assert live["state"]["editor"] == f"IPY_MODEL_{running.application.editor.model_id}"
-    assert not {"layout", "comm", "_esm"} & set(live["state"])
+    answer = asyncio.run(talk())
+    states, studio = answer["widgets"], running.studio
+    assert answer["studio"] == studio.model_id
+    text = str(states)
+    for name in states:  # each is the studio itself or referred to
+        assert name == studio.model_id or f"IPY_MODEL_{name}" in text
+    editor = states[studio.editor.model_id]
+    assert editor["image"].startswith(b"\x89PNG")
+    assert len(editor["points"]) == 4
+    assert states[studio.view.model_id]["editor"] == f"IPY_MODEL_{studio.editor.model_id}"
+
+
+
+def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
+    """Of each kind of input, what its front end saves; a new kind is missing here until it is thought of."""
+    async def talk() -> Any:
+        async with connected(running) as page:
+            return (await page.call("deformnb.open"))["widgets"]
+
+    shown_only = {"HTMLModel", "LabelModel", "ImageModel", "ButtonModel", "FloatProgressModel", "AnyModel"}
+    kinds = {state["_model_name"] for state in asyncio.run(talk()).values()
+             if state["_model_module"] != "@jupyter-widgets/base" and not state["_model_name"].endswith("StyleModel")}
+    boxes = {"VBoxModel", "HBoxModel", "BoxModel"}
+    assert kinds - shown_only - boxes == set(SETTABLE) & kinds
+    assert set(SETTABLE) - kinds <= {"FloatTextModel"}  # of a row that is made when it is needed
+
+
+def test_a_widget_that_is_made_later_comes_before_what_refers_to_it(running: RunningApp) -> None:
+    async def talk() -> Any:
+        async with connected(running) as page:
+            before = (await page.call("deformnb.open"))["widgets"]
+            step = _named(before, "description", "Add step in space")
+            await page.call("deformnb.comm", step, _custom({"event": "click"}), "1", [])
+            return before, (await heard(page, lambda m: is_opened(m.get("result", {}))))["result"]
+
+    def is_opened(news: dict[str, Any]) -> bool:
+        return running.studio.editor.model_id in news.get("opened", {})
+
+    before, news = asyncio.run(talk())
+    made = running.studio.editor.model_id
+    assert made not in before
+    assert f"IPY_MODEL_{made}" in str(news["data"]["state"])
 
 
 def test_the_volume_comes_in_pieces_that_make_it_whole(running: RunningApp) -> None:
@@ -221,112 +108,62 @@ def test_the_volume_comes_in_pieces_that_make_it_whole(running: RunningApp) -> N
 
     async def talk() -> Any:
         async with connected(running) as page:
-            info = (await page.call("deformnb.open", "live"))["state"]["volume_info"]
-            await page.call("deformnb.message", "live", {"type": "chunk", "view": "v", "id": info["id"], "index": 0})
-            return info, await heard(page, lambda m: m.get("result", {}).get("content", {}).get("type") == "chunk")
+            view = running.studio.view.model_id
+            info = (await page.call("deformnb.open"))["widgets"][view]["volume_info"]
+            chunk = {"type": "chunk", "view": "v", "id": info["id"], "index": 0}
+            await page.call("deformnb.comm", view, _custom(chunk), "1", [])
+            return info, await heard(page, lambda m: m.get("result", {}).get("data", {}).get("content", {}).get(
+                "type") == "chunk")
 
     info, message = asyncio.run(talk())
     voxels = np.frombuffer(gzip.decompress(message["result"]["buffers"][0]), np.uint8)
-    assert voxels.reshape(info["shape"][::-1]).tobytes() == running.application.live._shown.volume.values.tobytes()
+    assert voxels.reshape(info["shape"][::-1]).tobytes() == running.studio.view._shown.volume.values.tobytes()
 
 
-def test_what_one_page_drags_the_other_sees(running: RunningApp) -> None:
-    points = _dragged_points(running.application)
+def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: RunningApp) -> None:
+    points, editor = _dragged_points(running), running.studio.editor.model_id
+
+    def is_update(message: dict[str, Any], trait: str) -> bool:
+        result = message.get("result", {})
+        return bool(result.get("widget") == editor and trait in result.get("data", {}).get("state", {}))
 
     async def talk() -> Any:
         async with connected(running) as mine, connected(running) as other:
-            await mine.call("deformnb.message", "editor", edit_of(points))
-            news = await heard(other, lambda m: m.get("result", {}).get("state", {}).get("points"))
-            await mine.call("deformnb.state", "editor", "mine", {"selected": [2]})
-            chosen = await heard(other, lambda m: m.get("result", {}).get("widget") == "editor"
-                                 and m["result"].get("state", {}).get("selected"))
-            facts = await heard(other, lambda m: "facts" in m.get("result", {}))
-            return news, chosen, facts
+            await mine.call("deformnb.open")
+            await mine.call("deformnb.comm", editor, _custom(edit_of(points)), "mine-1", [])
+            news = await heard(other, lambda m: is_update(m, "points"))
+            await mine.call("deformnb.comm", editor, _update(selected=[2]), "mine-2", [])
+            return news, await heard(other, lambda m: is_update(m, "selected"))
 
-    news, chosen, facts = asyncio.run(talk())
-    assert chosen["result"] == {"widget": "editor", "state": {"selected": [2]}, "origin": "mine"}  # no echo for it
-    assert news["result"]["state"]["points"][0]["target"] == points[0]["target"]
-    assert facts["result"]["facts"] == "4 points, 1 moved"
-    assert facts["result"]["undo"]
+    news, chosen = asyncio.run(talk())
+    assert news["result"]["data"]["state"]["points"][0]["target"] == points[0]["target"]
+    assert chosen["result"]["data"] == {"method": "echo_update", "state": {"selected": [2]}, "buffer_paths": []}
+    assert chosen["result"]["parent"] == "mine-2"
+    np.testing.assert_allclose(running.session.points.displacement[0], [-3.0, 0.0])
 
 
-def test_what_one_page_sets_the_other_sees_and_no_echo_comes_back(running: RunningApp) -> None:
-    async def talk() -> Any:
-        async with connected(running) as mine, connected(running) as other:
-            await mine.call("trame.state.update", [{"key": "kernel", "value": "gaussian"}])
-            await heard(other, lambda m: m.get("result", {}).get("kernel") == "gaussian")
-            await heard(mine, lambda m: m.get("result", {}).get("undo") == "change kernel")
-            # An equal value may come with what the application says when it has done it; alone it would be an echo.
-            return [m["result"] for m in mine.heard if "kernel" in m.get("result", {}) and "undo" not in m["result"]]
-
-    assert asyncio.run(talk()) == []
-    assert running.application.session.step.kernel == "gaussian"
-
-
-def test_a_page_whose_wish_is_refused_gets_the_old_value_back(running: RunningApp,
-                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(**fields: Any) -> None:
-        raise DeformError("not now.")
-
-    monkeypatch.setattr(running.application.session, "change", refuse)
+def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
+    points, before = _dragged_points(running), running.session.points
+    points[0]["target"] = points[1]["target"]  # two features asked to be in one place
 
     async def talk() -> Any:
         async with connected(running) as page:
-            await page.call("trame.state.update", [{"key": "extrusion", "value": "modulate"}])
-            await heard(page, lambda m: m.get("result", {}).get("error"))  # in one message or in two
-            await heard(page, lambda m: m.get("result", {}).get("extrusion") == "replicate")
-            return {k: v for m in page.heard for k, v in m.get("result", {}).items()}
+            await page.call("deformnb.open")
+            await page.call("deformnb.comm", running.studio.editor.model_id, _custom(edit_of(points)), "1", [])
+            await heard(page, lambda m: "are at the same place" in str(
+                m.get("result", {}).get("data", {}).get("state", {}).get("value", "")))
 
-    news = asyncio.run(talk())
-    assert (news["extrusion"], news["error"]) == ("replicate", "not now.")
-
-
-def test_only_the_newest_of_many_values_counts(running: RunningApp) -> None:
-    async def talk() -> None:
-        async with connected(running) as page:
-            for value in np.linspace(-1, 2, 61):
-                await page.send("trame.state.update", [{"key": "strength", "value": round(float(value), 3)}])
-            await page.call("trame.state.get")
-
-    free = threading.Event()
-    running.application.thread.call(lambda: free.wait(PATIENCE))  # an application that is busy meanwhile
-    calls: list[float] = []
-    change = running.application.set
-    running.application.set = lambda name, value: (calls.append(value), change(name, value))[1]  # type: ignore[method-assign]
     asyncio.run(talk())
-    free.set()
-    running.settled()
-    assert running.application.session.step.strength == 2.0
-    assert calls == [2.0]
-
-
-def test_a_saved_session_is_a_document(running: RunningApp) -> None:
-    async def talk() -> Any:
-        async with connected(running) as page:
-            await page.call("trame.state.update", [{"key": "kernel", "value": "cubic"}])
-            return await page.call("trame.trigger", "save", [], {})
-
-    document = from_json(asyncio.run(talk()))
-    assert document.steps[0].kernel == "cubic"
-    assert document.volume is not None
-    assert document.volume.shape == (12, 16, 20)
+    assert running.session.points == before
+    assert running.studio.editor.points == before
 
 
 def test_a_name_that_is_html_stays_text() -> None:
     volume = Volume.from_array(np.zeros((6, 6, 6), np.uint8) + np.arange(6, dtype=np.uint8), name="<b>{{ 1+1 }}.nii")
-    with RunningApp(Session(volume, view="+y")) as running:
+    with RunningApp(Application(volume, side="+y")) as running:
         state = running.server.trame.state
-        assert state["dnb_name"] == "<b>{{ 1+1 }}.nii"  # shown by Vue as text
+        assert state["trame__title"] == "<b>{{ 1+1 }}.nii - deformnb"
         assert "<b>" not in state["trame__template_main"]
-        assert state["dnb_document"] == "-b----1-1----session.json"
-
-
-def test_the_page_has_every_control_and_action(running: RunningApp) -> None:
-    page = running.server.trame.state["trame__template_main"]
-    for name in running.application.parameters:
-        assert re.search(rf'="(Math\.log10\()?{name}\)?"', page), name
-    for name in ("undo", "redo", "reset", "save", "front"):
-        assert f"trigger('{name}')" in page
 
 
 # -- the command -------------------------------------------------------------------------------------------------------
@@ -352,9 +189,11 @@ def test_it_says_when_it_ends_by_itself(capsys: pytest.CaptureFixture[str]) -> N
         assert words in said.err
 
 
-def test_a_port_that_is_taken_is_said() -> None:
-    with RunningApp(Session(_bar(), view="+y")) as running, pytest.raises(OSError, match=r"in use|only one usage"):
-        RunningApp(Session(_bar(), view="+y"), port=running.server.port).__enter__()
+def test_a_port_that_is_taken_is_said(running: RunningApp) -> None:
+    other = Application(_bar())
+    with pytest.raises(OSError, match=r"in use|only one usage"):
+        RunningApp(other, port=running.server.port).__enter__()
+    other.close()
 
 
 def test_who_brings_no_volume_gets_a_carp() -> None:
@@ -364,50 +203,11 @@ def test_who_brings_no_volume_gets_a_carp() -> None:
     assert shares
 
 
-# -- cuts, rigid parts, saved sessions ---------------------------------------------------------------------------------
-
-
-def test_cuts_drawn_in_the_page_are_edits_and_go_back_if_they_cannot_be(app: Application) -> None:
-    line = {"region": {"kind": "line", "vertices": [[9.0, 20.0], [9.0, -1.0]]}}
-    app.receive("editor", _message({"type": "shapes", "what": "cuts", "kind": "add cut", "shapes": [line]}, 1))
-    assert len(app.session.step.cuts) == 1
-    assert app.state()["undo"] == "add cut"
-    app.act("undo")
-    assert app.editor.cuts == ()
-    points = _dragged_points(app, 0.5)
-    app.receive("editor", _message(edit_of(points, 2), 2))
-    corner = points[0]["source"]
-    around = {"name": "stone", "region": {"kind": "polygon", "vertices": [
-        [corner[0] - 2, corner[1] - 2], [corner[0] + 1, corner[1] - 2], [corner[0] + 1, corner[1] + 2],
-        [corner[0] - 2, corner[1] + 2]]}}
-    app.receive("editor", _message({"type": "shapes", "what": "parts", "kind": "add", "shapes": [around]}, 3))
-    assert "stone" in app.error
-    assert app.editor.parts == ()
-
-
-def _message(content: dict[str, Any], seq: int) -> dict[str, Any]:
-    return {"method": "custom", "content": {"sender": "window", **content, "seq": seq}}
-
-
-def test_a_desk_goes_on_with_a_session_and_edits_its_last_picture() -> None:
+def test_it_goes_on_with_a_session() -> None:
     volume = _bar()
     session = Session(volume, view="+y")
     session.edit_points(session.points.add([8.0, 6.0], [10.0, 6.0]))
-    session.add_step(in_space=True)
-    session.edit_points(session.points.add([8.0, 6.0, 6.0], [8.0, 7.0, 6.0]))
-    kept = session.deformation
-    made = Application(Session(volume, kept, view="+y"))
-    assert made.session.index == 0
-    assert made.session.deformation == kept
-    assert made.live.editor is None  # a step in space comes after it
-    made.close()
-    alone = Application(Session(volume, Deformation(kept.steps[1:]), view="+y"))
-    assert [s.plane is None for s in alone.session.deformation.steps] == [True, False]
-    alone.close()
-
-
-def test_the_notes_of_a_volume_are_said_in_the_page() -> None:
-    constant = Volume.from_array(np.full((6, 7, 8), 3.0))
-    app = Application(Session(constant))
-    assert app.state()["notice"] == "Every voxel has the value 3: there is nothing to see in this volume."
+    app = Application(volume, Deformation(session.deformation.steps), side="+y")
+    assert app.session.deformation.steps == session.deformation.steps
+    assert app.thread.call(lambda: len(app.studio.editor.points)).result(PATIENCE) == 5
     app.close()

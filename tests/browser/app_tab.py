@@ -7,18 +7,19 @@ import io
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from running_app import RunningApp
 
+from deformnb.app.application import Application
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.live_view import LiveView
 
 PATIENCE = 30_000  # milliseconds, on a busy machine
 
-_FACTS = ".dnb-app-foot"
 _DRAWN = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb, live = document.querySelector('.dnb-view')?.deformnb;
   return Boolean(editor?.painter.source && live?.caster?.isReady && live.field);
@@ -40,6 +41,13 @@ def cube() -> Volume:
     voxels = np.zeros((28, 24, 32), np.uint8)
     voxels[9:19, 6:18, 11:21] = 255
     return Volume(voxels, Grid(voxels.shape), "cube.nii")
+
+
+def app_of_a_cube(folder: Path, **options: Any) -> Application:
+    """An application that shows the cube, and saves in this folder."""
+    made = Application(cube(), side="+y", folder=folder, **options)
+    made.session.set_trait("transfer", "bone")
+    return made
 
 
 def grey(image: NDArray[Any]) -> NDArray[np.float64]:
@@ -107,10 +115,18 @@ class Tab:
         """Wait for the picture and the volume."""
         self.page.wait_for_function(_DRAWN, timeout=PATIENCE)
 
-    def says(self, text: str, where: str = _FACTS) -> None:
-        """Wait until the page says it."""
-        self.page.wait_for_function("([where, text]) => document.querySelector(where)?.innerText.includes(text)",
-                                    arg=[where, text], timeout=PATIENCE)
+    def has(self, points: int, moved: int) -> None:
+        """Wait until the session and the page have so many points, and so many of them moved."""
+        def count() -> tuple[int, int]:
+            now = self.app.session.points
+            return len(now), int(now.displacement.any(axis=1).sum())
+
+        eventually(lambda: count() == (points, moved))
+        self.page.wait_for_function("""([count, moved]) => {
+          const points = document.querySelector('.dnb-editor').deformnb.points;
+          return points.length === count && points.filter(({ source, target }) =>
+            Math.hypot(source[0] - target[0], source[1] - target[1]) > 1e-6).length === moved; }""",
+                                    arg=[points, moved], timeout=PATIENCE)
 
     def _image(self, script: str) -> NDArray[np.float64]:
         from PIL import Image
@@ -130,11 +146,11 @@ class Tab:
     @property
     def camera(self) -> dict[str, Any]:
         """From where the volume is seen."""
-        return dict(self.app.application.live.camera)
+        return dict(self.app.studio.view.camera)
 
     def core(self) -> NDArray[np.float64]:
         """What the page should show of the volume: the core's own warp of what the session says, from the same side."""
-        session = self.app.application.session
+        session = self.app.session
         view = LiveView(session.volume, transfer=session.transfer, background="dark")
         view.show_deformation(session.field(), output=finer(session.volume.grid))
         view.camera = self.camera
@@ -173,9 +189,12 @@ class Tab:
     def add_in_the_middle(self) -> None:
         box = self.page.locator(".dnb-ed-stage").bounding_box()
         self.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        self.says("5 points")
-        # Without its grid the picture's own pixels can be measured.
-        self.page.get_by_label("Grid", exact=True).uncheck()
+        self.has(5, 0)
+        self.hide_grid()
+
+    def hide_grid(self) -> None:
+        """Without its grid the picture's own pixels can be measured."""
+        self.page.locator(".dnb-pane [data-command=grid]").click()
         self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_grid')")
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from browser.app_tab import cube
+from browser.app_tab import app_of_a_cube
 from browser.editor_page import EditorOnPage, five_points, smooth_picture
 from browser.hosts import Lab, running
 from browser.live_page import ARGUMENTS, LivePage
@@ -14,15 +14,14 @@ from running_app import RunningApp
 from scripts import chromium
 
 from deformnb.rbf.points import ControlPoints
-from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.widgets.editor.editor import Editor
 
 
 @pytest.fixture(scope="module")
-def app() -> Iterator[RunningApp]:
+def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
     """An application that shows a cube."""
-    with RunningApp(Session(cube(), view="+y", transfer="bone")) as serving:
+    with RunningApp(app_of_a_cube(tmp_path_factory.mktemp("app"))) as serving:
         yield serving
 
 

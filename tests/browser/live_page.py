@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import threading
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,8 @@ class LivePage:
         self.page.on("console", self._heard)
         self.widgets: dict[str, Any] = {}
         self.outbox: list[tuple[str, dict[str, Any], list[bytes]]] = []
+        self._thread = threading.current_thread()  # the only one that may talk to the browser
+        self._changes: list[tuple[str, str]] = []  # of traits, by others
         self._echo = ""  # the widget that hears its own page
         self._inbox: list[tuple[str, str, str, list[str]]] = []
         self._is_reading = False
@@ -108,9 +111,14 @@ class LivePage:
 
     def _changed(self, name: str, change: Any) -> None:
         if self.widgets[name].trait_metadata(change["name"], "sync") and self._echo != name:
-            key = change["name"]
-            self.page.evaluate("([m, k, v]) => models[m].fromPython(k, v)",
-                               [name, key, _plain(self.widgets[name].get_state(key)[key])])
+            if threading.current_thread() is self._thread:
+                self._deliver_trait(name, change["name"])
+            else:
+                self._changes.append((name, change["name"]))
+
+    def _deliver_trait(self, name: str, key: str) -> None:
+        self.page.evaluate("([m, k, v]) => models[m].fromPython(k, v)",
+                           [name, key, _plain(self.widgets[name].get_state(key)[key])])
 
     def draw(self, name: str = "view") -> None:
         self.page.add_style_tag(content=self.widgets[name]._css)
@@ -139,7 +147,9 @@ class LivePage:
             deliver(widget, content, [memoryview(base64.b64decode(b)) for b in buffers])
 
     def flush(self) -> None:
-        """Delivers what the widgets have sent."""
+        """Delivers what the widgets have sent, and what other threads have changed."""
+        while self._changes:
+            self._deliver_trait(*self._changes.pop(0))
         while self.outbox:
             name, content, buffers = self.outbox.pop(0)
             text = [base64.b64encode(b).decode() for b in buffers]

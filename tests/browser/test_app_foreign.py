@@ -30,7 +30,7 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
         tab.drag(0, 40, 0)
         tab.follows(before)
         tab.close()
-    app.application.thread.call(app.application.session.reset).result(30)
+    app.application.thread.call(app.session.reset).result(30)
 
 
 @pytest.mark.nightly

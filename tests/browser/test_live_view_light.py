@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser.live_page import LivePage
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.fields import AbstractField
@@ -132,3 +133,27 @@ def gradients(field: AbstractField, x: NDArray[Any]) -> tuple[NDArray[Any], NDAr
 def degrees(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-9)
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+@pytest.mark.parametrize("coarseness", [1.0, 2.6])
+def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(browser: Any, coarseness: float) -> None:
+    rows, columns, slices = np.meshgrid(*[np.arange(48) - 23.5] * 3, indexing="ij")
+    inside = rows**2 + columns**2 + slices**2 < 20**2
+    inside &= ~((np.arange(48) % 7 == 0) & (rows**2 + columns**2 + slices**2 < 17**2))  # a structure below the surface
+    volume = Volume(np.where(inside, 200, 0).astype(np.uint8), Grid((48, 48, 48)), "ball")
+    page = LivePage(browser, (300, 360))
+    page.add(LiveView(volume, transfer="surface", width=240, height=240, settle_ms=60000, background="dark"))
+    page.loaded()
+    bright = np.array(page.page.evaluate("""(coarseness) => {
+        const { loop } = document.querySelector(".dnb-view").deformnb, { gl } = loop.caster, size = 120;
+        for (const p of loop.pictures(size, size)) loop.caster.cast("coarse0", size, size, p, { coarseness });
+        loop.caster.present("coarse0", 1);
+        const bytes = new Uint8Array(4 * 240 * 240);
+        gl.readPixels(0, 0, 240, 240, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+        return Array.from(bytes); }""", coarseness), float).reshape(240, 240, 4)[..., :3].mean(axis=-1)
+    inner = bright[80:160, 80:160]  # the middle of the ball
+    smooth = uniform_filter(inner, 9)
+    assert inner.mean() > 60
+    assert np.abs(inner - smooth)[8:-8, 8:-8].mean() < 4  # 2.0 and 2.5; 5.1 and 5.5 by slopes of the voxels themselves
+    assert page.errors == []
+    page.close()

@@ -117,6 +117,39 @@ CHANGES = """(window.turned ??= (() => { const seen = { count: 0 };
     return seen; })()).count"""
 
 
+def test_a_line_wipes_from_the_original_to_the_deformed_volume(page: LivePage) -> None:
+    view = opened(page)
+    view.show_deformation(extrusion(5.0))
+    images = {}
+    for shows in ("original", "deformed", "wipe"):
+        view.shows = shows
+        page.wait(f"{VIEW}.elements.shows === '{shows}'")
+        images[shows] = page.pixels()
+
+    def is_cut_at(image: np.ndarray, x: int) -> bool:
+        """Whether it is the original up to this column and the deformed volume from there on, but for rounding."""
+        parts = ((image[:, :x], images["original"][:, :x]), (image[:, x:], images["deformed"][:, x:]))
+        return all(np.abs(part.astype(int) - wanted).max(initial=0) <= 2 for part, wanted in parts)
+
+    assert not is_cut_at(images["original"], 120)  # the two can be told apart
+    assert is_cut_at(images["wipe"], 120)
+    line = page.page.locator(".dnb-wipe")
+    box = line.bounding_box()
+    page.page.mouse.move(box["x"] + 11, box["y"] + 40)
+    page.page.mouse.down()
+    page.page.mouse.move(box["x"] + 11 + 48, box["y"] + 40, steps=3)
+    page.page.mouse.up()
+    assert line.get_attribute("aria-valuenow") == "70"
+    assert is_cut_at(page.pixels(), 168)
+    assert view.camera["direction"] == pytest.approx([0, 1, 0])  # it was not turned
+    line.press("Shift+ArrowLeft")
+    assert line.get_attribute("aria-valuenow") == "60"
+    line.press("Home")
+    assert is_cut_at(page.pixels(), 0)
+    view.shows = "deformed"
+    line.wait_for(state="hidden")
+
+
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:
     view = opened(page)
     view.show_deformation(extrusion(5.0))

@@ -13,7 +13,7 @@ from browser.live_page import LivePage
 from PIL import Image
 
 from deformnb.datasets import PHANTOMS
-from deformnb.volume.transfer import TransferFunction, preset
+from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets import LiveView, TransferEditor
 
@@ -74,6 +74,10 @@ class Drawn(LivePage):
         """How much of the values a pixel is."""
         return self.js("(w.view[0][1] - w.view[0][0]) / w.box.width")  # type: ignore[no-any-return]
 
+    def chosen(self) -> list[str]:
+        """The presets that are marked."""
+        return self.page.locator(".dnb-cv-preset[aria-pressed='true']").all_inner_texts()  # type: ignore[no-any-return]
+
     def key(self, *keys: str) -> None:
         for key in keys:
             self.page.keyboard.press(key)
@@ -92,7 +96,7 @@ def drawn(browser: Any) -> Iterator[Any]:
     pages: list[Drawn] = []
 
     def draw(transfer: Any = FUNCTION, **options: Any) -> Drawn:
-        volume = Volume.from_array(np.arange(200, dtype=np.uint8).repeat(8).reshape(40, 5, 8))
+        volume = options.pop("volume", Volume.from_array(np.arange(200, dtype=np.uint8).repeat(8).reshape(40, 5, 8)))
         traits = {k: options.pop(k) for k in ("read_only",) if k in options}
         pages.append(Drawn(browser, TransferEditor(volume, transfer, **traits), **options))
         return pages[-1]
@@ -271,7 +275,7 @@ def test_escape_gives_the_preset_back(drawn: Any) -> None:
         page.settled()
         assert page.widget.transfer == before
         assert page.heard[-1] == (before, "end")
-        assert page.js("w.chooser.value") == "bone"
+        assert page.chosen() == ["bone"]
 
 
 def test_reset_takes_the_last_preset_again(drawn: Any) -> None:
@@ -279,13 +283,29 @@ def test_reset_takes_the_last_preset_again(drawn: Any) -> None:
     button, note = page.page.get_by_role("button", name="Reset"), page.page.locator(".dnb-cv-note")
     assert button.get_attribute("aria-disabled") == "true"
     page.drag(page.end("low"), 40)
-    assert page.js("w.chooser.value") == ""
+    assert page.chosen() == []
     assert note.inner_text() == "not part of undo; Reset takes bone again"
     button.click()
     page.settled()
     assert page.widget.transfer == preset("bone", page.widget.volume)
-    assert page.js("w.chooser.value") == "bone"
+    assert page.chosen() == ["bone"]
     assert button.get_attribute("aria-disabled") == "true"
+
+
+def test_presets_are_pictures_of_this_volume_and_buttons(drawn: Any) -> None:
+    page = drawn("specimen", volume=PHANTOMS["fish"].make((24, 48, 24)))
+    page.wait("[...document.querySelectorAll('.dnb-cv-thumbnail')].filter((i) => i.naturalWidth > 100).length === 5")
+    group = page.page.get_by_role("group", name="Presets")
+    assert group.get_by_role("button").all_inner_texts() == list(PRESETS)
+    assert page.chosen() == ["specimen"]
+    group.get_by_role("button", name="bone").click()
+    page.settled()
+    assert page.widget.transfer == preset("bone", page.widget.volume)
+    assert page.chosen() == ["bone"]
+    page.key("Tab", "Enter")
+    assert page.widget.transfer == preset("muscle", page.widget.volume)
+    sources = page.page.locator(".dnb-cv-thumbnail").evaluate_all("(all) => all.map((i) => i.src)")
+    assert len(set(sources)) == 5
 
 
 # ---- zoom ------------------------------------------------------------------------------------------------------------
@@ -406,6 +426,7 @@ def test_colours_that_are_only_shown_cannot_be_changed(drawn: Any) -> None:
     page.page.locator("[data-window='level']").focus()
     page.key("ArrowRight")
     assert page.page.locator(".dnb-cv-color").is_disabled()
+    assert page.page.locator(".dnb-cv-preset:disabled").count() == len(PRESETS)
     assert page.heard == []
 
 

@@ -78,6 +78,7 @@ def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> 
     assert json.loads(lab.run(tab, STILL)) == pytest.approx(tab.evaluate(BODY), abs=0.01)
 
 
+@pytest.mark.nightly
 def test_the_picture_follows_a_point_and_ends_where_the_hand_does(lab: Lab, tab: Any) -> None:
     opened(lab, tab, EDITOR, "editor.ipynb")
     before = tab.evaluate(BODY)

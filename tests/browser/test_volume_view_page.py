@@ -129,6 +129,11 @@ def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
     one = middle(pixels(page))
     page.wait(f"{PAGE}.flicker.layer === 0", 60, passing=True)
     assert np.abs(middle(pixels(page)) - one).max() > 2
+    changed(page, lambda: setattr(view, "shows", "wipe"))
+    page.page.locator(".dnb-wipe").press("End")  # all of it is the original
+    one = middle(pixels(page))
+    page.page.locator(".dnb-wipe").press("Home")
+    assert np.abs(middle(pixels(page)) - one).max() > 2
     assert page.errors == []
 
 

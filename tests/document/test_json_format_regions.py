@@ -61,7 +61,8 @@ def parts(draw: Any) -> RigidPart:
     axis = (1.0, draw(NUMBERS), 2.0) if region.dim == 3 else None
     motion = RigidMotion.turn(draw(NUMBERS), (draw(NUMBERS),) * region.dim, axis=axis)
     return RigidPart(region, draw(st.sampled_from([None, motion])), draw(st.sampled_from(["saturated", "distance"])),
-                     draw(st.none() | st.floats(1e-3, 1e5)), draw(st.text(max_size=5)), draw(st.booleans()))
+                     draw(st.none() | st.floats(1e-3, 1e5)), draw(st.text(max_size=5)), draw(st.booleans()),
+                     draw(st.none() | st.tuples(*[NUMBERS] * region.dim)))
 
 
 @given(regions())

@@ -81,10 +81,11 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
 
 
 def test_lengths_grow_with_the_box() -> None:
-    part = RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), reach=2.0)
+    part = RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), reach=2.0, pivot=(4.0, 13.0))
     step = Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "+y"), support=9.0, parts=(part,))
     moved = transplanted(made_on(OLD, step), LARGER, "box").steps[0]
     assert (moved.support, moved.parts[0].reach) == pytest.approx((22.5, 5.0))
+    assert moved.parts[0].region.signed_distance([moved.parts[0].pivot]) == pytest.approx([0.0], abs=1e-9)
 
 
 def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:

@@ -344,6 +344,44 @@ def test_hounsfield_units_are_black_at_air_and_white_at_bone() -> None:
     assert 0.3 < grey[2, 2] < 0.7
 
 
+@pytest.mark.parametrize("method", ["slice", "mip", "mean"])
+def test_the_window_begins_and_ends_at_percentiles_of_what_is_shown(method: str) -> None:
+    values = np.random.default_rng(3).normal(500, 40, (12, 40, 40)).astype(np.float32)
+    picture = project(volume_of(values), "+z", method)
+    low, high = picture.window
+    assert np.mean(picture.values < low) == pytest.approx(0.005, abs=0.002)
+    assert np.mean(picture.values > high) == pytest.approx(0.005, abs=0.002)
+
+
+def test_metal_and_the_padding_of_a_scanner_do_not_darken_the_window() -> None:
+    values = np.full((24, 60, 60), -1000, np.int16)
+    values[:, 15:45, 15:45] = np.random.default_rng(4).integers(0, 800, (24, 30, 30))
+    plain = project(volume_of(values), "+z", "slice")
+    assert plain.unit == "HU"
+    spoiled = values.copy()
+    spoiled[:, :6] = -3024
+    spoiled[11:13, 30, 30:32] = 30000
+    assert project(volume_of(spoiled), "+z", "slice").window == pytest.approx(plain.window, abs=5)
+
+
+def test_labels_keep_the_background_black() -> None:
+    values = np.full((6, 6, 6), 2, np.int16)
+    values[3:] = 5
+    picture = project(Volume(values, Grid((6, 6, 6)), is_labels=True), "+z")
+    assert picture.window == (2, 5)
+    assert picture.unit == ""
+
+def test_padding_does_not_stretch_the_grey_levels() -> None:
+    values = np.random.default_rng(2).integers(-1010, -990, (6, 20, 20)).astype(np.int16)
+    values[:, 6:14, 6:14], values[:, 9:11, 9:11] = 40, 900
+    values[:, 0] = -3024
+    for method in ("slice", "mip", "mean"):
+        low, high = project(volume_of(values), "+z", method).window
+        assert -1010 <= low <= -990
+        assert high > 0
+
+
+
 @pytest.mark.parametrize("method", PROJECTIONS)
 def test_voxels_that_are_not_finite_count_as_background(method: str) -> None:
     values = noise((4, 5, 6), "float32")
@@ -373,7 +411,9 @@ def test_a_constant_volume_is_an_even_picture(method: str, value: float) -> None
 def test_values_closer_than_float32_holds_stay_apart() -> None:
     values = 1e9 + noise((3, 4, 5), "float64") / TOP
     picture = project(volume_of(values), "+z", "mip")
-    grey = np.clip((values.max(axis=0) - 1e9) / (picture.window[1] - 1e9), 0, 1)
+    low, high = picture.window
+    assert 1e9 <= low < high <= values.max()
+    grey = np.clip((values.max(axis=0) - low) / (high - low), 0, 1)
     oracle.assert_close(picture.grey(), grey, atol=1e-6)
     ramp = TransferFunction(tuple((1e9 + v / TOP, *c) for v, *c in RAMP.colors),
                             tuple((1e9 + v / TOP, a) for v, a in RAMP.opacities))
@@ -492,6 +532,6 @@ def test_a_face_where_the_volume_ends_is_even_seen_aslant() -> None:
 def test_a_picture_is_printed_in_one_line() -> None:
     volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4), (1.0, 1.0, 2.5)))
     assert repr(project(volume, "+z")).startswith(
-        "<Picture: mip, 4 x 3 pixels (right, down) of 1 x 1, uint8 from 0 to ")
+        "<Picture: mip, 4 x 3 pixels (right, down) of 1 x 1, uint8 from 12.055 to ")
     assert repr(project(volume, "+y", "shaded")) == (
         "<Picture: shaded, 4 x 2 pixels (right, down) of 1 x 2.5, coloured>")

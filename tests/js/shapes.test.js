@@ -4,7 +4,8 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
 import {
-  cornersOf, groundThrough, insertedCorner, movedCorner, movedRegion, removedCorner, simplified, turnedRegion,
+  cornersOf, groundThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, partTurned,
+  placeBefore, placeMoved, removedCorner, simplified, turnAndShift, turnedRegion, wayBefore,
 } from "../../deformnb/widgets/js/maths/shapes.js";
 
 const line = { kind: "line", vertices: [[0, 0], [5, 5], [9, 0]] }, polygon = { ...line, kind: "polygon" };
@@ -51,4 +52,23 @@ test("regions that are known stay the same objects", () => {
   assert.equal(again[0].region, old[0].region);
   assert.ok(sameShapes(again, old));
   assert.deepEqual(cleanShapes([null, 3, {}], "cuts"), []);
+});
+
+test("a part is turned about its pivot, and what is done is read back", () => {
+  const part = { ...cleanShapes([{ region: polygon }], "parts")[0], pivot: [9, 0] };
+  const turned = partTurned(part, Math.PI / 2, [3, -4]), place = placeMoved(turned.motion, [10, 0]);
+  assert.ok(Math.hypot(place[0] - 12, place[1] + 3) < 1e-12); // a turns to b, and then the shift
+  assert.ok(Math.hypot(...placeBefore(turned.motion, place).map((v, c) => v - [10, 0][c])) < 1e-12);
+  assert.deepEqual(wayBefore(turned.motion, [0, 5]).map(Math.round), [5, 0]);
+  const { angle, shift } = turnAndShift(turned);
+  assert.ok(Math.abs(angle - Math.PI / 2) < 1e-12);
+  assert.ok(Math.hypot(shift[0] - 3, shift[1] + 4) < 1e-12);
+  assert.equal(motionWords(turned), "moved 3, -4, turned 90\u00b0");
+  assert.equal(motionWords(partTurned(part, 0, [0.01, -0.01])), "");
+  assert.equal(motionOf({ ...turned, enabled: false }), null);
+});
+
+test("the middle of a region is that of its area, and of a half plane the place on its boundary", () => {
+  assert.deepEqual(middleOfRegion({ kind: "polygon", vertices: [[0, 0], [0, 6], [3, 0]] }), [1, 2]);
+  assert.deepEqual(middleOfRegion({ kind: "half_space", point: [3, 4], normal: [0, 1] }), [3, 4]);
 });

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.interpolant import FOLDS, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
-from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, fit_rigid
 from deformnb.volume.plane import Raster
 
 FILES = ("maths/rbf.js", "maths/regions.js", "maths/rigid_stages.js", "maths/cuts.js")
@@ -160,6 +161,30 @@ def test_a_point_in_a_part_that_asks_for_something_else_is_refused_alike() -> No
     with pytest.raises(DeformError) as caught:
         fit_rigid(points, [FIXED])
     assert (message.replace('"', "'"), held, name) == (str(caught.value).replace('"', "'"), 6, "wall")
+
+
+@pytest.mark.parametrize("strength", [1.0, 0.5, -0.7])
+def test_the_points_that_a_part_carries_go_with_it_here_and_there(strength: float) -> None:
+    bent = replace(TURNED, motion=RigidMotion.turn(75, (410, 180), (-30, 4)))
+    inside = np.array([[410.0, 160], [470, 240], [440, 200]])
+    points = free_points()
+    for place in inside:
+        points = points.add(place, TURNED.motion(place))  # type: ignore[misc]
+    points = points.edit(points.ids[-1], active=False)
+    main = """({ points, before, after, settings }) => { const moved = carriedPoints(points, before, after);
+      const fit = rigidFit(moved, [after], settings);
+      return [moved.map(({ target }) => target), heldPoints(moved, [after], settings.strength).length,
+        fieldAt(fit, 450, 300)]; }"""
+    found, held, at = run_script(FILES, main, {
+        "points": as_json(points), "before": part_data(TURNED), "after": part_data(bent),
+        "settings": {"strength": strength, "support": 300.0}})
+    moved = carried_points(points, [TURNED], [bent])
+    np.testing.assert_allclose(found, moved.target, atol=1e-9)
+    assert np.linalg.norm(moved.target[8:10] - points.target[8:10], axis=1).min() > 5
+    np.testing.assert_array_equal(moved.target[[*range(8), 10]], points.target[[*range(8), 10]])
+    fit = FitSettings(strength=strength, support=300.0).fit(moved, [bent])
+    assert held == 0
+    np.testing.assert_allclose(at, fit.displacement([450.0, 300.0]), atol=1e-3)
 
 
 def test_a_layered_fit_without_cuts_is_the_fit() -> None:

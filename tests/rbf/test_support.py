@@ -79,6 +79,7 @@ def test_the_default_predicts_thompsons_nodes_about_as_well_as_a_thin_plate(pair
     assert not fit_rbf(points).folds_between_points()
 
 
+@pytest.mark.nightly
 def test_the_default_predicts_landmarks_of_mice_as_well_as_a_thin_plate(real_data: Callable[[str], Path]) -> None:
     names = ("landmarks/slicer_mouse_A_J.mrk.json", "landmarks/slicer_mouse_CAST_EIJ.mrk.json")
     first, other = (read_landmarks(real_data(name)) for name in names)

@@ -240,6 +240,24 @@ def test_a_rigid_part_keeps_its_form_and_a_point_in_it_is_refused() -> None:
     assert session.history["undo"] == "hold it"
 
 
+def test_points_that_a_part_carries_go_with_it_in_one_edit() -> None:
+    session = Session(a_volume())
+    middle = session.points.source.mean(axis=0)
+    bone = RigidPart(Polygon(middle + 2 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])), name="bone")
+    session.edit_points(session.points.add(middle + 1, middle + 1))
+    session.edit_parts([bone], "draw bone")
+    before = session.points
+    motion = RigidMotion.turn(40, middle, (1.0, 0.5))
+    session.edit_parts([replace(bone, motion=motion)], "turn bone")
+    assert_allclose(session.points.target[-1], motion(middle + 1))
+    assert_array_equal(session.points.target[:-1], before.target[:-1])
+    session.change(strength=0.5)  # half of the turn is not half of the way
+    session.field()
+    session.undo()
+    session.undo()
+    assert (session.points, session.step.parts) == (before, (bone,))
+
+
 def test_an_untouched_picture_with_a_cut_is_not_thrown_away_by_a_turn() -> None:
     session = Session(a_volume())
     session.edit_cuts([Cut(Line([(5.0, 0.0), (5.0, 9.0)]))])

@@ -18,6 +18,7 @@ from deformnb.document.json_format import from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.points import ControlPoints
+from deformnb.session.exports import Frozen
 from deformnb.session.session import Session
 from deformnb.session.view_state import MOST_NODES, ViewState, without_view_state
 from deformnb.volume.plane import Plane
@@ -40,9 +41,11 @@ def transfers(draw: st.DrawFn) -> TransferFunction:
 
 
 @given(transfer=st.none() | st.sampled_from(list(PRESETS)) | transfers(),
-       method=st.none() | st.sampled_from(list(PROJECTIONS)), depth=st.none() | _value)
-def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None) -> None:
-    look, document = ViewState(transfer, method, depth), Deformation(name="bent", extra={"later": [1]})
+       method=st.none() | st.sampled_from(list(PROJECTIONS)), depth=st.none() | _value,
+       window=st.none() | st.tuples(st.floats(-1e6, 0), st.floats(1e-3, 1e6)))
+def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None,
+                                        window: tuple[float, float] | None) -> None:
+    look, document = ViewState(transfer, method, depth, window), Deformation(name="bent", extra={"later": [1]})
     assert ViewState.split(from_json(to_json(look.added_to(document)))) == (document, look)
 
 
@@ -76,6 +79,36 @@ def test_other_colours_are_no_edit_and_nothing_unsaved(tmp_path: Path) -> None:
     assert session.history["undo"] == ""
     assert session.saved is not None
     assert replace(session.saved, volume=None) == session.deformation
+
+
+def test_a_window_set_by_hand_is_kept_exported_and_no_edit(tmp_path: Path) -> None:
+    session = Session(BAR, method="slice")
+    automatic = session.picture().window
+    session.window = [20, 90]
+    assert (session.picture().window, session.history["undo"]) == ((20, 90), "")
+    session.save(tmp_path / "bar.json")
+    opened = Session(BAR)
+    opened.open(tmp_path / "bar.json")
+    assert opened.window == opened.picture().window == (20, 90)
+    opened.method = "mean"
+    assert opened.picture().window == (20, 90)
+    assert Frozen.of(opened).window == (20, 90)
+    session.window = None
+    assert session.picture().window == automatic
+    assert ViewState.split(session.document())[1].window is None
+    other = Session(PHANTOMS["bar"].make((12, 12, 20)))
+    other.take(opened.document(), allow_other_volume=True)
+    assert other.window is None
+
+
+@pytest.mark.parametrize("window", [[3, 3], [1], "wide", [0, float("inf")], 5])
+def test_a_window_that_is_none_is_refused(window: Any) -> None:
+    session = Session(BAR, window=(1, 2))
+    with pytest.raises(DeformError, match="window"):
+        session.window = window
+    assert session.window == (1, 2)
+    with pytest.raises(DeformError, match="look"):
+        ViewState.split(Deformation(extra={"look": {"window": window}}))
 
 
 def test_undo_takes_an_opened_document_back_but_not_its_colours() -> None:

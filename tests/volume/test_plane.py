@@ -188,3 +188,23 @@ def test_raster_points_rows_and_box_agree() -> None:
 def test_rasters_without_pixels_are_refused(arguments: Any) -> None:
     with pytest.raises(DeformError):
         Raster(*arguments)
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_the_slices_of_a_side_are_its_layers_of_voxels(view: str) -> None:
+    grid = Grid((4, 5, 6), (1.0, 2.0, 2.5))
+    slices = Plane.along(grid, view).slices(grid)
+    axis = "xyz".index(view[1])
+    assert (slices.count, slices.spacing) == (grid.shape[2 - axis], grid.spacing[axis])
+    assert [slices.index(slices.depth(k)) for k in range(slices.count)] == list(range(slices.count))
+    first, last = Plane.along(grid, view).depth_range(grid)
+    assert (slices.depth(-3), slices.depth(99)) == pytest.approx((first, last))
+    assert (slices.index(-1e9), slices.index(1e9)) == (0, slices.count - 1)
+
+
+def test_slices_aslant_lie_within_the_volume() -> None:
+    grid = Grid((4, 5, 6), (1.0, 2.0, 2.5))
+    plane = Plane.through(grid.center, (1, 2, 3))
+    slices, (first, last) = plane.slices(grid), plane.depth_range(grid)
+    assert (slices.first, slices.spacing) == (first, 1.0)
+    assert last - 1 < slices.depth(slices.count - 1) <= last

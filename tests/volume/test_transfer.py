@@ -13,7 +13,15 @@ from skimage.filters import threshold_otsu
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
-from deformnb.volume.transfer import PRESETS, TransferFunction, histogram, levels, preset, typical_range
+from deformnb.volume.transfer import (
+    PRESETS,
+    TransferFunction,
+    histogram,
+    levels,
+    preset,
+    smallest_measured,
+    typical_range,
+)
 from deformnb.volume.volume import Volume
 
 RAMP = TransferFunction(((0, 0, 0, 0), (10, 1, 0.5, 0), (20, 1, 1, 1)), ((0, 0), (20, 0.5)), unit=2.0)
@@ -290,6 +298,72 @@ def test_hounsfield_units_are_known_for_what_they_are(kind: str) -> None:
         assert 0 < fat < lean / 2
     else:
         assert lean == 0
+
+
+def trunk(air: int = -1000, scale: int = 1) -> np.ndarray:
+    """A trunk of fat, lean and bone in air with noise, in Hounsfield units: 16 slices of 40 x 40."""
+    rows, columns = np.mgrid[-1:1:40j, -1:1:40j]
+    slices = np.full((16, 40, 40), -1000)
+    for radius, value in ((0.8, -100), (0.65, 50), (0.2, 700)):
+        slices[:, np.hypot(rows, columns) < radius] = value
+    noise = np.random.default_rng(5).normal(0, 12, slices.shape)
+    return ((slices + noise.round().astype(int) + 1000) * scale + air).astype(np.int16)
+
+
+def outside_circle() -> np.ndarray:
+    return np.asarray(np.hypot(*np.mgrid[-1:1:40j, -1:1:40j]) > 1)
+
+
+@pytest.mark.parametrize("padding", [-2000, -3024, -32768])
+@pytest.mark.parametrize("kind", PRESETS)
+def test_padding_of_hounsfield_units_changes_no_level_and_no_preset(kind: str, padding: int) -> None:
+    plain = trunk()
+    padded = plain.copy()
+    padded[:, outside_circle()] = padding
+    assert smallest_measured(volume_of(padded)) == padded[padded > padding].min()
+    oracle.assert_close(levels(volume_of(padded)), levels(volume_of(plain)), atol=40)
+    assert typical_range(volume_of(padded))[0] > -1100
+    assert preset(kind, volume_of(padded))([padding, -1000.0])[:, 3].tolist() == [0, 0]
+    tissue = np.array([-100.0, 50.0, 700.0])
+    oracle.assert_close(preset(kind, volume_of(padded))(tissue), preset(kind, volume_of(plain))(tissue), atol=0.02)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_one_value_outside_of_a_scanners_circle_is_padding_on_any_scale(axis: int) -> None:
+    values = trunk(air=300, scale=2)
+    values[:, outside_circle()] = -700
+    volume = volume_of(np.moveaxis(values, 0, axis))
+    assert 200 < smallest_measured(volume) < 300
+    _, air, _, _ = levels(volume)
+    assert 300 < air < 300 + 2 * 900
+    assert preset("surface", volume)([-700.0, 300.0])[:, 3].tolist() == [0, 0]
+
+
+def test_the_air_around_a_body_and_values_in_between_are_no_padding() -> None:
+    body = np.zeros((16, 40, 40), np.int16)
+    body[:, 8:32, 5:35] = np.random.default_rng(4).integers(90, 110, (16, 24, 30))
+    assert smallest_measured(volume_of(body)) == 0
+    spread = np.random.default_rng(4).integers(-30000, 30000, (9, 9, 9)).astype(np.int16)
+    assert smallest_measured(volume_of(spread)) == spread.min()
+    labels = np.zeros((8, 40, 40), np.int16)
+    labels[:, ~outside_circle()] = 3
+    assert smallest_measured(Volume.from_array(labels, is_labels=True)) == 0
+
+
+def test_a_ct_starts_with_bone_in_translucent_skin() -> None:
+    function = preset("specimen", volume_of(trunk()))
+    foam, fat, lean, bone = function([-900.0, -80.0, 50.0, 700.0])[:, 3]
+    assert foam == 0
+    assert 0 < fat <= lean < 0.015  # a trunk is about 80 layers thick: more than a third of the light goes through
+    assert bone > 0.5
+
+
+@pytest.mark.parametrize("kind", PRESETS)
+def test_air_with_noise_leaves_no_haze(kind: str) -> None:
+    values = np.random.default_rng(6).integers(0, 20, (20, 30, 30)).astype(np.uint8)
+    values[5:15, 5:25, 5:25] = 120
+    values[8:12, 10:20, 10:20] = 230
+    assert preset(kind, volume_of(values))(np.arange(20.0))[:, 3].tolist() == [0] * 20
 
 
 # ---- histogram and other opacities -----------------------------------------------------------------------------------

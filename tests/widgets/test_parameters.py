@@ -9,14 +9,13 @@ from typing import Any
 import pytest
 
 from deformnb.document.deformation import MODES
-from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.widgets.camera import SHOWS, SIDES
-from deformnb.widgets.parameters import PARAMETERS, Choice, Number, Switch, as_json, as_markdown, parameters
+from deformnb.widgets.parameters import PARAMETERS, Choice, as_json, as_markdown
 from deformnb.widgets.protocol import OVERLAYS
 
 
@@ -29,25 +28,6 @@ def test_menus_are_the_registries(name: str, registry: Any) -> None:
     assert isinstance(parameter, Choice)
     assert [value for value, _ in parameter.options] == list(registry)
     assert all(label.strip() for _, label in parameter.options)
-
-
-@pytest.mark.parametrize(("parameter", "value"), [
-    (Number("a", low=0, high=1), 1.5), (Number("a"), "0.5"), (Number("a"), None), (Number("a"), True),
-    (Number("a"), float("inf")), (Switch("a"), 1), (Switch("a"), "true"), (Choice("a", registry=("b",)), "c"),
-    (Choice("a", registry=("1",)), 1),
-])
-def test_wrong_values_are_refused(parameter: Any, value: Any) -> None:
-    with pytest.raises(DeformError, match=r"^a "):
-        parameter.checked(value)
-
-
-@pytest.mark.parametrize("diagonal", [1e-3, 0.7, 350.0, 1e6])
-def test_the_ends_of_a_logarithmic_range_can_be_set(diagonal: float) -> None:
-    support = parameters(diagonal)["support"]
-    assert isinstance(support, Number)
-    for end in (support.low, support.high):  # as a slider gives them back
-        assert support.checked(end * (1 + 1e-15)) == pytest.approx(end, rel=1e-12)
-        assert support.low <= support.checked(end * (1 - 1e-15)) <= support.high
 
 
 def test_what_a_page_without_python_gets_is_json() -> None:

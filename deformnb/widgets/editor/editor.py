@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -21,18 +21,21 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
+from deformnb.checks import checked_window
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.editor.points import FRONT_END_TRAITS, EditedPoints, PointsTrait
-from deformnb.widgets.messages import DrawShape, EditRefused, ShowPoint
+from deformnb.widgets.messages import DrawShape, EditRefused, ProposedParts, ShowPoint
+from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.protocol import (
     OVERLAYS,
     ChooseMessage,
@@ -45,6 +48,7 @@ from deformnb.widgets.protocol import (
     header,
     place_of,
     shapes_from_page,
+    shapes_to_json,
 )
 from deformnb.widgets.view.base import PlanarFit
 from deformnb.widgets.view.stills import with_png
@@ -54,23 +58,55 @@ _SHEET = 200
 _AIR = 0.2  # of the box of the points, on each side
 _PREVIEW_DPI = 80  # 560 pixels along the longer side, some 100 kB in the notebook
 _PARTS = 6  # of a grid line in a cell
+# Widths of the window on either side of it that the front end can show: 65536 / 33 leave the window 2000 steps.
+_AROUND = 16
+_COMPRESSION = 3  # of 0 to 9: 9 takes five times as long for a tenth less
 
 
-def picture_png(picture: Picture) -> tuple[bytes, int]:
-    """The picture as PNG and its channels: 1 for grey values, 3 for colours over black."""
+def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
+    """The picture as PNG, and what its pixels mean, for a front end that applies the window itself.
+
+    Returns
+    -------
+    The PNG, and ``channels``: 3 for colours over black, 1 for grey values in a byte, 2 for grey values in two bytes, of
+    which red is the higher and green the lower one. Of grey values also ``range``, the values of the smallest and the
+    largest such number, the automatic ``window`` and the ``unit``.
+    """
+    if picture.values.ndim == 3:
+        return _png(picture.rgb8()), {"channels": 3}
+    low, high = _range(picture)
+    whole = picture.values.dtype.kind in "biu" and high - low <= 255
+    high = low + 255 if whole else high
+    most = 255 if whole else 65535
+    shares = np.clip((picture.values.astype(np.float64) - low) / (high - low), 0, 1)
+    numbers = (shares * most + 0.5).astype(np.uint16)
+    facts: dict[str, Any] = {"channels": 1 if whole else 2, "range": [low, high], "window": list(picture.window),
+                             "unit": picture.unit}
+    if whole:
+        return _png(numbers.astype(np.uint8)), facts
+    return _png(np.stack([numbers >> 8, numbers & 255, np.zeros_like(numbers)], axis=-1).astype(np.uint8)), facts
+
+
+def _range(picture: Picture) -> tuple[float, float]:
+    """The values that the front end tells apart: all of them, or else the window and what is around it."""
+    low, high = picture.window
+    margin = _AROUND * (high - low)
+    least, most = float(picture.values.min()), float(picture.values.max())
+    least, most = max(least, low - margin), min(most, high + margin)
+    return (least, most) if least < most else (low, high)
+
+
+def _png(pixels: NDArray[np.uint8]) -> bytes:
     from PIL import Image
 
-    is_grey = picture.values.ndim == 2
-    pixels = (picture.grey() * 255 + 0.5).astype(np.uint8) if is_grey else picture.rgb8()
     stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, format="PNG")
-    return stream.getvalue(), 1 if is_grey else 3
+    Image.fromarray(pixels).save(stream, format="PNG", compress_level=_COMPRESSION)
+    return stream.getvalue()
 
 
-def raster_json(raster: Raster, channels: int) -> dict[str, Any]:
-    """A raster as the front end gets it."""
-    return {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
-            "channels": channels}
+def raster_json(raster: Raster, facts: dict[str, Any]) -> dict[str, Any]:
+    """A raster as the front end gets it, with what the pixels mean."""
+    return {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin), **facts}
 
 
 def sheet(points: ControlPoints) -> Picture:
@@ -180,6 +216,10 @@ class Editor(EditedPoints):
     made, such as another picture: while it is not empty the front end dims the picture, shows that text over it and
     takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
     editor in its front end, where other widgets find its live points without the kernel (see js/sync/bus.js).
+    ``window`` holds the values shown as black and white in a picture of grey values, as they were set by hand;
+    empty for the picture's own. ``slices`` is {} or, where the picture is one of several slices, ``{"count": 128,
+    "first": -32.0, "spacing": 0.5}``, the depth of the first one and the distance of neighbours; the front end then
+    sets ``slice``, the number from 0 of the one that is wanted, and whoever observes it sets ``picture``.
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
     ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
     least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
@@ -221,6 +261,9 @@ class Editor(EditedPoints):
     raster = traitlets.Dict().tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
+    window = traitlets.List(traitlets.Float(), help="values shown as black and white, set by hand").tag(sync=True)
+    slices = traitlets.Dict(help="number, first depth and spacing of the slices").tag(sync=True)
+    slice = traitlets.Int(0, min=0, help="the slice that is shown, counted from 0").tag(sync=True)
 
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
                  raster: Raster | None = None, **settings: Any) -> None:
@@ -234,8 +277,10 @@ class Editor(EditedPoints):
 
     @property
     def picture(self) -> Picture | None:
-        """Picture behind the points; setting another one keeps the points."""
-        return self._picture
+        """Picture behind the points, in the window that was set by hand; setting another one keeps both."""
+        if self._picture is None or not self.window or self._picture.values.ndim == 3:
+            return self._picture
+        return replace(self._picture, window=checked_window(self.window))
 
     @picture.setter
     def picture(self, picture: Picture | None) -> None:
@@ -279,7 +324,7 @@ class Editor(EditedPoints):
 
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
-        picture = self._picture or sheet(self.points)
+        picture = self.picture or sheet(self.points)
         return preview_png(picture, self.points, self.fit(), self.density if self.show_grid else 0)
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
@@ -293,6 +338,15 @@ class Editor(EditedPoints):
     def choose(self, what: str | None, index: int = 0) -> None:
         """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
         self.chosen_shape = {} if what is None else {"what": what, "index": index}
+
+    def propose(self, parts: Sequence[RigidPart], kind: str) -> None:
+        """Let the front end replace the rigid parts, after it has asked what becomes of points that contradict them.
+
+        Parameters
+        ----------
+        kind : what is done, in words.
+        """
+        self.send(ProposedParts(type="parts", parts=shapes_to_json("parts", parts), kind=kind))
 
     def look_at(self, point: int) -> None:
         """Center the front end's view on the point with this id, nearer if all of the picture is seen."""
@@ -388,6 +442,15 @@ class Editor(EditedPoints):
         FRONT_END_TRAITS["brush_radius"](proposal["value"])
         return float(proposal["value"])
 
+    @traitlets.validate("window")
+    def _a_window(self, proposal: Any) -> list[float]:
+        FRONT_END_TRAITS["window"](proposal["value"])
+        return [float(value) for value in proposal["value"]]
+
+    @traitlets.validate("slice")
+    def _a_slice(self, proposal: Any) -> int:
+        return min(int(proposal["value"]), max(0, self.slices.get("count", 1) - 1))
+
     # ---- display ----------------------------------------------------------------------------------------------------
 
     def __repr__(self) -> str:
@@ -403,7 +466,10 @@ class Editor(EditedPoints):
 def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
     """The traits that follow from a picture, or from an empty sheet."""
     where = picture.raster if picture is not None else raster or sheet(points).raster
-    image, channels = (b"", 1) if picture is None else picture_png(picture)
+    made: tuple[bytes, dict[str, Any]] = (b"", {"channels": 1}) if picture is None else picture_png(picture)
+    image, facts = made
     grid = None if picture is None else picture.grid
+    if grid is not None:
+        facts["lengths"] = unit_of(grid)
     lone = _LONE_POINT_SHARE * where.diagonal if grid is None else lone_support(grid)
-    return {"image": image, "raster": raster_json(where, channels), "lone_support": lone}
+    return {"image": image, "raster": raster_json(where, facts), "lone_support": lone}

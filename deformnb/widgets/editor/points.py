@@ -18,6 +18,7 @@ from typing import Any
 
 import traitlets
 
+from deformnb.checks import checked_window
 from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
@@ -69,8 +70,19 @@ def _is_length(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e15
 
 
+def _window(value: Any) -> None:
+    if value != []:
+        checked_window(value)
+
+
+def _number(value: Any) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 2**31:
+        raise DeformError(f"it must be a whole number from 0, got {value!r:.40}.")
+
+
 FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
-    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch}
+    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch, "window": _window,
+    "slice": _number}
 """Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
 SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}

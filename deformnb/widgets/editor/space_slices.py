@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.analysis.folds import Folds, folds_of
+from deformnb.checks import checked_window
 from deformnb.document.deformation import Step
 from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
@@ -21,7 +22,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-from deformnb.widgets.packed_volume import checked_window, packed_volume
+from deformnb.widgets.packed_volume import packed_volume
 
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""

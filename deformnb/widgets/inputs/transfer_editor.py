@@ -6,17 +6,24 @@ Values of its messages (see :mod:`~deformnb.widgets.inputs.base`): ``{"nodes": [
 
 from __future__ import annotations
 
+import base64
+import io
 from typing import Any
 
 import numpy as np
 import traitlets
 
+from deformnb._typing import Image
+from deformnb._weak import weakly
 from deformnb.errors import DeformError
+from deformnb.imaging.thumbnails import preset_thumbnails
+from deformnb.session.inputs import best_view
 from deformnb.volume.transfer import PRESETS, Histogram, TransferFunction, histogram, levels, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import AbstractEdited, is_number, nodes_from_json
 from deformnb.widgets.inputs.curve_editor import MOST_NODES
+from deformnb.widgets.worker import Worker
 
 _BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up what is finer than a pixel
 _FEWEST_GAPS = 31  # gaps between values: fewer are no evidence of a step that all values share
@@ -44,6 +51,7 @@ class TransferEditor(AbstractEdited):
     height : least height of the plot in CSS pixels; a wide page makes it a little larger.
     power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent tissue
         can be distinguished and dragged; 1 is linear.
+    worker : the thread in which thumbnails of the presets are made; default is one of its own.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
     Notes
@@ -67,16 +75,22 @@ class TransferEditor(AbstractEdited):
     transfer = _TransferTrait(TransferFunction(((0, 1, 1, 1),), ((0, 0), (1, 1))))
     height = traitlets.Int(150, min=80, max=1024).tag(sync=True)
     power = traitlets.Float(0.4, min=0.1, max=1.0).tag(sync=True)
-    presets = traitlets.List(list(PRESETS), read_only=True).tag(sync=True)
+    presets = traitlets.Dict({name: str(make.__doc__).partition("\n")[0] for name, make in PRESETS.items()},
+                             read_only=True, help="what each preset shows, by its name").tag(sync=True)
+    thumbnails = traitlets.Dict(help="the volume in each preset's colours, PNG as data URLs; empty until they are made"
+                                ).tag(sync=True)
     histogram = traitlets.Dict(help="bars behind the curve").tag(sync=True)
 
-    def __init__(self, volume: Volume, transfer: TransferFunction | str = "specimen", **traits: Any) -> None:
+    def __init__(self, volume: Volume, transfer: TransferFunction | str = "specimen", *, worker: Worker | None = None,
+                 **traits: Any) -> None:
         self._volume = volume
+        self._given_worker = worker
         self._named: tuple[str, TransferFunction] | None = None
         counts, self._extent = shown_histogram(volume)
         super().__init__(histogram=_bars(counts), **{"label": "Opacities and colours", **traits})
         self.set_transfer(transfer)
         self._show()
+        self._request_thumbnails()
 
     @property
     def volume(self) -> Volume:
@@ -90,9 +104,11 @@ class TransferEditor(AbstractEdited):
         self._volume, self._extent = volume, extent
         with self.hold_sync():  # all in one message: a histogram must never meet another volume's nodes
             self.histogram = _bars(counts)
+            self.thumbnails = {}
             if name:
                 self.preset(name)
             self._show()
+        self._request_thumbnails()
 
     def preset(self, name: str) -> None:
         """Take the preset of this name for the volume."""
@@ -105,6 +121,20 @@ class TransferEditor(AbstractEdited):
             self._named = (transfer, found)
             transfer = found
         self.transfer = transfer
+
+    def _request_thumbnails(self) -> None:
+        # Held until the work is done: a worker that nobody holds ends before it.
+        self._worker = self._given_worker or Worker("deformnb-thumbnails")
+        if not self._worker.is_closed:
+            self._worker.latest("thumbnails", weakly(self, TransferEditor._make_thumbnails))
+
+    def _make_thumbnails(self) -> None:
+        volume = self._volume
+        made = preset_thumbnails(volume, best_view(volume))
+        if volume is self._volume:
+            self.thumbnails = {name: _data_url(picture) for name, picture in made.items()}
+        if self._given_worker is None:
+            self._worker.close()
 
     # ---- edits ------------------------------------------------------------------------------------------------------
 
@@ -152,6 +182,14 @@ class TransferEditor(AbstractEdited):
     def __repr__(self) -> str:
         what = repr(self._preset_name) if self._preset_name else f"{len(self.transfer.opacities)} nodes"
         return f"TransferEditor({self._volume.name or 'volume'}, {what})"
+
+
+def _data_url(picture: Image) -> str:
+    from PIL import Image as Pillow
+
+    stream = io.BytesIO()
+    Pillow.fromarray(picture).save(stream, format="PNG", compress_level=3)
+    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
 def _stops(data: Any, most: int) -> list[tuple[float, str]]:

@@ -1,9 +1,11 @@
-// Bundles the widgets: one module and one style sheet for each, written to deformnb/widgets/static.
+// Bundles the widgets: one module and one style sheet for each, written to deformnb/widgets/static, and the licences of
+// what comes from npm.
 //
 //   node deformnb/widgets/js/build.mjs            as it is shipped
 //   node deformnb/widgets/js/build.mjs --debug    with white space and source maps inside, for a browser's debugger
 
-import { dirname, join } from "node:path";
+import { readdir, readFile, writeFile } from "node:fs/promises";
+import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
@@ -37,14 +39,17 @@ const WIDGETS = {
 const PAGES = {
   app: ["app/app.js", "app/app.css"],
   access: ["app/access.js"],
-  remote_view: ["view/live_view.css", "view/volume_view.css"],
+  remote: ["app/remote.js", "view/live_view.css", "view/volume_view.css", "app/remote.css"],
   standalone: ["standalone.js", "inputs/clip_sliders.css", "standalone.css"],
 };
 
 const options = {
-  absWorkingDir: here, bundle: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text" }, logLevel: "warning", legalComments: "none",
+  absWorkingDir: here, bundle: true, metafile: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text", ".svg": "dataurl", ".png": "dataurl" }, logLevel: "warning", legalComments: "none",
   ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
 };
+
+/** Folders of the packages from npm whose files are in the bundles. */
+const packages = new Set();
 
 /** Bundles the files of one name; of a module nothing but the default export is left. */
 async function bundled(name, paths, format) {
@@ -54,11 +59,27 @@ async function bundled(name, paths, format) {
     const contents = loader === "css" ? own.map((path) => `@import "./${path}";`).join("\n")
       : format === "esm" ? `export { default } from "./${first}";` : `import "./${first}";`;
     const stdin = { contents, resolveDir: here, loader };
-    await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin });
+    const { metafile } = await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin });
+    for (const input of Object.keys(metafile.inputs)) {
+      const [folder] = resolve(here, input.replace(/^\(disabled\):/, "")).match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ?? [];
+      if (folder) packages.add(folder);
+    }
   }
+}
+
+/** Writes the licences of those packages beside the bundles. */
+async function writeLicences() {
+  const texts = await Promise.all([...packages].sort().map(async (folder) => {
+    const { name, version, license } = JSON.parse(await readFile(join(folder, "package.json"), "utf8"));
+    const files = (await readdir(folder)).filter((file) => /^licen[cs]e/i.test(file));
+    const own = await Promise.all(files.map((file) => readFile(join(folder, file), "utf8")));
+    return [`${name} ${version} (${license})`, ...own.map((text) => text.trim())].join("\n\n");
+  }));
+  await writeFile(join(outdir, "licences.txt"), `${texts.join(`\n\n${"-".repeat(80)}\n\n`)}\n`);
 }
 
 await Promise.all([
   ...Object.entries(WIDGETS).map(([name, paths]) => bundled(name, paths, "esm")),
   ...Object.entries(PAGES).map(([name, paths]) => bundled(name, paths, "iife")),
 ]);
+await writeLicences();

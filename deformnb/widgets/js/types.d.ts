@@ -79,6 +79,8 @@ export interface PartData extends CutData {
   weight: string;
   reach: number | null;
   motion: Motion;
+  /** The place about which it is turned, before its motion; null is the middle of its region. */
+  pivot?: number[] | null;
 }
 
 /** A cut or a rigid part. */
@@ -104,6 +106,15 @@ export interface Raster {
   shape: [number, number];
   spacing: Vector2;
   origin: Vector2;
+}
+
+/** The raster of a picture, and what its pixels mean: see picture_png in editor.py. */
+export interface PictureRaster extends Raster {
+  channels?: number;
+  range?: Vector2;
+  window?: Vector2;
+  unit?: string;
+  lengths?: string;
 }
 
 /** A region made ready for use. */

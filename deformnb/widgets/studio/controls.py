@@ -7,6 +7,7 @@ an edit never comes back as another one.
 from __future__ import annotations
 
 import html
+import re
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
 
@@ -39,6 +41,17 @@ def raising(error: Exception) -> Callable[[], None]:
         raise error
 
     return action
+
+
+def file_stem(volume: Volume) -> str:
+    """The name of a volume as the beginning of a file name that every system takes.
+
+    Examples
+    --------
+    >>> file_stem(Volume.from_array([[[0, 1]]], name="my scan (2).nii"))
+    'my_scan_2_nii'
+    """
+    return re.sub(r"[^\w-]+", "_", volume.name).strip("_")[:40] or "deformed"
 
 
 def wide(**more: str) -> ipw.Layout:
@@ -111,7 +124,7 @@ def widget_of(name: str, diagonal: float = 1.0, layout: Any = None) -> Any:
         low, high, step = parameter.low, parameter.high, parameter.step
         if parameter.is_log:
             return ipw.FloatLogSlider(min=np.log10(low), max=np.log10(high), step=step, style=_STYLE,
-                                      readout_format=f".{parameter.digits}g", layout=layout or wide(), **words)
+                                      readout_format=f".{parameter.digits}r", layout=layout or wide(), **words)
         if parameter.digits == 0:
             return ipw.IntSlider(min=int(low), max=int(high), step=int(step), style=_STYLE, layout=layout or wide(),
                                  **words)
@@ -227,8 +240,9 @@ class PicturePanel(Panel):
         self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
-        self._on_picture = [method]  # three pictures of a step in space have controls of their own
-        self.box = row(side, method, self._depth)
+        hold = action_button("hold_outline", lambda: guard(session.hold_outline))
+        self._on_picture = [method, hold]  # three pictures of a step in space have controls of their own
+        self.box = row(side, method, self._depth, hold)
         self.refresh()
 
     def _held_depth(self) -> float:
@@ -238,7 +252,7 @@ class PicturePanel(Panel):
         low, high = self.session.depth_range
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
-            self._depth.min, self._depth.max, self._depth.step = low, high, max((high - low) / 200, 1e-6)
+            self._depth.min, self._depth.max, self._depth.step = low, high, self.session.slices.spacing
         in_space = self.session.step.plane is None
         for widget in self._on_picture:
             widget.layout.display = "none" if in_space else ""
@@ -277,8 +291,7 @@ class MapPanel(Panel):
         self._auto = widget_of("automatic_support", layout=ipw.Layout(width="100px"))
         self.add(self._auto, lambda: not isinstance(session.step.support, float),
                  lambda on: session.change(support=None if on else float(self._support.value)))
-        reach = ipw.HBox([self._support, self._auto], layout=wide(flex="1 1 320px"))
-        self.box = ipw.VBox([row(kernel, self._trend), row(reach, *bound.values())])
+        self.box = ipw.VBox([row(kernel, self._trend), row(self._support, self._auto, *bound.values())])
         self.refresh()
 
     def _shown_support(self) -> float:

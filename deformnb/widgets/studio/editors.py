@@ -35,10 +35,11 @@ _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view ar
 def make_editor(session: Session, height: int) -> Editor:
     """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
     step = session.step
-    made = Editor(session.picture(), None, height=height, history=session.history,
+    made = Editor(session.automatic_picture(), None, height=height, history=session.history,
                   label=f"Picture of {session.volume.name or 'the volume'}")
     made.chooses_support = False
     made.lone_support = lone_support(session.volume.grid)
+    show_view_state(made, session)
     if step.plane is not None:
         show_step(made, session)
     return made
@@ -56,6 +57,15 @@ def show_step(editor: Any, session: Session) -> None:
             editor.options = _options(session)
         if editor.points != session.points:
             editor.points = session.points
+
+
+def show_view_state(editor: Any, session: Session) -> None:
+    """Show the window and the number of the slice that a session has."""
+    if isinstance(editor, Editor):
+        editor.window = list(session.window or ())
+        slices = session.slices if session.method == "slice" and session.step.plane is not None else None
+        editor.slices = {} if slices is None else vars(slices)
+        editor.slice = 0 if slices is None else slices.index(session.depth)
 
 
 def _box_on_picture(session: Session) -> list[float]:
@@ -121,7 +131,7 @@ class StudioEditors:
     def make_picture(self) -> Picture | AbstractField | None:
         """Make the picture behind the points of this step's editor: takes time, and changes nothing yet."""
         session = self._session
-        return session.picture() if session.step.plane is not None else session.before()
+        return session.automatic_picture() if session.step.plane is not None else session.before()
 
     def show_picture(self, made: Any) -> None:
         """Show it together with its points: a picture must never meet another one's points."""
@@ -130,6 +140,7 @@ class StudioEditors:
             if isinstance(editor, Editor):
                 editor.picture = made
                 editor.lone_support = lone_support(self._session.volume.grid)
+                show_view_state(editor, self._session)
             elif editor.before is not made:
                 editor.before = made
             self.show_step()
@@ -142,6 +153,10 @@ class StudioEditors:
     def show_step(self) -> None:
         """Show the points, settings and shapes of the step."""
         show_step(self.current, self._session)
+
+    def show_view_state(self) -> None:
+        """Show the window and the number of the slice."""
+        show_view_state(self.current, self._session)
 
     def set_traits(self, **traits: Any) -> None:
         """Set traits of both editors, such as their history."""
@@ -313,11 +328,12 @@ class StudioEdits:
             return
         made = editor.edit_under_way
         label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
+        kind = label if made is not None and made.joins else None
         if what == "cuts":
-            self._take(editor, lambda: session.edit_cuts(changed, label))
+            self._take(editor, lambda: session.edit_cuts(changed, label, kind))
         else:
             points = made.points if made is not None else None
-            self._take(editor, lambda: session.edit_parts(changed, label, points=points))
+            self._take(editor, lambda: session.edit_parts(changed, label, kind, points=points))
 
     def travel(self, way: str) -> None:
         """Go "undo" or "redo", and report what that was."""

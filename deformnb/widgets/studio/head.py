@@ -8,7 +8,6 @@ The style sheet of the head is that of the studio's whole layout.
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
@@ -22,7 +21,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.studio.controls import Guard
+from deformnb.widgets.studio.controls import Guard, file_stem
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
@@ -116,7 +115,7 @@ class StudioHead(SyncedWidget):
         self._show_text(f"Saved {path.name}.")
 
     def _new_file(self) -> Path:
-        stem = re.sub(r"[^\w-]+", "_", self._session.volume.name).strip("_")[:40] or "deformed"
+        stem = file_stem(self._session.volume)
         names = (f"{stem}{f'-{k}' if k > 1 else ''}.json" for k in range(1, 10**6))
         return next(path for path in (self._folder / name for name in names) if not path.exists())
 

@@ -134,7 +134,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
         Section(StepsPanel(s.session, s.guard), is_open=True),
         Section(MapPanel(s.session, s.guard), is_open=True),
         Section(PointsPanel(s.session, s.guard, s.editors, s.worker)),
-        Section(ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names)),
+        Section(ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)),
         Section(FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
         Section(ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
     ]

@@ -69,11 +69,6 @@ class Diagnostics:
     unit: str
 
     @property
-    def is_folded(self) -> bool:
-        """True if the map is known to fold."""
-        return self.folds is not None and self.folds.least <= 0
-
-    @property
     def is_fold_free(self) -> bool | None:
         """True if the map is as far from a fold as it should be; None if that is not known."""
         return None if self.folds is None else self.folds.least >= LEAST

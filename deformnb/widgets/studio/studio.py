@@ -104,7 +104,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     last = followed_step(session.deformation)
     deformed = None if last is not None else session.result()
     whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane)
-    whole.method = session.method
+    whole.method, whole.window = session.method, session.window
     whole.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme = editor.density, editor.theme
@@ -284,7 +284,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
                      names: Mapping[int, str] | None, target: Volume | None) -> StudioPanels:
-        self._opacity = TransferEditor(self.session.volume, self.session.transfer)
+        self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
                                       self._opacity, folder, self.export_html, labels, names, target,
                                       self._link.preview))
@@ -295,6 +295,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session = self.session
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
+        session.observe(self._weakly(Studio._window_changed), "window")
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
         session.observe(self._weakly(Studio._send_history), "history")
         session.observe(self._weakly(Studio._show_notice), "notice")
@@ -307,6 +308,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         editor.observe(self._weakly(Studio._points_changed), "points")
         if editor.has_trait("cuts"):
             editor.observe(self._weakly(Studio._shapes_changed), ["cuts", "parts"])
+            editor.observe(self._weakly(Studio._window_chosen), "window")
+            editor.observe(self._weakly(Studio._slice_chosen), "slice")
         editor.on_history(self._weakly(Studio._travel))
 
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
@@ -317,6 +320,18 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _shapes_changed(self, change: Any) -> None:
         self._edits.shapes_changed(change["owner"], change["name"], change["new"])
+
+    def _window_chosen(self, change: Any) -> None:
+        window = tuple(change["new"]) or None
+        self._words.guarded(lambda: self.session.set_trait("window", window))
+
+    def _slice_chosen(self, change: Any) -> None:
+        session, slices = self.session, self.session.slices
+        if session.method == "slice" and slices.index(session.depth) != change["new"]:
+            self._words.guarded(lambda: session.set_trait("depth", slices.depth(change["new"])))
+
+    def _window_changed(self, _change: Any) -> None:
+        self._editors.show_view_state()
 
     def _travel(self, way: str) -> None:
         self._edits.travel(way)
@@ -458,6 +473,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
         return {**times, **self._edits.counts, "previews": self._link.previews, "editor": self.editor.stats(),
                 "view": self.view.stats()}
+
+    def show_session(self) -> None:
+        """Show what the session holds, in place of a drag that will not end because its page has gone."""
+        self._link.show(self.editor)
+        self._editors.show_step()
+        self.view.set_transfer(self.session.transfer_function)
 
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""

@@ -81,7 +81,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
     background : "auto" follows the page, "dark" and "light" do not.
-    shows : "deformed", "original", "side_by_side" or "flicker": see :data:`~deformnb.widgets.camera.SHOWS`.
+    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`, such as "original" or "side_by_side".
     camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.camera.CameraTrait`. The front
         end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
         together.

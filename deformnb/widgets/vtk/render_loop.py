@@ -115,7 +115,10 @@ class SceneLoop:
             self.touch()
 
     def set_shows(self, shows: str) -> None:
-        """Set the mode, a name of :data:`~deformnb.widgets.camera.SHOWS`; "flicker" delivers two. Draws nothing."""
+        """Set the mode, a name of :data:`~deformnb.widgets.camera.SHOWS`, and draw nothing.
+
+        "flicker" and "wipe" deliver two pictures of one place.
+        """
         self._shows = shows
 
     def touch(self) -> None:
@@ -206,7 +209,7 @@ class SceneLoop:
             self._say(error)
 
     def _images(self, scene: LoopScene, **options: Any) -> tuple[Image, ...] | None:
-        both = ("deformed", "original") if self._shows == "flicker" else (self._shows,)
+        both = ("deformed", "original") if self._shows in ("flicker", "wipe") else (self._shows,)
         images = []
         for shows in both:
             image = scene.render(shows=shows, **options)

@@ -38,7 +38,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, camera_of, checked_camera, within
+from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, camera_of, checked_camera, wiped, within
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import FieldTextures, field_textures
 from deformnb.widgets.vtk.folds import Folding, pressed
@@ -422,15 +422,16 @@ class VtkScene:
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
         kind = self._shows if shows is None else one_of(shows, SHOWS, "kind of picture")
-        if kind != "side_by_side":
+        if kind not in ("side_by_side", "wipe"):
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
-        left_half, right_half = (within(progress, first, first + 0.5) for first in (0.0, 0.5))
-        left = self._picture((width // 2, height), False, coarseness, bands, interrupted, left_half)
-        right = left if left is None else self._picture((width - width // 2, height), True, coarseness, bands,
-                                                        interrupted, right_half)
+        widths = (width, width) if kind == "wipe" else (width // 2, width - width // 2)
+        first, second = (within(progress, start, start + 0.5) for start in (0.0, 0.5))
+        left = self._picture((widths[0], height), False, coarseness, bands, interrupted, first)
+        right = left if left is None else self._picture((widths[1], height), True, coarseness, bands, interrupted,
+                                                        second)
         if left is None or right is None:
             return None
-        return np.concatenate([left, right], axis=1)
+        return wiped(left, right) if kind == "wipe" else np.concatenate([left, right], axis=1)
 
     def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
                  interrupted: Callable[[], bool] | None, progress: Callable[[float], None] | None) -> Image | None:

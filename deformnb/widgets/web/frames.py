@@ -16,7 +16,6 @@ from collections.abc import Callable
 from typing import Any
 
 from deformnb.errors import DeformError
-from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import checked_camera
 from deformnb.widgets.protocol import text, whole
 from deformnb.widgets.vtk.render_loop import Frame
@@ -155,8 +154,8 @@ class _ViewArea:
         from trame_rca.widgets import rca
 
         self._server = server
-        server.trame.enable_module({"scripts": ["deformnb/app.js"], "vue_use": ["deformnb_app"],
-                                    "styles": ["deformnb/app.css", "deformnb/widgets.css"]})
+        server.trame.enable_module({"scripts": ["deformnb/remote.js"], "styles": ["deformnb/remote.css"],
+                                    "vue_use": ["deformnb_app"]})
         server.trame.state.trame__title = "deformnb"
         server.trame.state.dnb_views = self._sides
         with DivLayout(server.trame), html.Div(classes="dnb-app-fill dnb-app-remote"):
@@ -173,12 +172,9 @@ class _ViewArea:
         return {"trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
                 "deformnb.seen": for_area(self._seen), "deformnb.look": self._look_from}
 
-    def assets(self) -> dict[str, tuple[str, str]]:
-        """Styles of the overlays on the picture."""
-        return {"/deformnb/widgets.css": (bundle("remote_view.css"), "text/css")}
-
-    def file(self, key: str) -> None:
-        """No file is offered."""
+    def bundles(self) -> tuple[str, ...]:
+        """Script and styles of the overlays on the picture."""
+        return ("remote.js", "remote.css")
 
     def left(self) -> None:
         """A page has gone; it held nothing but the mouse."""

@@ -33,9 +33,10 @@ from deformnb.widgets.web.guard import (
 from deformnb.widgets.web.remote_area import AREA
 
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
+_KINDS = {".js": "text/javascript", ".css": "text/css"}
 _LOOK_EVERY = 1.0  # seconds between looks at who is still there
 
-_LONG = frozenset({"deformnb.message", "deformnb.take"})  # edits with many points, saved sessions
+_LONG = frozenset({"deformnb.comm"})  # edits with many points, saved sessions
 
 _LOG = logging.getLogger(__name__)
 
@@ -49,11 +50,8 @@ class Content(Protocol):
     def answers(self) -> dict[str, Answer]:
         """Remote procedures of a client, by name; each checks its arguments."""
 
-    def assets(self) -> dict[str, tuple[str, str]]:
-        """Further files that the page loads: text and content type by path."""
-
-    def file(self, key: str) -> Path | None:
-        """A file that was written for a client, which alone has received this key; None if there is none."""
+    def bundles(self) -> tuple[str, ...]:
+        """Bundles that the page loads as files of the folder ``deformnb``."""
 
     def left(self) -> None:
         """A client has gone."""
@@ -205,19 +203,14 @@ class PageServer:
             with contextlib.suppress(RuntimeError):  # it has ended, and its loop with it
                 self._loop.call_soon_threadsafe(function, *args)
 
-    def publish(self, topic: str, message: dict[str, Any], **options: Any) -> None:
-        """Send a message to all clients, or with wslink's ``client_id`` to one; in the server's thread."""
+    def publish(self, topic: str, message: dict[str, Any]) -> None:
+        """Send a message to all clients; in the server's thread."""
         if self.root is not None:
-            self.root.publish(topic, message, **options)
+            self.root.publish(topic, message)
 
     def push_picture(self, jpeg: bytes, about: dict[str, Any]) -> None:
         """Send a picture to trame's remote controlled area, from any thread."""
         self.in_loop(lambda: self.root and self.trame.protocol_call("trame.rca.push", AREA, about, jpeg))
-
-    def others(self) -> list[str]:
-        """Names of the clients, but for the one whose message is being answered."""
-        return [client for handler in self._handlers for client in handler.authentified_client_ids
-                if client != self._web.last_active_client_id]
 
     # -- trame's own server, made narrow -------------------------------------------------------------------------------
 
@@ -236,15 +229,9 @@ class PageServer:
                         for handler in self._handlers]
         check = access_check(lambda: own_names(self.host, self.port), self._handlers, self._framed_by)
         served.app.middlewares.append(check)
-        pages = {**_assets(), **self.content.assets()}
+        own = {f"/deformnb/{name}": (bundle(name), _KINDS[Path(name).suffix]) for name in self.content.bundles()}
+        pages = {**_assets(), **own}
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
-        served.app.router.add_get("/deformnb/file/{key}", self._file)
-
-    async def _file(self, request: web.Request) -> web.StreamResponse:
-        path = self.content.file(request.match_info["key"])
-        if path is None:
-            return web.Response(status=404, text="there is no such file any more\n")
-        return web.FileResponse(path, headers={"Content-Disposition": f'attachment; filename="{path.name}"'})
 
     def _answers(self, offered: Mapping[str, tuple[Any, Any]]) -> dict[str, Answer]:
         """Remote procedures of a client: trame's state, and those of the content."""
@@ -275,7 +262,6 @@ def _serve(text: str, kind: str) -> Callable[[web.Request], Any]:
 
 def _assets() -> dict[str, tuple[str, str]]:
     """Our part of every page by its path: text and content type."""
-    script, sheet = "text/javascript", "text/css"
     page = (files("trame_client.module") / "vue3-www" / "index.html").read_text(encoding="utf-8")
     own, found = page.replace("<head>", '<head><script src="deformnb/access.js"></script>'), page.count("<head>")
     if found != 1:
@@ -285,9 +271,7 @@ def _assets() -> dict[str, tuple[str, str]]:
     index = own[:start] + own[end:]
     return {
         "/": (index, "text/html"), "/index.html": (index, "text/html"),
-        "/deformnb/access.js": (bundle("access.js"), script),
-        "/deformnb/app.js": (bundle("app.js"), script),
-        "/deformnb/app.css": (bundle("app.css"), sheet),
+        "/deformnb/access.js": (bundle("access.js"), "text/javascript"),
     }
 
 

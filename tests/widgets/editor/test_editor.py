@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,7 +91,8 @@ def test_the_state_for_the_page_is_plain_json(picture: Picture, points: ControlP
     state = Editor(picture, points).get_state()
     assert state["points"] == points_to_json(points)
     assert state["next_id"] == 4
-    assert state["raster"] == {"shape": [30, 40], "spacing": [2.0, 1.0], "origin": [0.0, 0.0], "channels": 1}
+    assert state["raster"] == {"shape": [30, 40], "spacing": [2.0, 1.0], "origin": [0.0, 0.0], "channels": 1,
+                               "range": [0, 255], "window": list(picture.window), "unit": "", "lengths": "mm"}
     assert state["uid"]
     json.dumps({k: v for k, v in state.items() if k not in ("image", "uncertainty", "ghost", "layout")})
 
@@ -424,7 +426,39 @@ def test_an_empty_sheet_holds_its_points(points: ControlPoints) -> None:
 
 def test_the_image_is_the_picture(picture: Picture) -> None:
     pixels = np.asarray(Image.open(io.BytesIO(Editor(picture).image)))
-    assert np.array_equal(pixels, (picture.grey() * 255 + 0.5).astype(np.uint8))
+    assert np.array_equal(pixels, picture.values)  # the front end applies the window
+
+
+def test_values_beyond_bytes_come_in_two_of_them(volume: Volume) -> None:
+    picture = project(replace(volume, values=volume.values.astype(np.float32) * 7.3 - 900), "+z")
+    editor = Editor(picture)
+    (low, high), pixels = editor.raster["range"], np.asarray(Image.open(io.BytesIO(editor.image))).astype(int)
+    assert editor.raster["channels"] == 2
+    values = low + (high - low) * (256 * pixels[..., 0] + pixels[..., 1]) / 65535
+    assert np.abs(values - picture.values).max() <= (high - low) / 65535
+    assert editor.raster["window"] == list(picture.window)
+
+
+def test_a_value_far_off_leaves_the_window_enough_steps(volume: Volume) -> None:
+    values = volume.values.astype(np.float64)
+    values[0, 0, 0] = 1e12
+    editor = Editor(project(replace(volume, values=values), "+z"))
+    (low, high), (black, white) = editor.raster["range"], editor.raster["window"]
+    assert (white - black) / (high - low) * 65535 > 1900
+
+
+def test_a_window_set_by_hand_is_that_of_the_picture(picture: Picture) -> None:
+    editor = Editor(picture, window=[10, 20])
+    assert editor.picture is not None
+    assert editor.picture.window == (10, 20)
+    editor.set_state({"window": [30.0, 25.0]})
+    editor.set_state({"window": [1.0]})
+    editor.set_state({"slice": -1})
+    assert editor.window == [10, 20]
+    editor.set_state({"window": []})
+    assert editor.picture is picture
+    with pytest.raises(DeformError, match="rising"):
+        editor.window = [3, 3]
 
 
 def test_a_coloured_picture_keeps_its_colours(volume: Volume) -> None:

@@ -129,7 +129,7 @@ def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
 
 
 @pytest.mark.parametrize("changes", [
-    {"what": "points"}, {"kind": 3}, {"kind": ""}, {"kind": "x" * 81}, {"shapes": None},
+    {"what": "points"}, {"joins": "yes"}, {"kind": 3}, {"kind": ""}, {"kind": "x" * 81}, {"shapes": None},
     {"shapes": [{"region": LINE}] * 9},
     {"what": "parts", "shapes": [{"region": SQUARE}] * (MOST_PARTS + 1)}, {"shapes": [{"region": {"kind": "line"}}]},
     {"shapes": [{"region": {**LINE, "vertices": [[0, float("nan")], [1, 1]]}}]},
@@ -137,6 +137,7 @@ def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
     {"shapes": [{"region": {**LINE, "vertices": [[k, k * k] for k in range(LARGEST_SHAPE + 1)]}}]},
     {"shapes": [{"region": LINE, "name": "x" * 2**21}]}, {"what": "parts", "shapes": [{"region": LINE}]},
     {"what": "parts", "shapes": [{"region": SQUARE, "motion": {"matrix": [[2, 0], [0, 1]], "shift": [0, 0]}}]},
+    {"what": "parts", "shapes": [{"region": SQUARE, "pivot": [1, 2, 3]}]},
     {"shapes": [{"region": {"kind": "mask", "shape": [2**13, 2**12], "spacing": [1, 1], "origin": [0, 0],
                             "bits": base64.b64encode(zlib.compress(bytes(2**22))).decode()}}]},
 ])

@@ -10,11 +10,12 @@ from deformnb.errors import DeformError
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.points import FRONT_END_TRAITS
 
-GOOD = {"mirror": {"on": True, "axis": "b", "at": 3.5}, "snap": 7.5, "brush_radius": 12, "stop_at_folds": True}
+GOOD = {"mirror": {"on": True, "axis": "b", "at": 3.5}, "snap": 7.5, "brush_radius": 12, "stop_at_folds": True,
+        "window": [-40.0, 250.0], "slice": 12}
 
 
 def test_the_page_sets_what_is_right() -> None:
-    editor = Editor()
+    editor = Editor(slices={"first": -8.0, "spacing": 0.5, "count": 32})
     editor.set_state(GOOD)
     assert {name: getattr(editor, name) for name in GOOD} == GOOD
     assert set(FRONT_END_TRAITS) == set(GOOD)
@@ -26,7 +27,9 @@ def test_the_page_sets_what_is_right() -> None:
     ("mirror", {"on": True, "axis": "a", "at": float("inf")}), ("mirror", {**GOOD["mirror"], "more": 1}),  # type: ignore[dict-item]
     ("mirror", {"on": True, "axis": ["a"], "at": 0}),
     ("snap", -1), ("snap", True), ("snap", float("nan")), ("snap", "1"), ("brush_radius", -0.5),
-    ("brush_radius", 1e300), ("stop_at_folds", 1)])
+    ("brush_radius", 1e300), ("stop_at_folds", 1),
+    ("window", [250.0, -40.0]), ("window", [0.0]), ("window", "wide"), ("slice", "front"), ("slice", 1.5),
+    ("slice", -1)])
 def test_what_is_wrong_is_dropped_and_said(name: str, value: Any, caplog: pytest.LogCaptureFixture) -> None:
     editor = Editor()
     before = getattr(editor, name)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
+import threading
+import time
 from typing import Any
 
 import ipywidgets as ipw
 import numpy as np
 import pytest
 from front_end import deliver
+from PIL import Image
 from scripts import run_script
 
 from deformnb.datasets import PHANTOMS
@@ -19,6 +24,7 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets import LiveView, TransferEditor
 from deformnb.widgets.inputs.transfer_editor import shown_histogram
 from deformnb.widgets.studio.controls import DisplayPanel
+from deformnb.widgets.worker import Worker
 
 
 @pytest.fixture
@@ -212,6 +218,43 @@ def test_a_node_for_a_step_may_share_its_value(volume: Volume, sent: list[Any]) 
     editor = TransferEditor(volume)
     receive(editor, {"nodes": [[0, 0], [40, 0], [40, 1]]})
     assert editor.transfer.opacities == ((0, 0), (40, 0), (40, 1))
+
+
+# ---- thumbnails ------------------------------------------------------------------------------------------------------
+
+
+def shown_pictures(editor: TransferEditor) -> dict[str, Any]:
+    return {name: np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))))
+            for name, url in editor.thumbnails.items()}
+
+
+def test_each_preset_has_a_picture_of_the_volume(volume: Volume) -> None:
+    worker = Worker()
+    editor = TransferEditor(volume, worker=worker)
+    worker.latest("behind it", (done := threading.Event()).set)
+    assert done.wait(20)
+    made = shown_pictures(editor)
+    assert list(made) == list(PRESETS) == list(editor.presets)
+    editor.volume = Volume.from_array(np.asarray(volume.values)[:, ::-1])
+    assert editor.thumbnails == {}  # never those of another volume
+    worker.latest("behind it", (again := threading.Event()).set)
+    assert again.wait(20)
+    assert any((shown_pictures(editor)[name] != made[name]).any() for name in PRESETS)
+    worker.close()
+    editor.volume = volume  # as a studio that is closed
+    assert editor.thumbnails == {}
+
+
+def test_the_thread_of_a_lone_editor_ends_with_its_pictures(volume: Volume) -> None:
+    before, made = threading.active_count(), threading.Event()
+    editor = TransferEditor(volume)
+    editor.observe(lambda _change: made.set(), "thumbnails")
+    if not editor.thumbnails:
+        assert made.wait(20)
+    deadline = time.monotonic() + 20
+    while threading.active_count() > before:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 # ---- scripts ---------------------------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ import pytest
 from driven_studio import a_drag, a_volume, act, crash, drag, notice_of, panel, wait_for
 from front_end import deliver
 
-from deformnb.app.application import Application
 from deformnb.session.autosave import saved_sessions
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
@@ -146,26 +145,3 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     files.question.agree.click()
     wait_for(lambda: (tmp_path / "mine.json").read_bytes() == mine)
     studio.close()
-
-
-def test_the_application_offers_it_too(lost: Any) -> None:
-    app = Application(Session(a_volume(), view="+y"))
-    assert app.recovery.wait()
-    assert app.state()["lost"].endswith("was not saved (5 points, 1 step).")
-    app.act("restore")
-    assert app.session.deformation.steps == lost
-    assert app.editor.points == lost[0].points
-    assert app.state()["lost"] == ""
-    app.recovery.autosave.flush()
-    app.close()
-    assert saved_sessions(a_volume()) == []  # no crash
-    again = Application(Session(a_volume(), view="+y"))
-    assert again.recovery.wait()
-    assert again.state()["lost"] == ""
-    assert [row["title"] for row in again.state()["states"]] == [
-        "the beginning", "an earlier session, not saved: 5 points, 1 step"]
-    again.act("go_to", -1)
-    assert again.session.deformation.steps == lost
-    again.document()  # the page downloads it
-    again.close()
-    assert saved_sessions(a_volume()) == []

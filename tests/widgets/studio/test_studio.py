@@ -277,6 +277,46 @@ def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pyt
     assert studio.session.step.kernel == "gaussian"
 
 
+def test_the_window_of_the_page_is_that_of_the_session_and_of_its_pictures(studio: Studio) -> None:
+    session, image = studio.session, studio.editor.image
+    studio.editor.set_state({"window": [20.0, 90.0]})
+    assert session.window == session.picture().window == studio.editor.picture.window == (20, 90)
+    assert studio.editor.image == image  # the page has it already
+    session.method = "mean"
+    studio.wait()
+    assert studio.editor.window == [20, 90]
+    session.window = None
+    assert studio.editor.window == []
+    assert studio.editor.picture.window == session.picture().window
+    session.window = (10, 30)
+    session.method = "composite"
+    studio.wait()
+    assert studio.editor.raster["channels"] == 3
+
+
+def test_the_page_goes_through_the_slices(studio: Studio) -> None:
+    session = studio.session
+    assert studio.editor.slices == {}
+    session.method = "slice"
+    studio.wait()
+    slices = session.slices
+    assert studio.editor.slices == {"count": slices.count, "first": slices.first, "spacing": slices.spacing}
+    studio.editor.set_state({"slice": 2})
+    studio.wait()
+    assert session.depth == slices.depth(2)
+    assert studio.editor.slice == 2
+    assert_array_equal(studio.editor.picture.values, session.picture().values)
+    session.depth = slices.depth(4)
+    studio.wait()
+    assert studio.editor.slice == 4
+    studio.editor.set_state({"slice": 10**6})
+    studio.wait()
+    assert session.depth == slices.depth(slices.count - 1)
+    session.method = "mip"
+    studio.wait()
+    assert studio.editor.slices == {}
+
+
 def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     controls(studio)["Side"].value = "+z"

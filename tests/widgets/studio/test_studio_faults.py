@@ -113,13 +113,13 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     before, (reason, again, back) = studio.session.view, studio._picture.ways_on.children
     assert studio._picture.ways_on.layout.display == "none"
     is_poor = [True]
-    make = Session.picture
+    make = Session.automatic_picture
 
     def picture(session: Session, *given: Any) -> Any:
         if is_poor[0]:
             raise MemoryError("no room for a picture")
         return make(session, *given)
-    monkeypatch.setattr(Session, "picture", picture)
+    monkeypatch.setattr(Session, "automatic_picture", picture)
     controls(studio)["Side"].value = "+z"
     studio.wait()
     assert "no room for a picture" in reason.value

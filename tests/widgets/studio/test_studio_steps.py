@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,22 @@ from numpy.testing import assert_array_equal
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import part_to_data
 from deformnb.errors import DeformError
-from deformnb.io.formats import read_volume
+from deformnb.io.formats import read_volume, write_volume
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Polygon
-from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.volume.volume import Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.protocol import points_to_json, shapes_to_json
+
+
+def buttons_of(box: Any) -> dict[str, ipw.Button]:
+    """The buttons in a box, by what stands on them."""
+    found = {box.description: box} if isinstance(box, ipw.Button) else {}
+    for child in getattr(box, "children", ()):
+        found |= buttons_of(child)
+    return found
 
 
 @pytest.fixture
@@ -91,6 +101,17 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
     assert studio.session.step.parts[0].name == "stone"
     page_says(studio, {"type": "shapes", "what": "parts", "kind": "x", "shapes": [{"region": {"kind": "no"}}]})
     assert studio.session.step.parts[0].name == "stone"
+
+
+def test_quick_keys_on_a_part_are_one_step_of_the_history(studio: Studio) -> None:
+    part = RigidPart(HalfSpace((0.0, 40.0), (0.0, -1.0)), name="floor")
+    studio.session.edit_parts([part])
+    for number in (1.0, 2.0, 3.0):
+        moved = part_to_data(replace(part, motion=RigidMotion.turn(0, (0, 0), (number, 0))))
+        page_says(studio, {"type": "shapes", "what": "parts", "kind": "move floor", "shapes": [moved], "joins": True})
+    assert studio.session.step.parts[0].motion == RigidMotion.turn(0, (0, 0), (3.0, 0))
+    assert studio.session.undo() == "move floor"
+    assert studio.session.step.parts == (part,)
 
 
 def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
@@ -186,8 +207,8 @@ def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:
     labels[2:4, 2:4, 2:4] = 9
     made = Studio(volume, side="+y", labels=labels, label_names={7: "femur"}, folder=tmp_path)
     shapes = panel(made, "Rigid parts and cuts")
-    assert [text for text, _ in shapes._label.options] == ["femur", "label 9"]
-    buttons = {b.description: b for b in shapes.box.children[1].children if isinstance(b, ipw.Button)}
+    assert [text for text, _ in shapes.labels.list.options] == ["femur", "label 9"]
+    buttons = buttons_of(shapes.box)
     buttons["Label as part"].click()
     part = made.session.step.parts[0]
     assert part.name == "femur"
@@ -198,13 +219,43 @@ def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:
     assert (ground.signed_distance([[5.0, 15.0], [5.0, 2.0]]) < 0).tolist() == [True, False]
     made.session.add_step(in_space=True)
     made.wait()
-    shapes._label.value = 9
+    shapes.labels.list.value = (9,)
     buttons["Label as cut"].click()
     inside = np.array([[3.0, 3.0, 3.0], [9.0, 9.0, 9.0]])
     assert (made.session.step.cuts[0].region.signed_distance(inside) < 0).tolist() == [True, False]
     made.close()
     with pytest.raises(DeformError, match="shape"):
         Studio(volume, labels=labels[1:])
+
+
+def test_a_label_file_is_opened_and_several_labels_are_taken_in_one_edit(tmp_path: Path) -> None:
+    volume = a_volume()
+    values = np.zeros(volume.shape, np.uint8)
+    values[6:10, 8:12, 4:9], values[2:4, 2:4, 2:4], values[12:14, 5:7, 12:14] = 7, 9, 11
+    path = tmp_path / "bones.seg.nrrd"
+    write_volume(Volume(values, volume.grid, "bones", is_labels=True), path)
+    head, data = path.read_bytes().split(b"\n\n", 1)
+    path.write_bytes(head + b"\nSegment0_LabelValue:=7\nSegment0_Name:=femur\nSegment1_LabelValue:=11\n"
+                     b"Segment1_Name:=tibia\n\n" + data)
+    write_volume(Volume(values.astype(np.float32) / 2, volume.grid), tmp_path / "scan.nrrd")
+    write_volume(Volume(values, replace(volume.grid, origin=(900.0, 0.0, 0.0))), tmp_path / "far.nrrd")
+    made = Studio(volume, side="+y", folder=tmp_path)
+    shapes = panel(made, "Rigid parts and cuts")
+    menu, labels = shapes.labels.file, shapes.labels.list
+    assert menu.options == (("open a label file", ""), *((name, name) for name in (path.name, "far.nrrd", "scan.nrrd")))
+    for name, words in (("scan.nrrd", "is no label volume"), ("far.nrrd", "lies elsewhere in space")):
+        menu.value = name
+        assert words in notice_of(made)
+        assert menu.value == ""
+    menu.value = path.name
+    assert notice_of(made) == ""
+    assert labels.options == (("femur", 7), ("label 9", 9), ("tibia", 11))
+    labels.value = (7, 11)
+    buttons_of(shapes.box)["Label as part"].click()
+    assert [part.name for part in made.session.step.parts] == ["femur", "tibia"]
+    assert made.session.undo() == "add the rigid parts femur, tibia"
+    assert made.session.step.parts == ()
+    made.close()
 
 
 def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:

@@ -154,9 +154,10 @@ def test_a_scene_that_cannot_be_made_is_said_and_tried_again() -> None:
     loop.close()
 
 
-def test_flicker_delivers_both_pictures_of_one_place() -> None:
+@pytest.mark.parametrize("shows", ["flicker", "wipe"])
+def test_both_pictures_of_one_place_are_delivered(shows: str) -> None:
     loop, _, frames, _ = opened()
-    loop.set_shows("flicker")
+    loop.set_shows(shows)
     loop.change("grey", grey(5))
     until(lambda: bool(frames))
     assert [int(i[0, 0, 0]) for i in frames[0].images] == [5, 250]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running_app import PATIENCE, connected, status_of
+from running_app import PATIENCE, connected
 
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.volume_view import VolumeView
@@ -35,16 +35,11 @@ def app() -> Iterator[Any]:
     view.close()
 
 
-def test_there_are_no_files(app: Any) -> None:
-    with status_of(app, "/deformnb/file/x") as (status, _, _text):
-        assert status == 404
-
-
-def test_what_only_a_desk_offers_is_unknown(app: Any) -> None:
+def test_what_only_the_application_offers_is_unknown(app: Any) -> None:
     async def ask() -> list[Any]:
         async with connected(app) as page:
             return [(await page.call(method, *given))["message"] for method, *given in (
-                ("deformnb.write", "script", "p"), ("deformnb.take", "{}"), ("trame.trigger", "undo", [], {}))]
+                ("deformnb.open",), ("deformnb.comm", "view", {}, "1", []), ("trame.trigger", "undo", [], {}))]
 
     assert set(asyncio.run(ask())) == {"Unregistered method called"}
 

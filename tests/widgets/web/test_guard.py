@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -14,9 +15,9 @@ import aiohttp
 import pytest
 from running_app import HANDSHAKE, PATIENCE, RunningApp, connected, connection_with, framed, request_of, status_of
 
+from deformnb.app.application import Application
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
-from deformnb.session.session import Session
 from deformnb.widgets.web.guard import (
     LONGEST_MESSAGE,
     LONGEST_OTHER,
@@ -29,7 +30,7 @@ from deformnb.widgets.web.guard import (
 
 @pytest.fixture(scope="module")
 def running() -> Iterator[RunningApp]:
-    with RunningApp(Session(PHANTOMS["bar"].make((12, 16, 20)), view="+y")) as running:
+    with RunningApp(Application(PHANTOMS["bar"].make((12, 16, 20)), side="+y")) as running:
         yield running
 
 
@@ -53,7 +54,7 @@ def test_it_listens_at_this_machine_only(running: RunningApp) -> None:
 
 
 def test_two_starts_have_different_passwords(running: RunningApp) -> None:
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as other:
+    with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as other:
         assert len(running.server.token) >= 40
         assert other.server.token != running.server.token
         assert other.server.port != running.server.port
@@ -75,11 +76,10 @@ def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
     async def attempt() -> list[Any]:
         async with connected(running, secret=None) as page:
             return [await page.call(*call) for call in (
-                ("trame.state.get",), ("deformnb.open", "editor"), ("trame.trigger", "save", [], {}),
-                ("trame.state.update", [{"key": "strength", "value": 2.0}]))]
+                ("trame.state.get",), ("deformnb.open",), ("deformnb.comm", "editor", {}, "1", []))]
 
     before = running.application.session.deformation
-    assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 4
+    assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 3
     running.settled()
     assert running.application.session.deformation is before
 
@@ -89,7 +89,7 @@ def test_the_password_of_this_start_opens(running: RunningApp) -> None:
         async with connected(running) as page:
             return await page.call("trame.state.get")
 
-    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+    assert "trame__title" in asyncio.run(attempt())["state"]
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", None, "https://127.0.0.1:{port}",
@@ -212,7 +212,7 @@ def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("TRAME_DEFAULT_HOST", "0.0.0.0")
     monkeypatch.setenv("TRAME_ARGS", "--host 0.0.0.0 --authKey known")
     monkeypatch.setattr(sys, "argv", ["deformnb", "--host", "0.0.0.0", "--authKey", "known", "--port", "1"])
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")) as running:
+    with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
         assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://{running.name}"]
         test_other_passwords_are_refused(running, "known")
     assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
@@ -237,7 +237,8 @@ def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPat
 
 _FORBIDDEN = (
     ("application.exit",), ("application.exit.later", 0), ("trame.force.push", "kernel"),
-    ("trame.rca.push", "volume", {}, b"x"), ("trame.rca.drop", "volume", 1), ("trame.rca.reset", "volume"),
+    ("trame.state.update", [{"key": "trame__template_main", "value": "<script>"}]), ("trame.trigger", "save", [], {}),
+    ("trame.rca.push", "volume", {}, b"x"), ("trame.rca.drop", "volume", 1), ("trame.rca.size", "volume", "page", {}),
     ("viewport.image.render", {}), ("deformnb.close", "editor"),
 )
 
@@ -250,70 +251,78 @@ def test_other_procedures_are_unknown(running: RunningApp, call: tuple[Any, ...]
 
     answer, after = asyncio.run(attempt())
     assert answer["message"] == "Unregistered method called"
-    assert after["state"]["kernel"] == "wendland_c2"
+    assert after["state"]["trame__title"].endswith("deformnb")
 
 
+def _custom(content: Any) -> dict[str, Any]:
+    return {"method": "custom", "content": content}
+
+
+def _update(**state: Any) -> dict[str, Any]:
+    return {"method": "update", "state": state, "buffer_paths": []}
+
+
+# A widget by its name, and what it cannot be sent.
 _BAD = (
-    ("trame.state.update", [{"key": "trame__template_main", "value": "<script>"}]),
-    ("trame.state.update", [{"key": "trame__scripts", "value": ["http://evil.example/x.js"]}]),
-    ("trame.state.update", [{"key": "error", "value": "x"}]),
-    ("trame.state.update", [{"key": "kernel", "value": "__class__"}]),
-    ("trame.state.update", [{"key": "kernel", "value": ["gaussian"]}]),
-    ("trame.state.update", [{"key": "strength", "value": float("nan")}]),
-    ("trame.state.update", [{"key": "strength", "value": 1e9}]),
-    ("trame.state.update", [{"key": "strength", "value": True}]),
-    ("trame.state.update", [{"key": ["strength"], "value": 1}]),
-    ("trame.state.update", [{"key": "view", "value": "../../etc"}]),
-    ("trame.state.update", [{"key": "extrusion", "value": {"curve": []}}]),
-    ("trame.state.update", [{"key": "trend", "value": "z" * 201}]),
-    ("trame.state.update", [{"value": 1}]),
-    ("trame.state.update", "kernel"),
-    ("trame.state.update", [{"key": "strength", "value": 2.0}] * 500),
-    ("trame.trigger", "close", [], {}),
-    ("trame.trigger", "__init__", [], {}),
-    ("trame.trigger", "save", ["/tmp/file"], {}),
-    ("trame.trigger", "save", [], {"path": "/tmp/file"}),
-    ("trame.trigger", ["undo"], [], {}),
-    ("trame.lifecycle.update", "server_exited"),
-    ("deformnb.open", "../../etc/passwd"),
-    ("deformnb.open", "__dict__"),
-    ("deformnb.message", "editor", "text"),
-    ("deformnb.message", "nobody", {}),
-    ("deformnb.message", "editor", {"type": "edit", "seq": 1, "phase": "end", "points": [{"id": "x"}]}),
-    ("deformnb.message", "live", {"type": "chunk", "view": "v", "id": "other", "index": -1}),
-    ("deformnb.state", "editor", "page", {"kernel": "gaussian", "image": b"x", "comm": 1, "layout": {}}),
-    ("deformnb.state", "live", "page", {"projection": "none", "volume_info": {"id": 1}}),
-    ("deformnb.state", "editor", "p" * 1000, {}),
-    ("trame.rca.size", "volume", "page", {"w": 1e12, "h": 5, "p": 1}),
-    ("trame.rca.size", "other", "page", {"w": 100, "h": 100, "p": 1}),
-    ("trame.rca.event", "volume", "page", {"type": "MouseMove", "x": "a"}),
-    ("trame.rca.event", "volume", "page", ["MouseMove"]),
+    ("nobody", _update(value=1)), ("../../etc/passwd", _update(value=1)), (7, _update(value=1)),
+    ("editor", "text"), ("editor", {"method": "request_state"}), ("editor", {"method": "update"}),
+    ("editor", _custom("text")), ("editor", {**_update(), "state": ["kernel"]}),
+    ("editor", _custom({"type": "edit", "seq": 1, "phase": "end", "points": [{"id": "x"}]})),
+    ("editor", _update(kernel="gaussian", image=b"x", comm=1, layout={})),
+    ("view", _custom({"type": "chunk", "view": "v", "id": "other", "index": -1})),
+    ("view", _update(projection="none", volume_info={"id": 1})),
+    ("head", _update(name="<script>")), ("head", _custom({"type": "delete"})),
+    ("studio", _update(children=[])), ("studio", _update(layout="IPY_MODEL_1")), ("status", _update(value="<script>")),
+    ("kernel", _update(index=99)), ("kernel", _update(index="__class__")), ("kernel", _update(_options_labels=["x"])),
+    ("kernel", _update(index=1, description="<script>")), ("strength", _update(value="x")),
+    ("strength", {**_update(value=None), "buffer_paths": [["value", "x"]]}), ("strength", _update(max=9.0)),
 )
 
 
-@pytest.mark.parametrize("call", _BAD, ids=lambda call: f"{call[0]}-{str(call[1:])[:40]}")
-def test_wrong_messages_change_nothing(running: RunningApp, call: tuple[Any, ...],
+@pytest.mark.parametrize(("name", "data"), _BAD, ids=[f"{name}-{str(data)[-40:]}" for name, data in _BAD])
+def test_wrong_messages_change_nothing(running: RunningApp, name: Any, data: Any,
                                        caplog: pytest.LogCaptureFixture) -> None:
+    studio, session = running.studio, running.session
+    known = {"editor": studio.editor, "view": studio.view, "studio": studio,
+             "head": _part(studio, "name", session.volume.name), "status": _part(studio, "_model_name", "HTMLModel"),
+             "kernel": _part(studio, "description", "Kernel"), "strength": _part(studio, "description", "Strength")}
+
     async def attempt() -> Any:
         async with connected(running) as page:
-            await page.call(*call)
+            await page.call("deformnb.comm", known[name].model_id if name in known else name, data, "1", [])
             running.settled()
-            return (await page.call("trame.state.get"))["state"]
-
-    session = running.application.session
-    before = (session.deformation, session.view, session.method, session.transfer)
-    app = running.application
+            return (await page.call("deformnb.open"))["widgets"]
 
     def looks() -> Any:
-        return app.live.projection, dict(app.live.volume_info), app.editor.image, app.editor.kernel
+        return (session.deformation, session.view, session.method, session.transfer, studio.editor.image,
+                studio.editor.kernel, studio.view.projection, dict(studio.view.volume_info), studio.children,
+                known["head"].name, known["kernel"].description, known["strength"].max)
 
     shown = looks()
-    state = asyncio.run(attempt())
-    assert (session.deformation, session.view, session.method, session.transfer) == before
+    states = asyncio.run(attempt())
     assert looks() == shown
-    assert (state["kernel"], state["strength"], state["error"]) == ("wendland_c2", 1.0, "")
-    assert "<script>" not in state["trame__template_main"]
+    assert "<script>" not in str(states[known["status"].model_id])
     assert "passwd" not in caplog.text
+
+
+@pytest.mark.parametrize(("number", "buffers"), [("x" * 65, []), (1, []), ("1", b"x"), ("1", ["x"])])
+def test_a_message_has_a_number_and_buffers(running: RunningApp, number: Any, buffers: Any) -> None:
+    async def attempt() -> None:
+        async with connected(running) as page:
+            hello = _custom({"type": "hello"})
+            await page.call("deformnb.comm", running.studio.editor.model_id, hello, number, buffers)
+
+    before = running.server.dropped
+    asyncio.run(attempt())
+    assert running.server.dropped == before + 1
+
+
+def _part(widget: Any, trait: str, value: Any) -> Any:
+    """The first part of a studio with this value of a trait."""
+    if widget.has_trait(trait) and getattr(widget, trait) == value:
+        return widget
+    parts = (_part(child, trait, value) for child in getattr(widget, "children", ()))
+    return next((part for part in parts if part is not None), None)
 
 
 @pytest.mark.parametrize("data", [
@@ -336,7 +345,7 @@ def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp
             return await page.call("trame.state.get")
 
     before = running.server.dropped
-    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+    assert "trame__title" in asyncio.run(attempt())["state"]
     assert running.server.dropped > before
 
 
@@ -346,24 +355,26 @@ def test_text_is_no_message(running: RunningApp) -> None:
             await page.socket.send_str('{"method": "trame.state.get"}')
             return await page.call("trame.state.get")
 
-    assert asyncio.run(attempt())["state"]["kernel"] == "wendland_c2"
+    assert "trame__title" in asyncio.run(attempt())["state"]
 
 
 def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: RunningApp) -> None:
-    async def attempt(method: str, size: int) -> tuple[int, Any]:
+    async def attempt(method: str, size: int, *given: Any) -> tuple[int, Any]:
         before = running.server.dropped
         async with connected(running) as page:
             try:  # the server may close the line while the message is still on its way
-                await page.send(method, "editor", {"type": "edit", "text": "x" * size})
+                await page.send(method, *given, "x" * size)
                 known = "state" in await page.call("trame.state.get")
             except (ConnectionError, aiohttp.ClientError):
                 known = False
             return running.server.dropped - before, known
 
-    assert asyncio.run(attempt("deformnb.message", LONGEST_OTHER + 1000)) == (0, True)
-    assert asyncio.run(attempt("deformnb.message", LONGEST_MESSAGE + 1000)) == (1, True)
+    editor = running.studio.editor.model_id
+    long = {"type": "no message", "text": "x" * (LONGEST_OTHER + 1000)}
+    assert asyncio.run(attempt("deformnb.comm", 1, editor, _custom(long), "1", [])) == (1, True)
+    assert asyncio.run(attempt("deformnb.comm", LONGEST_MESSAGE + 1000)) == (1, True)
     assert asyncio.run(attempt("trame.error.client", LONGEST_OTHER + 1000)) == (1, True)
-    assert asyncio.run(attempt("deformnb.message", 3_000_000))[1] is False  # closed before it was read whole
+    assert asyncio.run(attempt("deformnb.comm", 3_000_000))[1] is False  # closed before it was read whole
     test_the_password_of_this_start_opens(running)
 
 
@@ -382,8 +393,8 @@ def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
     async def attempt() -> tuple[int, Any]:
         async with connected(running) as noisy, connected(running) as calm:
             before = running.server.dropped
-            for value in range(100_000):  # a slow machine lets more of them through
-                await noisy.send("trame.state.update", [{"key": "strength", "value": value % 3}])
+            for _ in range(100_000):  # a slow machine lets more of them through
+                await noisy.send("trame.lifecycle.update", "client_mounted")
                 if running.server.dropped - before > 1000:
                     break
             answer = await calm.call("trame.state.get")
@@ -391,10 +402,29 @@ def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
 
     dropped, answer = asyncio.run(attempt())
     assert dropped > 1000
-    assert answer["state"]["kernel"] == "wendland_c2"
+    assert "trame__title" in answer["state"]
+
+
+def test_a_page_has_one_message_at_a_time_in_the_application(running: RunningApp) -> None:
+    """Who sends many does not keep others waiting: its next one is read when the last has been taken."""
+    strength, free = _part(running.studio, "description", "Strength").model_id, threading.Event()
+
+    async def attempt() -> int:
+        async with connected(running) as noisy, connected(running) as calm:
+            blocked = running.application.thread.call(lambda: free.wait(PATIENCE))
+            for value in range(100):
+                await noisy.send("deformnb.comm", strength, _update(value=value / 100), str(value), [])
+            await calm.call("trame.state.get")
+            asked = await calm.send("deformnb.comm", strength, _update(value=1.0), "calm", [])
+            await calm.send("trame.state.get")
+            free.set()
+            await calm.answer(asked)
+            assert blocked.done()
+            return sum(m["result"].get("parent", "").isdigit() for m in calm.heard if isinstance(m.get("result"), dict))
+
+    assert asyncio.run(attempt()) <= 3
     running.settled()
-    running.application.thread.call(running.application.session.reset).result(PATIENCE)
-    running.application.thread.call(lambda: running.application.set("strength", 1.0)).result(PATIENCE)
+    running.application.thread.call(running.studio.session.reset).result(PATIENCE)
 
 
 def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:

@@ -18,7 +18,6 @@ from running_app import HANDSHAKE, PATIENCE, RunningApp, connected, connection_w
 from deformnb.app.application import Application
 from deformnb.app.launch import app_server
 from deformnb.datasets.phantoms import PHANTOMS
-from deformnb.session.session import Session
 from deformnb.widgets.web.guard import MOST_PAGES
 from deformnb.widgets.web.server import PageServer
 
@@ -34,7 +33,7 @@ def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
             running.server.idle = 0.5  # from now on, for a slow machine takes its time to come in
             await asyncio.sleep(seconds)
 
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=PATIENCE) as running:
+    with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y"), idle=PATIENCE) as running:
         asyncio.run(stay(2.5))
         assert running.server.reason == ""  # a page was there
         running.ended()
@@ -43,10 +42,10 @@ def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
 
 
 def test_it_waits_four_hours_for_a_page_and_for_ever_if_told_so() -> None:
-    session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
-    with RunningApp(session) as running:
+    volume = PHANTOMS["bar"].make((8, 8, 8))
+    with RunningApp(Application(volume)) as running:
         assert running.server.idle == 4 * 60 * 60
-    with RunningApp(session, idle=0) as running:
+    with RunningApp(Application(volume), idle=0) as running:
         time.sleep(1.5)  # it looks every second
         assert running.server.reason == ""
 
@@ -59,7 +58,7 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
             await asyncio.wait_for(page.socket.receive(), PATIENCE)
             return page.socket.close_code
 
-    with RunningApp(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"), idle=4.0) as running:
+    with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y"), idle=4.0) as running:
         assert asyncio.run(loiter()) == 1000  # shut by the server
         running.ended()
         assert "no page was connected" in running.server.reason
@@ -119,7 +118,7 @@ def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
 
 
 def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
-    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    app = Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")
     server = app_server(app)
     server.stop("asked early")
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
@@ -135,7 +134,7 @@ def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.Monke
         configured(server, root)
 
     monkeypatch.setattr(PageServer, "_configure", stop_first)
-    app = Application(Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y"))
+    app = Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")
     server = app_server(app)
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
     app.close()

@@ -33,7 +33,7 @@ const REMOTE_TOPIC = "trame.rca.topic.stream";
  */
 
 /** @type {Component<Remote>} */
-export const AppRemote = {
+const AppRemote = {
   props: { area: String, views: Object },
   inject: ["trame"],
   template: '<div ref="root" class="dnb-view dnb-app-over" data-background="dark"></div>',
@@ -64,3 +64,5 @@ export const AppRemote = {
   },
   beforeUnmount() { this.session.unsubscribe(this.subscription)?.catch?.(() => {}); },
 };
+
+window.deformnb_app = { install(app) { app.component("deformnb-remote", AppRemote); } };

@@ -9,6 +9,5 @@ export const APP_PAGE = Math.random().toString(36).slice(2); // identifies this 
  * @param {Session} session
  * @param {string} method
  * @param {unknown[]} given
- * @param {() => void} failed
  */
-export function callPython(session, method, given, failed = () => {}) { session.call(method, given).catch(failed); }
+export async function callPython(session, method, given) { await session.call(method, given).catch(() => {}); }

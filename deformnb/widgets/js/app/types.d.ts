@@ -1,7 +1,5 @@
 // Shapes of trame's client and of Vue's components, as far as the application uses them.
 
-import type { AppWidgets } from "./app.js";
-
 /** A connection by a web socket. */
 export interface Session {
   call<T>(method: string, given: unknown[]): Promise<T>;
@@ -9,12 +7,9 @@ export interface Session {
   unsubscribe(subscription: object): Promise<unknown> | undefined;
 }
 
-/** trame's client; the widgets of the window are kept with it. */
+/** trame's client. */
 export interface Trame {
   client: { getConnection(): { getSession(): Session } };
-  state: { set(name: string, value: unknown): void };
-  trigger(name: string): void;
-  deformnb?: AppWidgets;
 }
 
 /** A Vue component, with the instance that is `this` in its functions. */

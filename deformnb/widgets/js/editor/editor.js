@@ -1,6 +1,6 @@
 // The editor of a picture, which follows its control points.
 // Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
-// draw (tool), look (id).
+// draw (tool), parts (parts, kind), look (id).
 
 import { layeredFit } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
@@ -19,12 +19,15 @@ import { GridNodes } from "./grid_nodes.js";
 import { Handles, ToolMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
 import { decodePicture, drawGrid, Painter } from "./painter.js";
+import { FoldStop } from "./fold_stop.js";
+import { PartTools } from "./part_tools.js";
 import { PointTools } from "./point_tools.js";
 import { Gestures } from "./pointer.js";
 import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.js";
 import { StatusLine } from "./status_line.js";
+import { WindowTool } from "./window_tool.js";
 
-/** @import { FitSettings, LayeredFit, Model, Point, PointsDetail, Shapes } from "../types.d.ts" */
+/** @import { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.d.ts" */
 /** @import { View } from "./painter.js" */
 /** @typedef {ReturnType<typeof deformedGrid>} GridLines */
 /** @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf> }} Folds */
@@ -36,7 +39,7 @@ import { StatusLine } from "./status_line.js";
 
 /** Other traits that the drawing depends on. */
 const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
-  "brush_radius", "drag_grid", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
+  "brush_radius", "drag_grid", "slices", "slice", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
@@ -65,7 +68,7 @@ const COMMANDS = {
   overlay: (editor) => editor.overlay.next(),
   compare: (editor) => { editor.isComparing = !editor.isComparing; editor.invalidate(); },
   "zoom-in": (editor) => editor.zoomAt(1.25), "zoom-out": (editor) => editor.zoomAt(0.8),
-  fit: (editor) => editor.fitView(),
+  fit: (editor) => editor.fitView(), window: (editor) => editor.windowTool.toggle(),
   help: (editor) => editor.toggleHelp(),
 };
 
@@ -158,11 +161,14 @@ export class EditorView extends EditorDrawing {
     this.ghost = new Ghost(this);
     this.overlay = new Overlay(this);
     this.shapeTools = new ShapeTools(this); // whose shapes lie under the points
+    this.partTools = new PartTools(this);
+    this.foldStop = new FoldStop(this);
     /** @type {Handles<Point>} */
     this.handles = new Handles(this.svg);
     this.pointTools = new PointTools(this);
     this.pen = new Pen(this);
     this.brush = new Brush(this);
+    this.windowTool = new WindowTool(this);
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.gridNodes = new GridNodes(this);
@@ -191,6 +197,7 @@ export class EditorView extends EditorDrawing {
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => this.changed());
+    on("change:window", () => this.windowTool.apply());
     for (const name of SHOWN) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     const news = { points: () => this.receive(), status: () => this.showStatus(),
@@ -222,6 +229,7 @@ export class EditorView extends EditorDrawing {
     this.ghost.close();
     this.sender.flush();
     this.selection.close();
+    this.windowTool.close();
     this.closing.abort();
     for (const end of this.#ends) end();
     cancelAnimationFrame(this.frame);
@@ -255,11 +263,15 @@ export class EditorView extends EditorDrawing {
     this.changed(true);
   }
 
-  /** @param {{ type: string, message?: string, tool?: string, id?: number } | undefined} message */
+  /**
+   * @param {{ type: string, message?: string, tool?: string, id?: number, parts?: PartData[], kind?: string } |
+   *   undefined} message
+   */
   message(message) {
-    const { type, message: text, tool = "", id } = message ?? {};
+    const { type, message: text, tool = "", id, parts, kind = "" } = message ?? {};
     if (type === "error") this.showMessage(String(text), true);
     if (type === "draw" && tool in PEN_WORDS && this.pen.draft?.tool !== tool) this.setPen(tool);
+    if (type === "parts" && parts && !this.isDragging) this.partTools.propose(parts, kind);
     if (type === "look" && id !== undefined) this.lookAt(id);
   }
 
@@ -291,6 +303,7 @@ export class EditorView extends EditorDrawing {
     try {
       const source = bytes?.byteLength ? await decodePicture(bytes, raster) : null;
       if (this.#pictures !== number) return;
+      if (source && this.model.get("window")?.length) source.setWindow(this.model.get("window"));
       this.painter.source = source;
     } catch (error) {
       const reason = error instanceof Error ? error.message : error;
@@ -302,12 +315,33 @@ export class EditorView extends EditorDrawing {
   /** Whether wheel and fingers are the editor's, and not the page's around it. An application has nothing to scroll. */
   get isWorkedIn() { return Boolean(this.model.get("fill")) || this.root.matches(":focus-within"); }
 
+  /** What is known of the slices, one of which is seen; null for another projection. */
+  get slices() {
+    const { count = 0, first = 0, spacing = 1 } = this.model.get("slices") ?? {};
+    return count > 0 ? { count, first, spacing, index: Number(this.model.get("slice")) || 0 } : null;
+  }
+
+  /**
+   * Show another slice, which Python makes; false where there are none.
+   * @param {number} by so many slices to the back
+   */
+  moveSlice(by) {
+    const { slices } = this;
+    if (!slices) return false;
+    const next = Math.max(0, Math.min(slices.count - 1, slices.index + by));
+    if (next !== slices.index && !this.isDragging) {
+      this.set("slice", next);
+      this.announce(this.statusLine.sliceWords);
+    }
+    return true;
+  }
+
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
   get isLocked() { return this.isWaiting || Boolean(this.model.get("read_only")) || this.isBefore; }
 
-  /** Whether points or a shape are being dragged. */
-  get isDragging() { return this.pointTools.drag0 !== null || this.shapeTools.drag0 !== null; }
+  /** Whether points, a shape or a part are being dragged. */
+  get isDragging() { return [this.pointTools, this.shapeTools, this.partTools].some(({ drag0 }) => drag0 !== null); }
 
   /** While Python makes another picture, nothing can be edited; a drag under way is as if it had not begun. */
   showWaiting() {
@@ -468,6 +502,7 @@ export class EditorView extends EditorDrawing {
       brush: this.brush, pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null,
       isAdding: this.isAdding, onView: (place) => this.onView(place) });
     this.brush.show();
+    this.windowTool.show();
     this.statusLine.update();
     this.#updateToolbar();
     this.rate.drew(performance.now());
@@ -535,7 +570,7 @@ export class EditorView extends EditorDrawing {
     const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, compare: this.isComparing,
       cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
       size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
-      stop: model.get("stop_at_folds"), lock: own.length > 0 && own.every((p) => p.locked),
+      stop: model.get("stop_at_folds"), window: this.windowTool.isOn, lock: own.length > 0 && own.every((p) => p.locked),
       grid: model.get("show_grid"), radius: model.get("show_radius"), help: this.help.isOpen });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
       turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
@@ -607,7 +642,7 @@ export class EditorView extends EditorDrawing {
 
   /** @param {"undo" | "redo"} way */
   stepHistory(way) {
-    if (this.pointTools.drag0 || this.isLocked || !this.sender.step(way)) return;
+    if (this.isDragging || this.isLocked || !this.sender.step(way)) return;
     this.announce(way === "undo" ? "undone" : "redone");
   }
 
@@ -615,7 +650,7 @@ export class EditorView extends EditorDrawing {
 
   /** @param {boolean} isAdding */
   setAdding(isAdding) {
-    if (isAdding) { this.pen.stop(); this.brush.stop(); this.setSelecting(false); }
+    if (isAdding) { this.putDownTools(); this.setSelecting(false); }
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
@@ -627,11 +662,18 @@ export class EditorView extends EditorDrawing {
    * @param {boolean} isSelecting
    */
   setSelecting(isSelecting) {
-    if (isSelecting) { this.pen.stop(); this.brush.stop(); this.setAdding(false); }
+    if (isSelecting) { this.putDownTools(); this.setAdding(false); }
     this.isSelecting = isSelecting;
     this.stage.classList.toggle("dnb-ed-selecting", isSelecting);
     if (isSelecting) this.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
     this.invalidate();
+  }
+
+  /** Put away the pen, the brush, and the tool of the window. */
+  putDownTools() {
+    this.pen.stop();
+    this.brush.stop();
+    this.windowTool.stop();
   }
 
   /** False if neither was on. */
@@ -648,8 +690,7 @@ export class EditorView extends EditorDrawing {
    */
   setPen(tool) {
     const was = this.pen.draft?.tool;
-    this.pen.stop();
-    this.brush.stop();
+    this.putDownTools();
     if (was === tool || this.isLocked) { this.invalidate(); return; }
     this.setAdding(false);
     this.setSelecting(false);
@@ -665,11 +706,10 @@ export class EditorView extends EditorDrawing {
    */
   setBrush(tool) {
     const was = this.brush.tool;
-    this.brush.stop();
+    this.putDownTools();
     if (was === tool || this.isLocked) return;
     this.setAdding(false);
     this.setSelecting(false);
-    this.pen.stop();
     this.shapeTools.choose(null);
     this.select([]);
     this.brush.start(tool);

@@ -50,12 +50,30 @@ export function isRightClick(event) {
   return event.button === 2 && !event.ctrlKey && !(event instanceof PointerEvent && event.pointerType === "touch");
 }
 
+/** Steps of a wheel: a notch is about 100 pixels, a trackpad sends many small movements. */
+export class WheelSteps {
+  #rolled = 0;
+
+  /**
+   * Whole steps that are due, below 0 upwards.
+   * @param {number} delta pixels
+   */
+  add(delta) {
+    this.#rolled += delta;
+    const parts = Math.trunc(this.#rolled / 40);
+    if (parts === 0) return 0;
+    this.#rolled = 0;
+    return Math.sign(parts) * Math.max(1, Math.floor(Math.abs(parts) / 2));
+  }
+}
+
 /**
  * Let no finger on what can be dragged scroll the page: touch-action of a part of an SVG does not.
  * @param {TouchEvent} event
  */
 export function keepFromScrolling(event) {
-  const { target } = event, held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip";
+  const { target } = event, held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " +
+    ".dnb-ed-chosen, [data-motion]";
   if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
 }
 

@@ -3,7 +3,7 @@
 import { chosenPlace, coverage, marginOf } from "../maths/cuts.js";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
 
-/** @import { LayeredFit, Raster } from "../types.d.ts" */
+/** @import { LayeredFit, PictureRaster, Raster } from "../types.d.ts" */
 
 /** The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
  * pixels, and the ratio of the canvas's pixels to those.
@@ -27,24 +27,82 @@ const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 m
 const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
 const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, grid, handles and the browser
 
+/**
+ * The grey of each of the equally spaced values of a range, from black to white of a window.
+ * @param {number} most the number of the last one
+ * @param {number[]} range the values of number 0 and of the last one
+ * @param {number[]} window
+ */
+export function greyTable(most, [first, last], [low, high]) {
+  const table = new Uint8Array(most + 1);
+  for (let k = 0; k <= most; k++) { // Uint8Array.from takes ten times as long
+    const share = (first + (last - first) * k / most - low) / (high - low);
+    table[k] = Math.floor(255 * Math.max(0, Math.min(1, share)) + 0.5);
+  }
+  return table;
+}
+
+/** The grey values of a picture, as numbers of equally spaced values of a range. */
+class GreyValues {
+  /**
+   * @param {Uint8Array | Uint16Array} numbers
+   * @param {PictureRaster} raster
+   */
+  constructor(numbers, { range, window, unit = "" }) {
+    this.numbers = numbers;
+    this.most = numbers instanceof Uint8Array ? 255 : 65535;
+    this.range = range ?? [0, this.most];
+    this.window = window ?? this.range; // the automatic one
+    this.unit = unit;
+    this.least = this.most;
+    for (const number of numbers) this.least = Math.min(this.least, number);
+  }
+
+  /** @param {number} at */
+  value(at) { return this.range[0] + (this.range[1] - this.range[0]) * this.numbers[at] / this.most; }
+}
+
 /** The pixels of a picture, at as many sizes as are looked at. */
 class PictureSource {
+  fill = 0; // beyond the picture: its smallest value, as for a volume
+
+  /** @type {Level[]} */
+  levels = [];
+
   /**
-   * @param {Bytes} pixels height * width * channels
-   * @param {number} channels 1 (grey) or 4 (RGBA)
-   * @param {Raster} raster
+   * @param {Bytes | GreyValues} pixels grey, or height * width * 4
+   * @param {PictureRaster} raster
    */
-  constructor(pixels, channels, raster) {
+  constructor(pixels, raster) {
     const [height, width] = raster.shape;
     this.raster = raster;
-    this.channels = channels;
-    /** @type {Level[]} */
+    this.grey = pixels instanceof GreyValues ? pixels : null;
+    this.channels = this.grey ? 1 : 4;
+    if (pixels instanceof GreyValues) this.setWindow(pixels.window);
+    else this.levels = [{ pixels, width, height }];
+  }
+
+  /**
+   * Show grey values from black to white of a window. The pixels are made here, once, so that warping takes no longer.
+   * @param {number[]} window
+   */
+  setWindow(window) {
+    if (!this.grey) return;
+    const { numbers, most, range, least } = this.grey, table = greyTable(most, range, window);
+    const [height, width] = this.raster.shape, pixels = new Uint8Array(numbers.length);
+    for (let k = 0; k < pixels.length; k++) pixels[k] = table[numbers[k]];
     this.levels = [{ pixels, width, height }];
-    this.fill = 0; // beyond the picture: its smallest value, as for a volume
-    if (channels === 1) {
-      this.fill = 255;
-      for (const value of pixels) this.fill = Math.min(this.fill, value);
-    }
+    this.fill = table[least];
+  }
+
+  /**
+   * The grey value of the pixel at a place of the picture; null outside, and in a picture in colour.
+   * @param {number[]} place
+   */
+  valueAt([a, b]) {
+    const { raster: { shape: [nv, nu], spacing: [du, dv], origin }, grey } = this;
+    const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
+    return grey && i >= 0 && j >= 0 && i < nv && j < nu ? grey.value(i * nu + j) : null;
   }
 
   get box() {
@@ -63,9 +121,9 @@ class PictureSource {
 }
 
 /**
- * The bytes of a PNG as a source for the painter: one channel where the picture is grey.
+ * The bytes of a PNG as a source for the painter.
  * @param {Buffered} bytes
- * @param {Raster & { channels?: number }} raster
+ * @param {PictureRaster} raster
  */
 export async function decodePicture(bytes, raster) {
   const view = bytesOf(bytes);
@@ -78,8 +136,11 @@ export async function decodePicture(bytes, raster) {
   context.drawImage(bitmap, 0, 0);
   bitmap.close();
   const rgba = context.getImageData(0, 0, width, height).data;
-  if (raster.channels !== 1) return new PictureSource(rgba, 4, raster);
-  return new PictureSource(Uint8Array.from({ length: width * height }, (_, k) => rgba[4 * k]), 1, raster);
+  const { channels = 3 } = raster;
+  if (channels > 2) return new PictureSource(rgba, raster);
+  const numbers = new (channels === 1 ? Uint8Array : Uint16Array)(width * height);
+  for (let k = 0; k < numbers.length; k++) numbers[k] = channels === 1 ? rgba[4 * k] : 256 * rgba[4 * k] + rgba[4 * k + 1];
+  return new PictureSource(new GreyValues(numbers, raster), raster);
 }
 
 /**

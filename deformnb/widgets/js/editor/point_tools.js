@@ -3,7 +3,6 @@
 import { treeOf } from "../ui/dom.js";
 import { Stroke } from "../maths/brushes.js";
 import { layeredFit, placeOf } from "../maths/cuts.js";
-import { foldsOf, probesOf } from "../maths/folds.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims } from "../maths/points.js";
 import { RbfError, rbfLabel } from "../maths/rbf.js";
@@ -19,8 +18,6 @@ import { pointLabel } from "./handles.js";
 /** @typedef {{ point: Point, part: PartData }} Held a point that a rigid part does not let in */
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
-const HOLD_LEAST = 0.05; // of det J, at which a drag is stopped that must not fold the map
-const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point goes onto it
 
 /**
@@ -62,9 +59,6 @@ export class PointTools {
     this.editor = editor;
     /** The points before a drag, null while there is none. @type {Point[] | null} */
     this.drag0 = null;
-    /** The smallest det J before the drag. @type {number | null} */
-    this.least0 = null;
-    this.stopNote = ""; // the reason why a drag was stopped
     this.isLive = false; // whether points on their way have not been sent yet
     this.isSent = false; // whether points of this drag have been sent
     this.strokeSide = 0; // the side of the mirror on which the stroke of a brush began
@@ -127,7 +121,8 @@ export class PointTools {
     const { editor } = this;
     if (editor.isLocked) return false;
     editor.points = points;
-    Object.assign(this, { drag0: points, least0: null, stopNote: "", isSent: false });
+    Object.assign(this, { drag0: points, isSent: false });
+    editor.foldStop.begin();
     return true;
   }
 
@@ -154,7 +149,8 @@ export class PointTools {
    * @param {(share: number) => Point[]} make
    */
   #show(drag0, make) {
-    const { editor } = this, wanted = this.#withoutFolds(make);
+    const { editor } = this, { shapes } = editor;
+    const { points: wanted } = editor.foldStop.limit((share) => ({ points: make(share), shapes }));
     const { points, held } = allowedMove(drag0, wanted, editor.shapes.parts, editor.strength);
     editor.handles.lock(held.map(({ point }) => point.id));
     if (held.length) this.#hintHeld(held[0]);
@@ -200,51 +196,6 @@ export class PointTools {
     editor.points = editor.sender.points; // Python may have moved them meanwhile
     editor.changed();
     if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
-  }
-
-  // ---- folds --------------------------------------------------------------------------------------------------------
-
-  /**
-   * The smallest det J of these points; minus infinity where they cannot be fitted.
-   * @param {Point[]} points
-   */
-  #leastOf(points) {
-    const { editor } = this;
-    try {
-      const layered = layeredFit(points, { ...editor.settings, previous: editor.layered }), [few, many] = HOLD_NODES;
-      const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
-      return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4)).least;
-    } catch (error) {
-      if (!(error instanceof RbfError)) throw error;
-      return -Infinity;
-    }
-  }
-
-  /**
-   * Whether the map folds with these points, and did not before the drag: what is folded already may stay so.
-   * @param {Point[]} points
-   */
-  #wouldFold(points) {
-    this.least0 ??= this.#leastOf(this.drag0 ?? points);
-    return this.#leastOf(points) < Math.min(HOLD_LEAST, this.least0) - 1e-9;
-  }
-
-  /**
-   * The drag as far as the map stays free of folds, if the user has chosen that.
-   * @param {(share: number) => Point[]} make
-   */
-  #withoutFolds(make) {
-    const wanted = make(1);
-    this.stopNote = "";
-    if (!this.editor.model.get("stop_at_folds") || !this.#wouldFold(wanted)) return wanted;
-    this.stopNote = "Stopped before the picture folds; T lets points go on";
-    let low = 0, high = 1;
-    for (let turn = 0; turn < 8; turn++) {
-      const middle = (low + high) / 2;
-      if (this.#wouldFold(make(middle))) high = middle;
-      else low = middle;
-    }
-    return make(low);
   }
 
   // ---- single edits -------------------------------------------------------------------------------------------------
@@ -583,9 +534,7 @@ export class PointTools {
       this.#hintHeld(held[held.length - 1]);
       return false;
     }
-    this.stopNote = "";
-    if (this.#wouldFold(points)) {
-      this.stopNote = "The brush stops before the picture folds";
+    if (editor.foldStop.refuses({ points, shapes: editor.shapes }, "The brush stops before the picture folds")) {
       editor.invalidate();
       return false;
     }

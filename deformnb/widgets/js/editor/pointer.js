@@ -4,23 +4,30 @@ import { shownLength } from "../maths/numbers.js";
 import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.js";
 import { SLACK, treeOf } from "../ui/dom.js";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.js";
-import { isRightClick, keepFromScrolling, POINT_STEPS } from "./handles.js";
+import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "./handles.js";
 
 /** @import { EditorView } from "./editor.js" */
 /** @import { Moved, Turn } from "./point_tools.js" */
+/** @import { PartHandle } from "./motion_handles.js" */
 /** @import { Chosen, Grip } from "./shape_handles.js" */
-/** @typedef {Grip & { chosen: Chosen }} ShapeGrip */
+/** `handle`: of the motion of a rigid part, null on an outline.
+ * @typedef {Grip & { chosen: Chosen, handle: PartHandle | null }} ShapeGrip
+ */
 /** @typedef {{ x: number, y: number, gap: number }} TwoFingers */
+/** What a click with the right button removes.
+ * @typedef {{ id: number | null, shape: ShapeGrip | null }} RightClick
+ */
 
 /**
  * A gesture under way: where it began, where the pointer is, and whether that has not moved yet.
  * @typedef {{ from: number[], at: number[], isPress: boolean } & (
  *   { kind: "pan" | "tap" | "band", adds: boolean, shape: ShapeGrip | null, before?: number[] } |
  *   { kind: "points", id: number, ids: number[], what: Moved, adds: boolean, was: boolean, isNew: boolean } |
- *   { kind: "shape", grip: ShapeGrip } |
+ *   { kind: "shape", grip: ShapeGrip } | { kind: "part", handle: PartHandle } |
  *   { kind: "turn", turn: Turn, about: number[], start: number[], scales: boolean } |
  *   { kind: "axis", c: number, start: number } |
  *   { kind: "pinch", was: TwoFingers } |
+ *   { kind: "window", click: RightClick | null } |
  *   { kind: "pen" } | { kind: "brush" })} Gesture
  */
 
@@ -89,16 +96,23 @@ class EditorKeys {
   #shapeKey(key, event, shape) {
     const { editor, editor: { shapeTools } } = this, arrow = arrows[key], command = commandOf(EDITOR_KEYS, key);
     const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.chosen);
-    const isDelete = key === "Delete" || key === "Backspace";
+    const isDelete = key === "Delete" || key === "Backspace", way = TURN_WAYS[key];
+    const isOutline = shape.corner !== null || shape.middle !== null;
     if (key === "Enter") {
       if (shape.middle === null) shapeTools.choose(isOther || shape.corner !== null ? shape.chosen : null);
       else if (!editor.isLocked) shapeTools.insertCorner(shape.middle);
       return true;
     }
-    if (!arrow && !isDelete && !["F2", "o", "f"].includes(key)) return false;
+    if (!arrow && !isDelete && !way && !["F2", "Home", "o", "f"].includes(key)) return false;
     if (isOther) shapeTools.choose(shape.chosen);
     if (editor.isLocked) return true;
-    if (arrow) shapeTools.nudge(shape, arrow, event.shiftKey ? 10 : 1);
+    const isPart = editor.partTools.isOn, pixels = event.shiftKey ? 10 : 1;
+    if ((way || key === "Home") && !isPart) return false;
+    if (way) editor.partTools.turnKey(way, event.shiftKey);
+    else if (key === "Home") editor.partTools.reset();
+    else if (arrow && isPart && shape.handle === "turn") editor.partTools.turnKey(arrow[0] || arrow[1], event.shiftKey);
+    else if (arrow && isPart && !isOutline) editor.partTools.nudge(arrow, pixels, shape.handle ?? "move");
+    else if (arrow) shapeTools.nudge(shape, arrow, pixels);
     else if (isDelete && shape.middle !== null) editor.hint("Here is no corner to delete yet");
     else if (isDelete && shape.corner !== null) shapeTools.removeCorner(shape.corner);
     else if (command) editor.run(command, null);
@@ -111,6 +125,7 @@ class EditorKeys {
     const focused = gestures.pointAt(event), shape = focused ? null : gestures.shapeAt(event);
     if (!onButton && editor.pen.isOn && !isAlt && editor.pen.key(key, event, arrow)) return true;
     if (!onButton && editor.brush.isOn && !isAlt && editor.brush.key(key, event, arrow)) return true;
+    if (!onButton && editor.windowTool.isOn && !isAlt && editor.windowTool.key(key, event, arrow)) return true;
     if (arrow && gestures.markAt(event) === "axis") return this.#axisKey(arrow, event.shiftKey ? 10 : 1);
     if (shape && !onButton && !isAlt && this.#shapeKey(key, event, shape)) return true;
     if (onButton instanceof HTMLButtonElement && arrow) return editor.toolbar.focusNext(onButton, key);
@@ -120,9 +135,14 @@ class EditorKeys {
       return true;
     }
     const way = TURN_WAYS[isAlt ? TURN_CODES[event.code] : key];
+    if (way && !isAlt && editor.selected.size === 0 && editor.partTools.isOn) {
+      editor.partTools.turnKey(way, event.shiftKey);
+      return true;
+    }
     if (way) { editor.pointTools.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt }); return true; }
     if (isAlt) return false;
     if (key === " ") { gestures.space(true); return true; }
+    if (key === "PageUp" || key === "PageDown") return editor.moveSlice(key === "PageDown" ? 1 : -1);
     if (key === "Enter") {
       if (focused) editor.toggleSelected(focused.id);
       else if (!editor.isLocked) editor.pointTools.addInMiddle();
@@ -161,6 +181,7 @@ export class Gestures {
     this.kind = "mouse"; // of the pointer that went down last
     this.isOthers = false; // whether its press belongs to the page around
     this.isSpaceDown = false;
+    this.wheelSteps = new WheelSteps();
     this.closing = new AbortController();
     const { stage, svg, root } = editor, { signal } = this.closing, options = { signal, passive: false };
     const keys = new EditorKeys(editor, this);
@@ -195,12 +216,15 @@ export class Gestures {
   }
 
   /**
-   * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target.
+   * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target. A
+   * press may come before other points or shapes are drawn: then they are, and what lies there now counts.
    * @param {Event} event
    */
   #hit(event) {
-    const isClick = event instanceof MouseEvent && (event.type === "dblclick" || event.type === "contextmenu");
-    return { target: isClick ? treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) : event.target };
+    if (event.type === "pointerdown" && this.editor.frame) this.editor.drawNow();
+    const { type, target } = event, isPlaced = ["pointerdown", "dblclick", "contextmenu"].includes(type);
+    if (!(event instanceof MouseEvent && isPlaced)) return { target };
+    return { target: treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) };
   }
 
   /**
@@ -215,16 +239,22 @@ export class Gestures {
   }
 
   /**
-   * The part of a shape that an event is about: its line, a corner, or the middle of an edge.
+   * What of a shape an event is about: its line, a corner, the middle of an edge, or a handle of a part's motion, of
+   * which its inside is one.
    * @param {Event} event
    * @returns {ShapeGrip | null}
    */
   shapeAt(event) {
     const hit = this.#hit(event), grip = around(hit, ".dnb-ed-grip"), { chosen } = this.editor.shapeTools;
-    if (grip && chosen) return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle) };
+    if (grip && chosen) {
+      return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle), handle: null };
+    }
+    const found = around(hit, "[data-motion]")?.dataset.motion;
+    const handle = found === "move" || found === "turn" || found === "pivot" ? found : null;
+    if (chosen && handle && handle !== "move") return { chosen, corner: null, middle: null, handle };
     const [what, index] = around(hit, "[data-shape]")?.dataset.shape?.split(":") ?? [];
     if (what !== "cuts" && what !== "parts") return null;
-    return { chosen: { what, index: Number(index) }, corner: null, middle: null };
+    return { chosen: { what, index: Number(index) }, corner: null, middle: null, handle };
   }
 
   /**
@@ -245,13 +275,20 @@ export class Gestures {
     this.isOthers = this.kind === "touch" && !editor.isWorkedIn; // before this press gives it the focus
     editor.svg.setPointerCapture(event.pointerId);
     const { kind = "" } = this.gesture ?? {};
-    if (this.pointers.size === 2 && !["points", "turn", "axis"].includes(kind)) { this.#startPinch(); return; }
+    if (this.pointers.size === 2 && !["points", "turn", "axis", "part"].includes(kind)) { this.#startPinch(); return; }
     if (this.gesture) return;
     const grabbed = this.pointAt(event), mark = this.markAt(event), shape = grabbed ? null : this.#ownShapeAt(event);
     event.preventDefault();
     if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) {
       this.gesture = { ...press, isPress: false, kind: "pan", adds: false, shape: null };
+    } else if (event.button === 2 && this.kind !== "touch") {
+      const click = isRightClick(event) ? { id: grabbed?.id ?? null, shape: grabbed ? null : this.shapeAt(event) } : null;
+      this.gesture = { ...press, kind: "window", click };
     } else if (event.button !== 0) this.gesture = null;
+    else if (editor.windowTool.isOn && !this.isOthers) {
+      editor.focusStage();
+      this.gesture = { ...press, kind: "window", click: null };
+    }
     else if (editor.pen.isOn) {
       editor.focusStage();
       this.gesture = { ...press, kind: "pen" };
@@ -322,6 +359,7 @@ export class Gestures {
   #ownShapeAt(event) {
     const { editor } = this, { chosen } = editor.shapeTools;
     const grip = editor.isAdding || editor.isSelecting ? null : this.shapeAt(event);
+    if (grip?.handle && !editor.partTools.isOn) return null;
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
   }
 
@@ -331,7 +369,8 @@ export class Gestures {
    */
   #grabShape(grip, at) {
     this.#focusShape(grip);
-    this.gesture = { kind: "shape", grip, from: at, at, isPress: true };
+    this.gesture = grip.handle ? { kind: "part", handle: grip.handle, from: at, at, isPress: true }
+      : { kind: "shape", grip, from: at, at, isPress: true };
   }
 
   /** @param {ShapeGrip} grip */
@@ -340,15 +379,17 @@ export class Gestures {
     shapeTools.choose(grip.chosen);
     editor.drawNow();
     if (grip.corner !== null) shapeTools.handles.focusCorner(grip.corner);
+    else if (grip.handle && grip.handle !== "move") editor.partTools.handles.focus(grip.handle);
     else shapeTools.handles.focus(grip.chosen);
   }
 
   /** @param {PointerEvent} event */
   #move(event) {
-    const { editor, editor: { pointTools, shapeTools } } = this, at = this.place(event), g = this.gesture;
+    const { editor, editor: { partTools, pointTools, shapeTools } } = this, at = this.place(event), g = this.gesture;
     if (!this.pointers.has(event.pointerId)) {
       if (editor.pen.isOn) editor.pen.hover(at);
       if (editor.brush.isOn) editor.brush.hover(at);
+      editor.statusLine.pointAt(event.pointerType === "touch" ? null : at);
       return;
     }
     this.pointers.set(event.pointerId, at);
@@ -359,7 +400,10 @@ export class Gestures {
     if (g.isPress && Math.hypot(by[0], by[1]) < SLACK[this.kind]) return;
     if (g.kind === "pan") editor.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
-    else if (g.kind === "pen") editor.pen.drag(at);
+    else if (g.kind === "window") {
+      if (g.isPress) editor.windowTool.begin();
+      editor.windowTool.drag(by);
+    } else if (g.kind === "pen") editor.pen.drag(at);
     else if (g.kind === "turn") { // about the middle of the selection; Alt scales instead, Shift goes in steps
       const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       g.scales = event.altKey;
@@ -368,6 +412,9 @@ export class Gestures {
     else if (g.kind === "shape") {
       if (g.isPress) shapeTools.beginDrag(g.grip);
       shapeTools.drag(by[0], by[1]);
+    } else if (g.kind === "part") {
+      if (g.isPress) partTools.beginDrag(g.handle, g.from);
+      partTools.drag(at, event.shiftKey);
     } else if (g.kind === "points") {
       if (g.isPress) pointTools.beginDrag();
       pointTools.drag(g.ids, by, g.what, g.id, event.altKey);
@@ -377,7 +424,8 @@ export class Gestures {
   }
 
   #leave() {
-    const { brush } = this.editor;
+    const { brush, statusLine } = this.editor;
+    statusLine.pointAt(null);
     if (brush.isOn && !this.gesture && !brush.isByKeys) brush.hover(null);
   }
 
@@ -395,15 +443,19 @@ export class Gestures {
 
   /** @param {PointerEvent} event */
   #up(event, isCancelled = false) {
-    const { editor, editor: { pointTools, shapeTools }, gesture: g } = this;
+    const { editor, editor: { partTools, pointTools, shapeTools }, gesture: g } = this;
     this.pointers.delete(event.pointerId);
     if (!g) return;
     if (g.kind === "pinch") { if (this.pointers.size === 0) this.gesture = null; return; }
     this.gesture = null;
     editor.stage.classList.remove("dnb-ed-panning");
     editor.handles.showBand(null);
-    if (g.kind === "pen") { if (!isCancelled && editor.pen.isOn) editor.pen.up(g.from, this.place(event)); }
+    if (g.kind === "window") {
+      if (!g.isPress) editor.windowTool.end(isCancelled);
+      else if (g.click && !isCancelled) this.#rightClicked(g.click);
+    } else if (g.kind === "pen") { if (!isCancelled && editor.pen.isOn) editor.pen.up(g.from, this.place(event)); }
     else if (g.kind === "shape") { if (!g.isPress) shapeTools.endDrag(isCancelled); }
+    else if (g.kind === "part") partTools.endDrag(isCancelled);
     else if (g.kind === "brush") {
       editor.brush.lift(isCancelled);
       if (this.kind === "touch") editor.brush.hover(null); // a finger that is away points nowhere
@@ -432,11 +484,13 @@ export class Gestures {
 
   /** Escape during a drag: as if it had not begun. */
   cancel() {
-    const { editor, editor: { pointTools, shapeTools }, gesture: g } = this;
+    const { editor, editor: { partTools, pointTools, shapeTools }, gesture: g } = this;
     this.gesture = null;
     editor.handles.showBand(null);
+    if (g?.kind === "part") partTools.endDrag(true);
     if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") pointTools.endDrag(true);
     if (g?.kind === "brush") editor.brush.lift(true);
+    if (g?.kind === "window") editor.windowTool.end(true);
     if (g?.kind === "axis") pointTools.moveAxis(g.start, true);
     if (g?.kind === "shape" && !g.isPress) shapeTools.endDrag(true);
     return g !== null;
@@ -446,6 +500,7 @@ export class Gestures {
     const { editor, gesture: g } = this, was = this.#twoFingers(), at = [was.x, was.y];
     editor.handles.showBand(null);
     if (g?.kind === "brush") editor.brush.lift(true);
+    if (g?.kind === "window") editor.windowTool.end(true);
     if (g?.kind === "band" && g.before) editor.select(g.before); // a band that was to be two fingers
     this.gesture = { kind: "pinch", was, from: at, at, isPress: false };
   }
@@ -468,25 +523,31 @@ export class Gestures {
   /** @param {MouseEvent} event */
   #doubleClick(event) {
     const { editor } = this, { pen } = editor;
+    if (editor.windowTool.isOn) { editor.windowTool.reset(); event.preventDefault(); return; }
     if (editor.isWaiting || editor.brush.isOn || editor.isSelecting) return;
     const grabbed = this.pointAt(event), shape = this.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
     else if (pen.hasJustEnded) return; // the second press has set the last place
     else if (grabbed) editor.pointTools.rename(grabbed.id);
-    else if (shape) editor.shapeTools.rename();
+    else if (shape && !shape.handle) editor.shapeTools.rename();
     else editor.pointTools.addAt(this.place(event), event.altKey);
     event.preventDefault();
   }
 
   /** @param {MouseEvent} event */
   #contextMenu(event) {
-    const { shapeTools, pointTools, isLocked } = this.editor;
     event.preventDefault();
     event.stopPropagation();
-    if (!isRightClick(event) || this.kind === "touch") return;
-    const grabbed = this.pointAt(event), shape = grabbed ? null : this.shapeAt(event);
-    if (grabbed) pointTools.remove([grabbed.id]);
-    if (shape && !isLocked) {
+  }
+
+  /**
+   * A click with the right button: the button may as well begin a drag, and some systems ask for the menu at the press.
+   * @param {RightClick} click
+   */
+  #rightClicked({ id, shape }) {
+    const { shapeTools, pointTools, isLocked } = this.editor;
+    if (id !== null) pointTools.remove([id]);
+    if (shape && !shape.handle && !isLocked) {
       shapeTools.choose(shape.chosen);
       if (shape.corner !== null) shapeTools.removeCorner(shape.corner);
       else shapeTools.remove();
@@ -499,11 +560,20 @@ export class Gestures {
    */
   #wheel(event) {
     const { editor } = this, [x, y] = this.place(event), isWanted = event.ctrlKey || event.metaKey || editor.isWorkedIn;
-    if (!isWanted) { editor.hint("Click the picture, or hold Ctrl, to zoom with the wheel"); return; }
+    if (!isWanted) {
+      editor.hint(editor.slices ? "Click the picture to go through the slices with the wheel, or hold Ctrl to zoom"
+        : "Click the picture, or hold Ctrl, to zoom with the wheel");
+      return;
+    }
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
     if (editor.brush.isOn && !event.ctrlKey && !event.metaKey) { editor.brush.grow(-delta / 60); return; }
+    if (editor.slices && !event.ctrlKey && !event.metaKey) {
+      const steps = this.wheelSteps.add(delta);
+      if (steps !== 0) editor.moveSlice(steps);
+      return;
+    }
     editor.zoomAt(Math.exp(-delta * (event.ctrlKey ? 0.01 : 0.0022)), x, y);
   }
 
@@ -518,7 +588,8 @@ export class Gestures {
   /** Give up what is under way, one thing after the other; false where nothing is. */
   escape() {
     const { editor, editor: { shapeTools } } = this;
-    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.closeHelp()) return true;
+    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.windowTool.stop()) return true;
+    if (editor.closeHelp()) return true;
     if (editor.stopModes() || shapeTools.dropOffer()) return true;
     if (editor.selected.size === 0 && !shapeTools.chosen) return false;
     shapeTools.choose(null);

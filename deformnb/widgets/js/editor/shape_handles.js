@@ -1,13 +1,16 @@
 // Cuts and rigid parts as SVG over the picture, under the control points. A cut is a line with a band in the colour of
-// the region on each of its sides; a rigid part is hatched. The line can be dragged, and of the chosen shape its
-// corners (squares) and the middles of its edges (dots).
+// the region on each of its sides; a rigid part is hatched, and drawn where its motion takes it, with a thin line where
+// it was. Of the chosen shape the line can be dragged, its corners (squares) and the middles of its edges (dots); of a
+// part its inside too, which moves it (editor/part_tools.js).
 
 import { shownLength } from "../maths/numbers.js";
 import { maskPixels } from "../maths/regions.js";
-import { cornersOf, SHAPE_NAMES, shapeLabel, shapeName } from "../maths/shapes.js";
+import {
+  cornersOf, middleOfRegion, motionOf, placeMoved, SHAPE_NAMES, shapeLabel, shapeName,
+} from "../maths/shapes.js";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
 
-/** @import { CutData, MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
+/** @import { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 /** @import { View } from "./painter.js" */
 /** @typedef {{ what: ShapeKind, index: number }} Chosen */
 /** @typedef {{ corner: number | null, middle: number | null }} Grip a corner, the middle of an edge, or neither */
@@ -24,6 +27,8 @@ import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.
 
 /** @typedef {ReturnType<ShapeHandles["make"]>} ShapeParts */
 
+const LEAST_ROOM = 26; // CSS pixels of an edge, below which its middle is no grip
+const SMALL = 20; // CSS pixels: of a part that reaches no farther the corners would cover all that moves it
 export const REGION_MARKS = 8; // colours and forms of regions; more than eight regions begin again
 // Forms of regions, for readers without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
 export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z",
@@ -57,16 +62,18 @@ export class ShapeHandles {
    * @param {Shapes} shapes
    * @param {Chosen | null} chosen
    * @param {View} view
-   * @param {{ reach: number, sideKey: SideKey, isLocked: boolean }} options reach as in maths/shapes.js
+   * @param {{ reach: number, sideKey: SideKey, isLocked: boolean, isBefore: boolean }} options reach as in
+   *   maths/shapes.js; isBefore draws parts where they were
    */
-  update(shapes, chosen, view, { reach, sideKey, isLocked }) {
+  update(shapes, chosen, view, { reach, sideKey, isLocked, isBefore }) {
     const seen = new Set(), focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
     for (const what of /** @type {const} */ (["parts", "cuts"])) {
       for (const [index, shape] of shapes[what].entries()) {
         const key = `${what}:${index}`, parts = this.shown.get(key) ?? this.make(key, what);
         seen.add(key);
-        this.#place(parts, shape, { what, index }, view, reach, chosen?.what === what && chosen.index === index);
+        const isChosen = chosen?.what === what && chosen.index === index;
+        this.#place(parts, shape, { what, index }, view, reach, isChosen, isBefore ? null : motionOf(shape));
         this.#bands(parts, what === "cuts" && shape.enabled ? sideBands(shape.region, view, reach, sideKey) : []);
       }
     }
@@ -90,41 +97,46 @@ export class ShapeHandles {
       tabindex: "0", role: "button", "aria-roledescription": SHAPE_NAMES[what], ...OWN_KEYS });
     const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts lie over parts
     this.root.insertBefore(root, what === "parts" ? firstCut : null);
+    const tip = svgElement("title", {}, root), were = ["was-case", "was"].map((name) => (
+      svgElement("path", { class: `dnb-ed-shape-${name}` }, root))), body = svgElement("g", {}, root);
     /** @param {string} name */
-    const path = (name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, root);
-    const parts = { root, tip: svgElement("title", {}, root), fill: path("fill"), halo: path("halo"),
-      case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, root),
-      far: [path("far-case"), path("far")], line: path("line"), moved: [path("moved-case"), path("moved")],
-      hit: path("hit"), name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
+    const path = (name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, body);
+    const parts = { root, tip, were, body, inside: path("inside"), fill: path("fill"), halo: path("halo"),
+      case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, body),
+      far: [path("far-case"), path("far")], line: path("line"), hit: path("hit"),
+      name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
     parts.fill.setAttribute("fill", what === "parts" ? this.hatch : "none");
+    parts.inside.setAttribute("data-motion", "move");
     this.shown.set(key, parts);
     return parts;
   }
 
   /**
    * @param {ShapeParts} parts
-   * @param {CutData & { motion?: Motion }} shape
+   * @param {ShapeData} shape
    * @param {Chosen} own
    * @param {View} view
    * @param {number} reach
    * @param {boolean} isChosen
+   * @param {Motion} motion
    */
-  #place(parts, shape, { what, index }, view, reach, isChosen) {
+  #place(parts, shape, { what, index }, view, reach, isChosen, motion) {
     const { region } = shape, label = shapeLabel(shape, what, index);
     parts.root.classList.toggle("dnb-ed-off", !shape.enabled);
     parts.root.classList.toggle("dnb-ed-chosen", isChosen);
     setAttributes(parts.root, { "aria-label": label, "aria-pressed": String(isChosen) });
     setText(parts.tip, `${label}. Click to choose it`);
-    const { line, far, inside, label: [x, y] } = shapePaths(region, view, reach);
+    const { line, far, inside } = shapePaths(region, view, reach), [x, y] = namePlace(region, motion, view, reach);
     const whole = region.kind === "half_space" ? far : line;
-    setAttributes(parts.fill, { d: what === "parts" && shape.enabled ? inside : "" });
+    setAttributes(parts.body, { transform: motion ? onScreen(motion, view) : "" });
+    for (const path of [parts.fill, parts.inside]) {
+      setAttributes(path, { d: what === "parts" && shape.enabled ? inside : "" });
+    }
     for (const path of [parts.halo, parts.case, parts.line]) setAttributes(path, { d: whole });
     for (const path of parts.far) setAttributes(path, { d: region.kind === "line" ? far : "" });
-    const { motion } = shape, isMoved = Boolean(motion && shape.enabled);
-    for (const path of parts.moved) {
-      setAttributes(path, { d: isMoved ? whole : "" });
-      if (motion) setAttributes(path, { transform: onScreen(motion, view) });
-    }
+    for (const path of parts.were) setAttributes(path, { d: isStill(motion) ? "" : whole });
+    const isSmall = what === "parts" && shape.enabled && view.k * extentOf(region) < SMALL;
+    setAttributes(parts.hit, { "data-motion": isSmall ? "move" : "" });
     setAttributes(parts.hit, { d: whole + (region.kind === "line" ? far : "") });
     const isNamed = Boolean(shape.name) || isChosen;
     setAttributes(parts.name, { x: x.toFixed(1), y: y.toFixed(1), visibility: isNamed ? "visible" : "hidden" });
@@ -152,7 +164,7 @@ export class ShapeHandles {
       setAttributes(this.grips.children[at] ?? this.#makeGrip(), {
         transform: `translate(${(k * a + x).toFixed(2)} ${(k * b + y).toFixed(2)})`,
         class: `dnb-ed-grip dnb-ed-${sort}`, "data-corner": "", "data-middle": "", [`data-${sort}`]: number,
-        visibility: k * room < 26 ? "hidden" : "visible", "aria-label": label });
+        visibility: k * room < LEAST_ROOM ? "hidden" : "visible", "aria-label": label });
     });
     return isFocusLost;
   }
@@ -199,22 +211,58 @@ export class ShapeHandles {
 }
 
 /**
- * Grips of a shape: its corners, and the middles of its edges; `room` is the length of an edge, without end at corners.
+ * Grips of a shape: its corners, and the middles of its edges. `room` is the length of an edge, without end at corners
+ * unless they would cover a small part.
  * @param {ShapeData} shape
  * @param {Chosen} chosen
  * @param {number} reach
  */
 function gripsOf(shape, { what, index }, reach) {
-  const { region } = shape, name = shapeName(shape, what, index);
-  const corners = cornersOf(region, reach), n = corners.length;
+  const { region } = shape, name = shapeName(shape, what, index), motion = motionOf(shape);
+  const room = what === "parts" ? LEAST_ROOM / SMALL * extentOf(region) : Infinity;
+  const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)), n = corners.length;
   const edges = corners.slice(0, !region.vertices ? 0 : region.kind === "polygon" ? n : n - 1);
-  return [...corners.map((place, i) => ({ sort: "corner", number: i, place, room: Infinity,
+  return [...corners.map((place, i) => ({ sort: "corner", number: i, place, room,
     label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}` })), ...edges.map((p, i) => {
     const q = corners[(i + 1) % n], place = [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
     return { sort: "middle", number: i, place, room: Math.hypot(q[0] - p[0], q[1] - p[1]),
       label: `Middle of edge ${i + 1}: Enter makes it a corner` };
   })];
 }
+
+/** Whether a motion moves nothing. @param {Motion} motion */
+function isStill(motion) {
+  return !motion || (motion.matrix[0][0] === 1 && motion.shift.every((value) => value === 0));
+}
+
+/**
+ * The place of the name of a shape in CSS pixels of the view, within it.
+ * @param {RegionData} region
+ * @param {Motion} motion
+ * @param {View} view
+ * @param {number} reach
+ */
+export function namePlace(region, motion, view, reach) {
+  const { k, x, y, width, height } = view, at = shapePaths(region, view, reach).label;
+  const [a, b] = placeMoved(motion, [(at[0] - x) / k, (at[1] - y) / k]);
+  const name = [k * a + x, k * b + y];
+  return isStill(motion) ? at
+    : [Math.max(6, Math.min(width - 80, name[0])), Math.max(16, Math.min(height - 8, name[1]))];
+}
+
+/**
+ * The farthest that a region reaches from a place; infinity for a half plane.
+ * @param {RegionData} region
+ * @param {number[]} from
+ */
+export function farthest(region, [a, b]) {
+  if (region.kind === "half_space") return Infinity;
+  const places = region.kind === "mask" ? outlineOf(region).corners : region.vertices;
+  return Math.max(0, ...places.map(([p, q]) => Math.hypot(p - a, q - b)));
+}
+
+/** The farthest that a region reaches from its middle. @param {RegionData} region */
+function extentOf(region) { return farthest(region, middleOfRegion(region)); }
 
 /**
  * A motion in the picture as one of CSS pixels.
@@ -262,10 +310,17 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
 }
 
 /**
- * Outlines of masks: faces from one place to another, and rows of pixels by their four corners.
- * @type {WeakMap<MaskData, { faces: number[][][], rows: number[][][] }>}
+ * Outlines of masks: faces from one place to another, rows of pixels by their four corners, and the box around all.
+ * @type {WeakMap<MaskData, ReturnType<typeof maskOutline>>}
  */
 const maskOutlines = new WeakMap();
+
+/** @param {MaskData} region */
+function outlineOf(region) {
+  const outline = maskOutlines.get(region) ?? maskOutline(region);
+  maskOutlines.set(region, outline);
+  return outline;
+}
 
 /**
  * The faces of the pixels of a mask where it ends, row by row and column by column.
@@ -296,7 +351,9 @@ function maskOutline(region) {
       from = -1;
     }
   }
-  return { faces, rows };
+  const [low, high] = [Math.min, Math.max].map((most) => [0, 1].map((c) => (
+    faces.flat().reduce((best, place) => most(best, place[c]), faces[0]?.[0][c] ?? 0))));
+  return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
 
 /**
@@ -304,8 +361,7 @@ function maskOutline(region) {
  * @param {(place: number[]) => number[]} on
  */
 function maskPaths(region, on) {
-  const outline = maskOutlines.get(region) ?? maskOutline(region), { faces, rows } = outline;
-  maskOutlines.set(region, outline);
+  const { faces, rows } = outlineOf(region);
   const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
   return { line: faces.map((face) => shapePath(face.map(on))).join(""), far: "",
     inside: rows.map((row) => shapePath(row.map(on), true)).join(""), label: [x + 8, y - 8] };

@@ -2,17 +2,17 @@
 
 import { sidesKey } from "../maths/cuts.js";
 import { shownLength } from "../maths/numbers.js";
-import { changed, cleanShapes, resetPoints, sameShapes } from "../maths/points.js";
+import { changed, cleanShapes, sameShapes } from "../maths/points.js";
 import { rbfLabel } from "../maths/rbf.js";
 import { regionFault } from "../maths/regions.js";
 import { heldPoints } from "../maths/rigid_stages.js";
 import {
-  cornersOf, followedShape, groundThrough, insertedCorner, MOST_SHAPES, movedCorner, movedRegion, removedCorner,
-  SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, turnedRegion, withShape,
+  cornersOf, followedShape, groundThrough, insertedCorner, MOST_SHAPES, motionOf, movedCorner, movedRegion, placeMoved,
+  removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, turnedRegion, wayBefore, withShape,
 } from "../maths/shapes.js";
 import { MOST_CHARACTERS } from "../sync/edits.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
-import { REGION_MARKS, ShapeHandles, shapePaths } from "./shape_handles.js";
+import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.js";
 
 /** @import { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 /** @import { EditorView } from "./editor.js" */
@@ -229,6 +229,11 @@ export class Pen {
   }
 }
 
+/** Parts that wait for an answer about points that contradict them: all parts and points after the edit, and its name.
+ * @typedef {{ parts: PartData[], points: Point[], kind: string }} Offer
+ */
+
+const LONGEST_KIND = 80; // characters of the name of an edit
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
@@ -241,7 +246,7 @@ export class ShapeTools {
     this.chosen = null;
     /** The shapes before a drag, null while there is none. @type {ShapeDrag | null} */
     this.drag0 = null;
-    /** A part that waits for an answer about the points in it. @type {PartData | null} */
+    /** The edit that waits for an answer. @type {Offer | null} */
     this.offered = null;
   }
 
@@ -268,9 +273,9 @@ export class ShapeTools {
     const { editor } = this, regions = editor.layered?.regions ?? [];
     if (this.chosen && !this.chosenShape) this.chosen = null;
     const isLost = this.handles.update(editor.shapes, this.chosen, editor.view, { reach: this.reach,
-      isLocked: editor.isLocked, sideKey: (a, b) => sidesKey(regions, a, b) });
+      isLocked: editor.isLocked, isBefore: editor.isBefore, sideKey: (a, b) => sidesKey(regions, a, b) });
     this.handles.showDraft(editor.pen.draft ?? this.#offeredDraft, editor.view);
-    return isLost;
+    return editor.partTools.draw() || isLost;
   }
 
   /**
@@ -286,13 +291,14 @@ export class ShapeTools {
 
   /**
    * Replace all cuts or all parts, unless one is no shape or no fit is possible with them: then the reason is shown.
+   * Where points contradict a part, the user is asked what becomes of them.
    * @param {ShapeKind} what
    * @param {ShapeData[]} shapes
    * @param {string} kind the name of the edit
-   * @param {boolean} wasFine whether a fit was possible before
-   * @param {Point[]} points
+   * @param {{ wasFine?: boolean, points?: Point[], join?: string | null }} [how] whether a fit was possible before; the
+   *   points, if they change too; edits with the same `join` in quick succession are undone as one
    */
-  edit(what, shapes, kind, wasFine = !this.editor.error, points = this.editor.points) {
+  edit(what, shapes, kind, { wasFine = !this.editor.error, points = this.editor.points, join = null } = {}) {
     const { editor } = this;
     if (editor.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
     if (shapes.length > MOST_SHAPES[what]) {
@@ -301,12 +307,14 @@ export class ShapeTools {
     }
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
     if (fault) { editor.showMessage(fault, true); return false; }
+    const parts = wasFine && what === "parts" ? cleanShapes(shapes, what, editor.shapes.parts) : [];
+    if (this.#offer({ parts, points, kind })) return false;
     if (wasFine && !editor.pointTools.accepts(points, { ...editor.shapes, [what]: shapes })) return false;
     if (JSON.stringify(shapes).length > MOST_CHARACTERS) {
       editor.showMessage("These shapes are too large to send.", true);
       return false;
     }
-    editor.sender.editShapes(what, shapes, kind, points); // which notifies all views, this one too
+    editor.sender.editShapes(what, shapes, kind.slice(0, LONGEST_KIND), points, join); // which notifies all views
     return true;
   }
 
@@ -317,10 +325,7 @@ export class ShapeTools {
   add(what, region, name = "") {
     const [shape] = cleanShapes([{ region, name }], what);
     if (this.edit(what, [...this.editor.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
-    else {
-      this.editor.focusStage();
-      if ("motion" in shape) this.#offer(shape);
-    }
+    else this.editor.focusStage();
   }
 
   /** @param {ShapeKind} what */
@@ -372,7 +377,7 @@ export class ShapeTools {
   rename() {
     const { chosen, chosenShape: shape, editor } = this;
     if (editor.isLocked || !chosen || !shape) return;
-    const { what, index } = chosen, [x, y] = shapePaths(shape.region, editor.view, this.reach).label;
+    const { what, index } = chosen, [x, y] = namePlace(shape.region, motionOf(shape), editor.view, this.reach);
     editor.promptName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
         this.edit(what, withShape(editor.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
@@ -410,7 +415,7 @@ export class ShapeTools {
    */
   nudge(grip, [dx, dy], pixels) {
     const { editor } = this, [du, dv] = editor.model.get("raster").spacing;
-    const [da, db] = [dx * pixels * du, dy * pixels * dv];
+    const [da, db] = this.#wayOf([dx * pixels * du, dy * pixels * dv]);
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner, { chosenShape: shape } = this;
     if (!shape) return;
     if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
@@ -420,6 +425,12 @@ export class ShapeTools {
     }
     editor.drawNow();
   }
+
+  /**
+   * A way of the picture as one of the chosen shape's outline, which lies where the shape was before its motion.
+   * @param {number[]} way
+   */
+  #wayOf(way) { return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way; }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
@@ -442,8 +453,9 @@ export class ShapeTools {
     const { editor, drag0, chosen } = this, { k } = editor.view;
     if (!drag0 || !chosen) return;
     const { region: region0, corner, at } = drag0, { what, index } = chosen;
-    const region = corner === null ? movedRegion(region0, dx / k, dy / k)
-      : movedCorner(region0, corner, [at[0] + dx / k, at[1] + dy / k], this.reach);
+    const [da, db] = this.#wayOf([dx / k, dy / k]);
+    const region = corner === null ? movedRegion(region0, da, db)
+      : movedCorner(region0, corner, [at[0] + da, at[1] + db], this.reach);
     const fault = regionFault(region);
     editor.stage.classList.toggle("dnb-ed-refusing", Boolean(fault));
     if (fault) { editor.hint(fault, 3000); return; }
@@ -460,7 +472,7 @@ export class ShapeTools {
     const { what } = chosen, name = this.chosenShape?.name || SHAPE_NAMES[what];
     const kind = `${drag0.corner === null ? "move" : "change"} ${name}`;
     editor.shapes = drag0.shapes;
-    if (!isCancelled && this.edit(what, shapes[what], kind, drag0.wasFine)) {
+    if (!isCancelled && this.edit(what, shapes[what], kind, { wasFine: drag0.wasFine })) {
       editor.drawNow();
       if (drag0.corner !== null) this.handles.focusCorner(drag0.corner); // of a new one: it had no grip yet
       return;
@@ -469,47 +481,46 @@ export class ShapeTools {
     editor.changed();
   }
 
-  // ---- a part around points that contradict it ----------------------------------------------------------------------
+  // ---- points that contradict a part --------------------------------------------------------------------------------
 
   /**
-   * Keep the outline, show the problem, and offer what may become of the points.
-   * @param {PartData} shape
+   * Keep the outline, show the problem, and offer what may become of the points; false if none contradicts a part.
+   * @param {Offer} offer
    */
-  #offer(shape) {
-    const held = this.#heldBy(shape), { editor } = this;
-    if (!held.length) return;
-    const [who, it, whose] = held.length === 1 ? [rbfLabel(held[0]), "it", "its"]
+  #offer(offer) {
+    const held = heldPoints(offer.points, offer.parts, this.editor.strength), { editor } = this;
+    if (!held.length) return false;
+    const one = held.length === 1, [who, it, whose] = one ? [rbfLabel(held[0].point), "it", "its"]
       : [`${held.length} control points`, "them", "their"];
-    editor.showMessage(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part requires another movement than ` +
-      "the part's. " +
-      `Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`);
-    this.offered = shape;
-    for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`]]) {
+    editor.showMessage(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
+      `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`);
+    this.offered = offer;
+    for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`], ["cancel", "Cancel"]]) {
       const button = pageElement("button", "dnb-ed-offer", editor.alert, { type: "button", "data-offer": how,
         ...OWN_KEYS });
       button.textContent = text;
-      button.addEventListener("click", () => editor.guard(() => this.#takeOffer(shape, how)));
+      button.addEventListener("click", () => editor.guard(() => this.#takeOffer(offer, how)));
     }
     editor.invalidate();
-  }
-
-  /** @param {PartData} shape */
-  #heldBy(shape) {
-    const { points, shapes, strength } = this.editor, held = heldPoints(points, [...shapes.parts, shape], strength);
-    return held.filter(({ part }) => part === shape).map(({ point }) => point);
+    return true;
   }
 
   /**
-   * A part that is drawn is fixed: the points that it carries go back to where they were taken.
-   * @param {PartData} shape
+   * Points that are carried go where their part takes them: back to where they were taken in a fixed one.
+   * @param {Offer} offer
    * @param {string} how
    */
-  #takeOffer(shape, how) {
-    const { points, shapes } = this.editor, ids = this.#heldBy(shape).map(({ id }) => id);
-    const freed = how === "carry" ? resetPoints(points, ids) : changed(points, ids, () => ({ active: false }));
-    const kind = `${ADD_WORDS.parts}, ${how === "carry" ? "carry" : "switch off"} its points`;
-    this.editor.showMessage("");
-    if (this.edit("parts", [...shapes.parts, shape], kind, true, ids.length ? freed : points)) this.#added("parts");
+  #takeOffer({ parts, points, kind }, how) {
+    const { editor } = this, count = editor.shapes.parts.length;
+    const held = new Map(heldPoints(points, parts, editor.strength).map(({ point, part }) => [point.id, part]));
+    const freed = changed(points, [...held.keys()], ({ id, source }) => (
+      how === "carry" ? { target: placeMoved(held.get(id)?.motion ?? null, source) } : { active: false }));
+    editor.showMessage("");
+    editor.focusStage();
+    if (how === "cancel") return;
+    const words = `${kind}, ${how === "carry" ? "carry" : "switch off"} its points`;
+    if (!this.edit("parts", parts, words, { wasFine: true, points: freed })) return;
+    if (parts.length > count) this.#added("parts");
   }
 
   /** Take the question back. False if there is none. */
@@ -525,11 +536,13 @@ export class ShapeTools {
     this.offered = null;
   }
 
-  /** The outline as it was drawn, until the user has decided about the points in it. @returns {Draft | null} */
+  /** The outline of the part that waits for an answer, where it would be. @returns {Draft | null} */
   get #offeredDraft() {
-    if (!this.offered) return null;
-    const corners = cornersOf(this.offered.region, this.reach);
-    return { tool: "part", places: [...corners, corners[0]], next: null };
+    const { parts } = this.offered ?? {}, { sender } = this.editor;
+    const part = parts?.find((one, k) => !sameShapes(one, sender.shapes.parts[k]));
+    if (!part) return null;
+    const corners = cornersOf(part.region, this.reach).map((place) => placeMoved(part.motion, place));
+    return { tool: "part", places: [...corners, ...corners.slice(0, 1)], next: null };
   }
 
   // ---- the choice ---------------------------------------------------------------------------------------------------
@@ -552,6 +565,7 @@ export class ShapeTools {
    */
   follow(shapes) {
     const { chosen, editor } = this;
+    this.dropOffer(); // it was about other points and parts
     const index = chosen && followedShape(editor.shapes[chosen.what], shapes[chosen.what], chosen.index);
     this.chosen = chosen && index !== null ? { what: chosen.what, index } : null;
     editor.shapes = shapes;

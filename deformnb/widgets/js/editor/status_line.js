@@ -1,14 +1,19 @@
 // The line under the editor's picture: counts, the legend of the regions, folds, and remarks or advice.
 
+import { placeOf } from "../maths/cuts.js";
 import { shownLength } from "../maths/numbers.js";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
 import { NEARLY_FOLDED } from "./drawing.js";
 import { REGION_FORMS } from "./shape_handles.js";
+import { shownValue } from "./window_tool.js";
 
 /** @import { EditorView } from "./editor.js" */
 
 const FOLD_TIP = "the smallest factor by which areas are stretched on the way back from this picture to " +
   "the original. 1 keeps them; below 0 the picture folds over itself";
+
+const VALUE_TIP = "the place under the pointer in the picture, and the grey value there, as it is in the picture " +
+  "before the deformation at the place that is seen here";
 
 /** The line's elements and their texts. */
 export class StatusLine {
@@ -16,15 +21,41 @@ export class StatusLine {
   constructor(editor) {
     this.editor = editor;
     const root = pageElement("div", "dnb-ed-status", editor.root);
+    this.slice = pageElement("span", "dnb-ed-slice", root, { title: "the slice, and its depth from the middle" });
     this.facts = pageElement("span", "dnb-ed-facts", root);
     this.legend = pageElement("span", "dnb-ed-legend", root, { role: "img" });
+    this.value = pageElement("span", "dnb-ed-value", root, { title: VALUE_TIP });
     this.folds = pageElement("span", "dnb-ed-folds", root);
     this.notes = pageElement("div", "dnb-ed-notes", root);
     this.legendKey = ""; // of what is shown
   }
 
+  /** Such as "slice 57 / 128, 12.0 mm"; empty where the picture is no slice. */
+  get sliceWords() {
+    const { slices, model } = this.editor;
+    if (!slices) return "";
+    const depth = (slices.first + slices.index * slices.spacing).toFixed(1), { lengths = "" } = model.get("raster");
+    return `slice ${slices.index + 1} / ${slices.count}, ${depth} ${lengths}`.trim();
+  }
+
+  /**
+   * Show the place under the pointer, and the grey value that is seen there.
+   * @param {number[] | null} at CSS pixels of the view; null for none
+   */
+  pointAt(at) {
+    const { editor, editor: { painter: { source }, layered, isComparing, isBefore, model } } = this;
+    const place = at && source ? editor.placeAt(at) : null, fit = isComparing || isBefore ? null : layered;
+    if (!place || !source) { setText(this.value, ""); return; }
+    const [da, db] = fit ? placeOf(fit, place[0], place[1], source.raster.spacing[0]) : [0, 0];
+    const value = source.valueAt([place[0] + da, place[1] + db]), { grey } = source;
+    const { lengths = "" } = model.get("raster"), where = `${place.map(shownLength).join(", ")} ${lengths}`.trim();
+    setText(this.value, value === null || !grey ? where
+      : `${where}: ${shownValue(value, grey.range)} ${grey.unit}`.trim());
+  }
+
   update() {
-    const { points, selected, layered, error, pointTools, gridNodes, shapeTools } = this.editor;
+    setText(this.slice, this.sliceWords);
+    const { points, selected, layered, error, foldStop, gridNodes, shapeTools } = this.editor;
     const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
@@ -37,7 +68,7 @@ export class StatusLine {
     this.#updateFolds(folds);
     // The fit only suspects a fold; the editor has measured it.
     const remarks = (layered?.notes ?? []).filter((note) => folds.least <= 0 || !layered?.doubts.includes(note));
-    const notes = error || pointTools.stopNote || gridNodes.warning(folds) || remarks.join("; ");
+    const notes = error || foldStop.note || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", error !== "");
     this.notes.classList.toggle("dnb-ed-near", error === "" && notes !== "");
@@ -81,7 +112,7 @@ export class StatusLine {
 
   /** Advice on the next step, where there are no remarks. */
   #advice() {
-    const { points, selected, model, brush, pen, isSelecting, shapeTools, gridNodes } = this.editor;
+    const { points, selected, model, brush, pen, isSelecting, shapeTools, partTools, gridNodes } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
     const isUntouched = points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
@@ -90,6 +121,10 @@ export class StatusLine {
     }
     if (isSelecting) return "Drag a band around points, or tap them; a second tap takes one out again; Escape ends";
     if (pen.isOn) return "Backspace takes the last place back, Escape gives up";
+    if (partTools.isOn) {
+      return "Drag the inside to move it, the ring to turn it, the cross to set the pivot, corners and edges to " +
+        "reshape it; Home puts it back";
+    }
     if (shapeTools.chosenShape) {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
         `${shapeTools.canTurn ? ", F turns it over" : ""}`;

@@ -575,6 +575,48 @@ class WindowBar {
   }
 }
 
+// ---- the presets: buttons with pictures of this very volume, which come when they are made --------------------------
+
+const THUMBNAIL = 56; // CSS pixels
+
+class PresetButtons {
+  /** @param {TransferEditorView} view */
+  constructor(view) {
+    this.view = view;
+    this.group = pageElement("div", "dnb-cv-presets", null, { role: "group", "aria-label": "Presets" });
+    view.root.insertBefore(this.group, view.bar);
+    /** @type {Record<string, {button: HTMLButtonElement, picture: HTMLImageElement}>} */
+    this.buttons = {};
+    for (const [name, tip] of Object.entries(view.model.get("presets") ?? {})) {
+      const button = pageElement("button", "dnb-cv-preset", this.group, { type: "button", title: tip, ...OWN_KEYS });
+      const picture = pageElement("img", "dnb-cv-thumbnail", button,
+        { alt: "", width: THUMBNAIL, height: THUMBNAIL, draggable: "false" });
+      pageElement("span", "", button).textContent = name;
+      view.listen(button, "click", () => view.take(name));
+      this.buttons[name] = { button, picture };
+    }
+    this.showPictures();
+  }
+
+  showPictures() {
+    const pictures = this.view.model.get("thumbnails") ?? {};
+    for (const [name, { picture }] of Object.entries(this.buttons)) {
+      if (pictures[name]) picture.src = pictures[name]; else picture.removeAttribute("src");
+    }
+  }
+
+  /**
+   * @param {string} chosen
+   * @param {boolean} isReadOnly
+   */
+  show(chosen, isReadOnly) {
+    for (const [name, { button }] of Object.entries(this.buttons)) {
+      setAttributes(button, { "aria-pressed": name === chosen });
+      button.disabled = isReadOnly;
+    }
+  }
+}
+
 // ---- the widget -----------------------------------------------------------------------------------------------------
 
 export const ROWS = { ...PLOT, left: 58, bottom: 92 }; // room for colours and window under the axis
@@ -607,14 +649,7 @@ class TransferEditorView extends CurvePlot {
    */
   constructor(model, el) {
     super(model, el, "dnb-transfer-editor");
-    this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Presets", ...OWN_KEYS });
-    pageElement("option", "", this.chooser, { value: "" }).textContent = "own settings";
-    for (const name of this.model.get("presets") ?? []) {
-      pageElement("option", "", this.chooser, { value: name }).textContent = name;
-    }
-    this.listen(this.chooser, "change", () => {
-      if (this.chooser.value) this.take(this.chooser.value); else this.invalidate();
-    });
+    this.presets = new PresetButtons(this);
     this.resetter = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button", ...OWN_KEYS });
     this.resetter.textContent = "Reset";
     this.listen(this.resetter, "click", () => { if (this.back && !this.named) this.take(this.back); });
@@ -636,6 +671,7 @@ class TransferEditorView extends CurvePlot {
     this.wholer = this.#button("all", "Show all values (0)", () => this.zoomTo(null));
     this.power = model.get("power") || 1;
     this.on("change:histogram", () => { this.zoom = null; this.invalidate(); });
+    this.on("change:thumbnails", () => this.presets.showPictures());
     for (const name of ["height", "power"]) {
       this.on(`change:${name}`, () => { this.power = model.get("power"); this.invalidate(); });
     }
@@ -975,8 +1011,7 @@ class TransferEditorView extends CurvePlot {
     const isOwn = !named, again = back ? `the preset ${back}` : "a preset";
     setAttributes(this.resetter, { "aria-disabled": isReadOnly || !isOwn || !back,
       title: `Take ${again} again: undo does not apply to colours and opacities` });
-    this.chooser.value = named;
-    this.chooser.disabled = isReadOnly;
+    this.presets.show(named, isReadOnly);
     setAttributes(this.farther, { "aria-disabled": !this.zoom });
     setAttributes(this.wholer, { "aria-disabled": !this.zoom });
     setText(this.note, this.#remarks());

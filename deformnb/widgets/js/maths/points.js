@@ -127,8 +127,9 @@ export function cleanShapes(list, what, old = []) {
     const plain = plainRegion(shape.region), region = known.get(JSON.stringify(plain)) ?? plain;
     const kept = { name: String(shape.name ?? ""), enabled: shape.enabled !== false };
     if (what === "cuts") return { ...kept, region };
-    const { weight, reach, motion } = shape;
-    return { ...kept, weight: weight ?? "saturated", reach: reach ?? null, motion: motion ?? null, region };
+    const { weight, reach, motion, pivot } = shape;
+    return { ...kept, weight: weight ?? "saturated", reach: reach ?? null, motion: motion ?? null,
+      ...(pivot && { pivot }), region };
   });
   return clean;
 }

@@ -4,6 +4,7 @@
 import { MOST_STAGES, SAME_MOTION } from "./constants.js";
 import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
 import { regionDistance } from "./regions.js";
+import { placeMoved } from "./shapes.js";
 
 /** @import { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, Vector2 } from "../types.d.ts" */
 
@@ -80,10 +81,33 @@ function readyParts(parts, strength) {
     step: RIGID_WEIGHTS[part.weight ?? "saturated"], pa: 0, pb: 0, d: 0 }));
 }
 
-/** @param {Point[]} points @param {number} strength */
-function draggedPoints(points, strength) {
-  return strength === 1 ? points : points.map((p) => ({ ...p,
-    target: [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k])) }));
+/**
+ * The points dragged `strength` times as far; those that a part carries go as far as it does then.
+ * @param {Point[]} points
+ * @param {number} strength
+ * @param {PartData[]} [parts]
+ */
+function draggedPoints(points, strength, parts = []) {
+  if (strength === 1) return points;
+  const turning = parts.filter((part) => part.motion), near = turning.length ? SAME_MOTION * sizeOf(points) : 0;
+  const whole = readyParts(turning, 1), scaled = readyParts(turning, strength);
+  return points.map((p) => {
+    const k = p.active === false ? -1 : whole.findLastIndex((part) => isCarried(part, p, near));
+    return { ...p, target: k >= 0 ? forward(scaled[k], p.source)
+      : p.source.map((value, c) => value + strength * (p.target[c] - value)) };
+  });
+}
+
+/** Where a part takes a place. @param {ReadyPart} part @param {number[]} place */
+function forward({ back: { m, s } }, [a, b]) {
+  const x = a - s[0], y = b - s[1];
+  return [m[0] * x + m[2] * y, m[1] * x + m[3] * y];
+}
+
+/** Whether a part takes a point where the point goes. @param {ReadyPart} part @param {Point} point @param {number} near */
+function isCarried(part, point, near) {
+  const { isIn, gap } = heldBy(part, point);
+  return isIn && gap <= near;
 }
 
 /**
@@ -94,7 +118,41 @@ function draggedPoints(points, strength) {
  */
 export function heldPoints(points, parts, strength = 1) {
   const ready = readyParts(parts, strength);
-  return ready.length ? sortedPoints(draggedPoints(points, strength), ready).refused : [];
+  return ready.length ? sortedPoints(draggedPoints(points, strength, parts), ready).refused : [];
+}
+
+/**
+ * The points after a part has got another motion: those that it carried, the active points in it that
+ * require what it does, go on with it.
+ * @param {Point[]} points
+ * @param {PartData} before
+ * @param {PartData} after
+ */
+export function carriedPoints(points, before, after) {
+  const [ready] = readyParts([before], 1), near = SAME_MOTION * sizeOf(points);
+  if (!ready) return points;
+  return points.map((p) => (p.active !== false && isCarried(ready, p, near)
+    ? { ...p, target: placeMoved(after.motion, p.source) } : p));
+}
+
+/** The diagonal of the box of all sources and targets; 0 without points. @param {Point[]} points */
+function sizeOf(points) {
+  const all = points.flatMap((p) => [p.source, p.target]);
+  return points.length ? Math.hypot(...[0, 1].map((k) => {
+    let low = Infinity, high = -Infinity;
+    for (const p of all) { low = Math.min(low, p[k]); high = Math.max(high, p[k]); }
+    return high - low;
+  })) : 0;
+}
+
+/**
+ * Whether a point lies in a part, and how far what it requires is from what the part does.
+ * @param {ReadyPart} part
+ * @param {Point} point
+ */
+function heldBy({ back: { m, s }, distance }, { source, target: [a, b] }) {
+  const x = m[0] * a + m[1] * b + s[0], y = m[2] * a + m[3] * b + s[1];
+  return { isIn: distance(x, y) <= 0, gap: Math.hypot(source[0] - x, source[1] - y) };
 }
 
 /**
@@ -109,18 +167,10 @@ function sortedPoints(points, ready) {
   const notes = [];
   /** @type {{ point: Point, part: PartData }[]} */
   const refused = [];
-  const all = points.flatMap((p) => [p.source, p.target]);
-  const size = points.length ? Math.hypot(...[0, 1].map((k) => {
-    let low = Infinity, high = -Infinity;
-    for (const p of all) { low = Math.min(low, p[k]); high = Math.max(high, p[k]); }
-    return high - low;
-  })) : 0;
+  const size = sizeOf(points);
   for (const p of points) {
     if (p.active === false) continue;
-    const holders = ready.map((r) => {
-      const { m, s } = r.back, [a, b] = p.target, x = m[0] * a + m[1] * b + s[0], y = m[2] * a + m[3] * b + s[1];
-      return { r, isIn: r.distance(x, y) <= 0, gap: Math.hypot(p.source[0] - x, p.source[1] - y) };
-    }).filter(({ isIn }) => isIn);
+    const holders = ready.map((r) => ({ r, ...heldBy(r, p) })).filter(({ isIn }) => isIn);
     const other = holders.find(({ gap }) => gap > SAME_MOTION * size);
     if (other) refused.push({ point: p, part: other.r.part });
     else if (!holders.length) {
@@ -150,7 +200,7 @@ export function rigidFit(points, parts, settings = {}) {
   rbfCheckSettings(settings.kernel ?? "wendland_c2", settings.trend ?? "affine", settings.smoothing ?? 0, strength,
     settings.support ?? null);
   rbfCheckPoints(points);
-  const { free, notes, refused } = sortedPoints(draggedPoints(points, strength), ready), out = [0, 0, 1];
+  const { free, notes, refused } = sortedPoints(draggedPoints(points, strength, parts), ready), out = [0, 0, 1];
   if (refused.length) {
     const [{ point, part }] = refused;
     const held = part.motion ? "has a motion of its own" : "is fixed";

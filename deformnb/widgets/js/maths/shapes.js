@@ -1,6 +1,10 @@
 // Edits of cuts and rigid parts as plain data. Pure functions; no edit changes an object it was given.
 
-/** @import { HalfSpaceData, OutlineData, RegionData, ShapeData, ShapeKind } from "../types.d.ts" */
+import { shownLength } from "./numbers.js";
+import { maskPixels } from "./regions.js";
+
+/** @import { HalfSpaceData, MaskData, Motion, OutlineData, PartData, RegionData, ShapeData } from "../types.d.ts" */
+/** @import { ShapeKind, Vector2 } from "../types.d.ts" */
 
 export const MOST_SHAPES = { cuts: 8, parts: 32 };
 export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
@@ -119,6 +123,93 @@ export function turnedRegion(region) {
   return region.kind === "line" ? { ...region, vertices: [...region.vertices].reverse() } : null;
 }
 
+// ---- the motion of a rigid part -------------------------------------------------------------------------------------
+// A part is turned about its pivot by an angle, from the a-axis to the b-axis and so clockwise on the screen, and then
+// shifted. The pivot is a place of the region, before the motion.
+
+/** The motion of a shape; null of a cut, and of a part that is fixed or switched off. @param {ShapeData} shape */
+export function motionOf(shape) { return "motion" in shape && shape.enabled ? shape.motion : null; }
+
+/** Where a motion takes a place. @param {Motion} motion @param {number[]} place @returns {Vector2} */
+export function placeMoved(motion, [a, b]) {
+  if (!motion) return [a, b];
+  const { matrix: [[c, d], [e, f]], shift: [s, t] } = motion;
+  return [c * a + d * b + s, e * a + f * b + t];
+}
+
+/** A direction as it was before a motion. @param {Motion} motion @param {number[]} way @returns {Vector2} */
+export function wayBefore(motion, [a, b]) {
+  if (!motion) return [a, b];
+  const { matrix: [[c, d], [e, f]] } = motion;
+  return [c * a + e * b, d * a + f * b];
+}
+
+/** The place that a motion takes to this one. @param {Motion} motion @param {number[]} place */
+export function placeBefore(motion, [a, b]) {
+  const [s, t] = motion?.shift ?? [0, 0];
+  return wayBefore(motion, [a - s, b - t]);
+}
+
+/** Middles of masks: all pixels are counted once. @type {WeakMap<MaskData, Vector2>} */
+const maskMiddles = new WeakMap();
+
+/** @param {MaskData} mask @returns {Vector2} */
+function maskMiddle(mask) {
+  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = mask, isSet = maskPixels(mask);
+  let count = 0, columns = 0, rows = 0;
+  for (let i = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++) if (isSet[i * nu + j]) { count += 1; columns += j; rows += i; }
+  }
+  return [a0 + du * columns / (count || 1), b0 + dv * rows / (count || 1)];
+}
+
+/** The middle of a region, as of widgets/studio/panels/shapes.py. @param {RegionData} region @returns {number[]} */
+export function middleOfRegion(region) {
+  if (region.kind === "half_space") return region.point;
+  if (region.kind === "mask") {
+    const middle = maskMiddles.get(region) ?? maskMiddle(region);
+    maskMiddles.set(region, middle);
+    return middle;
+  }
+  let a = 0, b = 0, sum = 0;
+  region.vertices.forEach(([p, q], k, all) => {
+    const [r, s] = all[(k + 1) % all.length], cross = p * s - r * q;
+    a += (p + r) * cross;
+    b += (q + s) * cross;
+    sum += cross;
+  });
+  return [a / (3 * sum), b / (3 * sum)];
+}
+
+/** The place about which a part is turned, before its motion. @param {PartData} part */
+export function pivotOf(part) { return part.pivot ?? middleOfRegion(part.region); }
+
+/** The motion of a part as an angle about its pivot, in radians, and a shift. @param {PartData} part */
+export function turnAndShift(part) {
+  const { motion } = part, [a, b] = pivotOf(part), [x, y] = placeMoved(motion, [a, b]);
+  return { angle: motion ? Math.atan2(motion.matrix[1][0], motion.matrix[0][0]) : 0, shift: [x - a, y - b] };
+}
+
+/**
+ * A part turned by an angle and shifted, whatever its motion was.
+ * @param {PartData} part
+ * @param {number} angle
+ * @param {number[]} shift
+ * @returns {PartData}
+ */
+export function partTurned(part, angle, [da, db]) {
+  const [a, b] = pivotOf(part), c = Math.cos(angle), s = Math.sin(angle);
+  return { ...part, motion: { matrix: [[c, -s], [s, c]], shift: [a + da - c * a + s * b, b + db - s * a - c * b] } };
+}
+
+/** "moved 12, -3.5, turned 15\u00b0"; "" of a part that is where it was. @param {PartData} part */
+export function motionWords(part) {
+  const { angle, shift } = turnAndShift(part), degrees = shownLength(angle * 180 / Math.PI);
+  const by = shift.map(shownLength).map((text) => text.replace(/^-0$/, "0"));
+  return [by.some((text) => text !== "0") ? `moved ${by.join(", ")}` : "",
+    Number(degrees) !== 0 ? `turned ${degrees}\u00b0` : ""].filter(Boolean).join(", ");
+}
+
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
 /**
@@ -166,6 +257,7 @@ const REGION_WORDS = { line: "open line", polygon: "closed line", half_space: "h
 export function shapeLabel(shape, what, index) {
   const { region } = shape, corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
   const sort = SHAPE_NAMES[what], name = shape.name ? ` ${shape.name}` : "";
-  return `${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}, ${REGION_WORDS[region.kind]}${corners}` +
-    `${"motion" in shape && shape.motion ? ", moved" : ""}${shape.enabled ? "" : ", switched off"}`;
+  const motion = "motion" in shape ? motionWords(shape) : "";
+  return [`${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}`, `${REGION_WORDS[region.kind]}${corners}`,
+    motion, shape.enabled ? "" : "switched off"].filter(Boolean).join(", ");
 }

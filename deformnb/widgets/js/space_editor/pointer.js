@@ -4,7 +4,7 @@
 /** @import { Line, SpacePane } from "./pane.js" */
 /** @import { Moved } from "./point_tools.js" */
 
-import { isRightClick, keepFromScrolling, POINT_STEPS } from "../editor/handles.js";
+import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "../editor/handles.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.js";
 import { inPane, wayInPane } from "../maths/space.js";
@@ -36,7 +36,7 @@ export class PaneGestures {
   /** @type {Gesture | null} */
   gesture = null;
   isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
-  rolled = 0; // pixels of the wheel
+  wheelSteps = new WheelSteps();
 
   /**
    * @param {SpaceEditorView} editor
@@ -266,11 +266,8 @@ export class PaneGestures {
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1, [x, y] = this.place(event);
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
     if (isZoom || !editor.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), x, y); return; }
-    this.rolled += delta;
-    const notches = Math.trunc(this.rolled / 40); // a notch of a wheel is about 100, a trackpad sends many small ones
-    if (notches === 0) return;
-    this.rolled = 0;
-    editor.scroll(pane, Math.sign(notches) * Math.max(1, Math.floor(Math.abs(notches) / 2)));
+    const steps = this.wheelSteps.add(delta);
+    if (steps !== 0) editor.scroll(pane, steps);
   }
 }
 

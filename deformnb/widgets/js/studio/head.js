@@ -11,10 +11,12 @@ const ICONS = {
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
   redo: "M10 3l3 3-3 3M13 6H7a3.5 3.5 0 0 0 0 7h3",
   full: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
+  alone: "M9.5 2.5h4v4M13.5 2.5L9 7M6.5 13.5h-4v-4M2.5 13.5L7 9",
   help: "M5.7 5.9a2.3 2.3 0 1 1 3.4 2c-.8.5-1.1.9-1.1 1.8M8 12.2v.1",
 };
 const MENUS = [["history", "History"], ["examples", "Examples"], ["export", "Export"]];
 const TRAITS = ["name", "facts", "history", "unsaved", "tip"];
+const PANES = /** @type {const} */ (["picture", "volume"]);
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side
 
 /** The head of one view of a studio. */
@@ -84,11 +86,37 @@ class StudioHead {
   arrange() {
     const panes = this.studio?.querySelector(".dnb-studio-panes");
     if (!(panes instanceof HTMLElement) || !panes.offsetWidth) return;
+    for (const name of PANES) this.#addAlone(panes, name);
     const raster = this.#editor?.model.get("raster");
     if (!raster?.shape) { panes.classList.add("dnb-panes-stacked"); return; } // three pictures of space: the whole width
     const [width, height] = [raster.shape[1] * raster.spacing[0], raster.shape[0] * raster.spacing[1]], w = panes.clientWidth, h = panes.clientHeight;
     const beside = Math.min(w / 2 / width, h / height), above = Math.min(w / width, h / 2 / height);
     panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
+  }
+
+  /**
+   * A button in the title of a pane that gives it the place of both; a double click on the title does so too.
+   * @param {HTMLElement} panes
+   * @param {typeof PANES[number]} name
+   */
+  #addAlone(panes, name) {
+    const title = panes.querySelector(`.dnb-pane-${name} > .dnb-pane-head`);
+    if (!(title instanceof HTMLElement) || title.querySelector(".dnb-pane-alone")) return;
+    const button = pageElement("button", "dnb-pane-alone", title, { type: "button" });
+    svgElement("path", { d: ICONS.alone }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
+    const show = (/** @type {boolean} */ isAlone) => {
+      for (const other of PANES) panes.classList.toggle(`dnb-panes-${other}`, isAlone && other === name);
+      for (const other of panes.querySelectorAll(".dnb-pane-alone")) other.setAttribute("aria-pressed", "false");
+      button.setAttribute("aria-pressed", String(isAlone));
+      button.title = isAlone ? "Picture and volume" : `Only the ${name}`;
+      button.setAttribute("aria-label", `Only the ${name}`);
+    };
+    const toggle = () => show(!panes.classList.contains(`dnb-panes-${name}`));
+    const { signal } = this.closing;
+    button.addEventListener("click", toggle, { signal });
+    title.addEventListener("dblclick", ({ target }) => { if (target === title) toggle(); }, { signal });
+    signal.addEventListener("abort", () => { show(false); button.remove(); });
+    show(false);
   }
 
   close() {

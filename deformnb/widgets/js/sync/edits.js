@@ -175,15 +175,16 @@ export class Sender {
   }
 
   /**
-   * Send all cuts or all parts after an edit of one, and the points if it changes them too.
+   * Send all cuts or all parts after an edit of one, and the points if it changes them too; `join` as of an edit.
    * @param {ShapeKind} what
    * @param {ShapeData[]} shapes
    * @param {string} kind
    * @param {Point[]} [points]
+   * @param {string | null} [join]
    */
-  editShapes(what, shapes, kind, points = this.points) {
-    this.history.record(this.state);
-    this.#leaveShapes(what, shapes, kind, points);
+  editShapes(what, shapes, kind, points = this.points, join = null) {
+    this.history.record(this.state, join);
+    this.#leaveShapes(what, shapes, kind, points, join !== null);
   }
 
   /**
@@ -282,15 +283,16 @@ export class Sender {
    * @param {ShapeData[]} shapes
    * @param {string} kind
    * @param {Point[]} [points]
+   * @param {boolean} [joins]
    */
-  #leaveShapes(what, shapes, kind, points = this.points) {
+  #leaveShapes(what, shapes, kind, points = this.points, joins = false) {
     this.pending.move = null;
     this.flush();
     this.lastAt = this.clock.now();
     this.#counted("edit");
     const others = points === this.points ? {} : { points };
     this.#take(points, { ...this.shapes, [what]: cleanShapes(shapes, what, this.shapes[what]) });
-    this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what], ...others });
+    this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what], ...others, ...(joins && { joins }) });
   }
 
   /** @param {Point[]} points @param {Shapes} [shapes] */

@@ -67,7 +67,11 @@ export const EDITOR_KEYS = [
     ["X", "draw a cut", { command: "cut", keys: ["x"] }],
     ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
     ["G", "draw the ground", { command: "ground", keys: ["g"] }],
-    ["Click a line", "reshape it"], ["F", "turn a line over", { command: "turn", keys: ["f"] }],
+    ["Click a line", "reshape it"],
+    ["Drag inside a part", "move it; its ring turns it"],
+    ["(Shift +) arrows on it", "move it by 1 (10) pixels"],
+    [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"], ["Home on a part", "put it back"],
+    ["F", "turn a line over", { command: "turn", keys: ["f"] }],
   ]],
   ["View", [
     ["Wheel, pinch, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
@@ -75,6 +79,9 @@ export const EDITOR_KEYS = [
     ["0", "whole picture", { command: "fit", keys: ["0"] }],
     ["N", "grid", { command: "grid", keys: ["n"] }], ["R", "reach of points", { command: "radius", keys: ["r"] }],
     ["C", "before", { command: "compare", keys: ["c"] }], ["V", "overlay", { command: "overlay", keys: ["v"] }],
+    ["W", "window: drag, arrows, Home", { command: "window", keys: ["w"] }],
+    ["Right drag", "width and level of the window"],
+    ["Wheel, Page up, down", "other slices; Ctrl + wheel zooms", { keys: ["PageUp", "PageDown"] }],
     ...HISTORY_KEYS, HELP_KEY,
   ]],
 ];

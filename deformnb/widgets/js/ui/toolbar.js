@@ -37,6 +37,7 @@ const ICONS = {
   compare: "M3 3h10v10H3zM8 1.5v13M3.2 11l4-4M3.2 7l3-3",
   "zoom-in": "M11.4 11.4l3 3M12.5 7.2a5.2 5.2 0 1 1-10.4 0 5.2 5.2 0 0 1 10.4 0M7.3 5v4.4M5 7.2h4.5",
   "zoom-out": "M11.4 11.4l3 3M12.5 7.2a5.2 5.2 0 1 1-10.4 0 5.2 5.2 0 0 1 10.4 0M5 7.2h4.5",
+  window: "M13.5 8a5.5 5.5 0 1 1-11 0 5.5 5.5 0 0 1 11 0M8 2.5v11M8 5h4.4M8 8h5.4M8 11h4.4",
   fit: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   go: "M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4M8 8h.01",
   smudge: "M3 13.5c0-3 2-2.6 3.4-4l5.2-5.2a1.3 1.3 0 0 1 1.9 1.9L8.3 11.4C6.9 12.8 6 13.5 3 13.5zM7.6 8.3l1.9 1.9",
@@ -67,7 +68,8 @@ const GROUPS = [
     ["part", "Rigid", "Draw around a part that stays rigid", true],
     ["ground", "Ground", "Draw a line beyond which all stays where it is", true]],
   [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
-  [["grid", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true]],
+  [["grid", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true],
+    ["window", "Window", "Change the window: drag left and right for its width, up and down for its level", true]],
   [["fit", "Fit", "Show the whole picture"]],
   [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
 ];

@@ -102,27 +102,38 @@ export function remarksOn({ info, field, caster, isScarce }) {
  * @param {number} layer
  */
 export function captionsOf(shows, layer) {
+  if (shows === "wipe") return ["original | deformed"];
   return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows];
 }
 
 /** The same in words, to follow a name. @param {string} shows */
 export function aboutShown(shows) {
   if (shows === "deformed") return "";
+  if (shows === "wipe") return ", original left of a line and deformed right of it";
   return shows === "flicker" ? ", original and deformed in turn" : `, ${CAPTIONS[shows].join(" and ")}`;
 }
 
-/** @typedef {{ layer: number, original: boolean, x: number, width: number }} Picture */
+/** `whole`: the columns of a larger picture that this one is a part of.
+ * @typedef {{ layer: number, original: boolean, x: number, width: number, whole?: { x: number, width: number } }} Picture
+ */
 
 /**
  * The pictures in a canvas of this width: see FrameLoop.
  * @param {string} shows
  * @param {number} width
+ * @param {number} [wipe] share of the width that shows the original in the mode "wipe"
+ * @returns {Picture[]}
  */
-export function picturesOf(shows, width) {
+export function picturesOf(shows, width, wipe = 0.5) {
   /** @type {(layer: number, original: boolean, x: number, w: number) => Picture} */
   const one = (layer, original, x, w) => ({ layer, original, x, width: w });
   const half = Math.floor(width / 2);
   if (shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
+  if (shows === "wipe") {
+    const cut = Math.round(width * wipe), whole = { x: 0, width };
+    return [one(0, true, 0, cut), one(0, false, cut, width - cut)].filter((part) => part.width > 0)
+      .map((part) => ({ ...part, whole }));
+  }
   if (shows === "flicker") return [one(0, false, 0, width), one(1, true, 0, width)];
   return [one(0, shows === "original", 0, width)];
 }

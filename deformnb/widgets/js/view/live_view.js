@@ -33,7 +33,8 @@ class LiveVolumeView {
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-live", { showView: (view) => this.showView(view),
-      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), resized: () => this.size() });
+      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), wiped: () => this.touch(),
+      resized: () => this.size() });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
@@ -100,6 +101,7 @@ class LiveVolumeView {
     const { shows } = this.elements;
     this.camera.reframed(() => { this.shown = shows; });
     this.flicker.set(shows === "flicker" && Boolean(this.loop));
+    this.elements.wipe.set(shows === "wipe" && Boolean(this.loop));
     this.caption();
     if (this.loop) this.loop.flip(0);
     this.touch();
@@ -128,8 +130,8 @@ class LiveVolumeView {
    * @returns {Picture[]}
    */
   pictures(width, height) {
-    const pictures = picturesOf(this.elements.shows, width);
-    return pictures.map((picture) => ({ ...picture, camera: this.seen(picture.width / height) }));
+    const pictures = picturesOf(this.elements.shows, width, this.elements.wipe.share);
+    return pictures.map((picture) => ({ ...picture, camera: this.seen((picture.whole ?? picture).width / height) }));
   }
 
   /** @param {string} text */
@@ -230,6 +232,7 @@ class LiveVolumeView {
     this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
+    this.elements.wipe.set(false); // and of this one the line is in the middle
     this.caption();
     this.still.request();
   }

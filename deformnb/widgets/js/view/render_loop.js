@@ -164,7 +164,7 @@ export class FrameLoop {
   #seen(width, height) {
     const pictures = this.pictures(width, height);
     if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
-    this.parts = pictures.filter((p) => p.layer === this.layer).length;
+    this.parts = pictures.filter((p) => p.layer === this.layer && !p.whole).length || 1;
     return pictures;
   }
 

@@ -28,7 +28,8 @@ export class ServerVolumeView {
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-volume", { showView: (view) => this.showView(view),
-      rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); }, resized: () => this.size() });
+      rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); },
+      wiped: () => this.paint(), resized: () => this.size() });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
@@ -133,6 +134,7 @@ export class ServerVolumeView {
     const { shows } = this.elements;
     this.camera.reframed(() => { this.shown = shows; });
     this.flicker.set(shows === "flicker");
+    this.elements.wipe.set(shows === "wipe");
     this.caption();
   }
 
@@ -179,7 +181,11 @@ export class ServerVolumeView {
     const context = bitmap && this.canvas.getContext("2d");
     if (!context) return;
     context.imageSmoothingQuality = "high";
-    context.drawImage(bitmap, 0, 0, this.canvas.width, this.canvas.height);
+    const { width, height } = this.canvas, [, original] = this.layers;
+    context.drawImage(bitmap, 0, 0, width, height);
+    if (this.shown !== "wipe" || !original) return;
+    const { share } = this.elements.wipe;
+    context.drawImage(original, 0, 0, original.width * share, original.height, 0, 0, width * share, height);
   }
 
   // -- the camera ----------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
 import { Theme } from "../ui/theme.js";
 import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
+import { WipeLine } from "./wipe_line.js";
 
 /** @import { Model } from "../types.d.ts" */
 /** @import { VolumeInfo } from "./types.d.ts" */
@@ -15,6 +16,7 @@ import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/vi
  * @property {(view: string) => void} showView  a side of the cube was pressed
  * @property {() => void} rethemed  the page around has another theme
  * @property {(layer: number) => void} flip  the other picture of two in turn is seen
+ * @property {() => void} wiped  the line between original and deformed was moved
  * @property {() => void} resized
  */
 
@@ -37,6 +39,7 @@ export class ViewElements {
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
+    this.wipe = new WipeLine(this.root, actions.wiped);
     this.observer = new ResizeObserver(actions.resized);
     this.observer.observe(this.root);
   }

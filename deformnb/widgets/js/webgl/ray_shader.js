@@ -23,6 +23,7 @@ uniform vec3 middle;           // of what is seen when nothing is cut away
 uniform vec3 openLow, openHigh; uniform float bareDepth; // 1 where a side of the box is a cut; how deep its face is lit
 #endif
 uniform float stepLength, outside, outsideOpacity, certain, reach, rate;
+uniform float steep;           // opacity of a step, from which on its surface is looked for
 uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
 uniform vec3 ink;
 out vec4 color;
@@ -46,6 +47,22 @@ vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
   return mix(rgb * .8 * (.3 + .7 * light), surface, sure) * (1. - .22 * depth);
 }
 
+// Numbers from 0 to 1 that are alike for no two neighbours, the same for a pixel in every picture.
+float hashed(ivec2 p) {
+  uint h = uint(p.x) * 1597334677u ^ uint(p.y) * 3812015801u;
+  h = (h ^ h >> 16) * 2246822519u;
+  h = (h ^ h >> 13) * 3266489917u;
+  return float((h ^ h >> 16) >> 8) / 16777216.;
+}
+
+// The same without what changes slowly from pixel to pixel, which would be seen as blotches, or as a weave where it is
+// regular: nearly blue noise. The last line makes all numbers from 0 to 1 about equally frequent.
+float grain(vec2 pixel) {
+  ivec2 p = ivec2(pixel), d = ivec2(1, 0);
+  float around = hashed(p + d.xy) + hashed(p - d.xy) + hashed(p + d.yx) + hashed(p - d.yx);
+  return 1. / (1. + exp(-5.27 * (hashed(p) - .25 * around)));
+}
+
 void main() {
   vec2 pixel = gl_FragCoord.xy - place;      // of this picture, which may be one of two side by side
   vec2 at = (pixel + shift) / resolution * 2. - 1.;
@@ -62,10 +79,11 @@ void main() {
   float isOpen = nearest < t0 ? min(1., dot(max(face, 0.), openLow) + dot(max(-face, 0.), openHigh)) : 0.;
 #endif
   // Neighbouring rays start at different depths: what would be rings becomes a fine grain, and later frames average it.
-  float noise = fract(52.9829189 * fract(dot(floor(pixel), vec2(.06711056, .00583715))) + phase);
+  float noise = fract(grain(pixel) + phase);
   // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
   vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
   vec4 sum = vec4(0.); float most = 0., entries = float(textureSize(table, 0).x);
+  float thin = 0.;                            // opacity of the sample before
 #ifdef FOLDS
   bool turned = false;                        // what is seen of a largest value
 #endif
@@ -87,6 +105,7 @@ void main() {
     float rings = block.r - 1.;
 #endif
     if (skip) {
+      thin = 0.;
       vec3 inside = fract(cell * vec3(textureSize(blocks, 0)));
       vec3 room = min((1. - inside + rings) * upward, (inside + rings) * downward);
       float free = min(min(room.x, room.y), room.z);
@@ -108,10 +127,10 @@ void main() {
 #endif
     most = max(most, value);
 #else
-    if (out_ && outsideOpacity == 0.) continue;
+    if (out_ && outsideOpacity == 0.) { thin = 0.; continue; }
     vec4 here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
     vec4 rgba = textureLod(table, vec2((here.a * (entries - 1.) + .5) / entries, .5), 0.);
-    if (rgba.a <= 0.) continue;
+    if (rgba.a <= 0.) { thin = 0.; continue; }
 #ifdef CUT
     rgba.a *= seen;
 #endif
@@ -121,6 +140,18 @@ void main() {
 #ifdef SHADED
     float light = textureLod(ambience, clamp(q, 0., 1.), 0.).r;
     vec3 g = here.rgb * 255. - 128.;
+    // Where a long step has come upon something dense its surface lies a part of it back, and has another slope.
+    if (rgba.a > 4. * thin + steep) {
+      vec3 deep = q, bare = q - stepLength * ray * toTexture;
+      for (int once = 0; once < 3; once++) {
+        vec3 between = .5 * (deep + bare);
+        float v = textureLod(volume, between, 0.).a;
+        if (textureLod(table, vec2((v * (entries - 1.) + .5) / entries, .5), 0.).a > .4 * rgba.a) deep = between;
+        else bare = between;
+      }
+      g = textureLod(volume, deep, 0.).rgb * 255. - 128.;
+    }
+    thin = rgba.a;
 #ifdef WARPED
     // Where the box cuts through the body its face is lit, not the grain of the voxels behind it.
     if (t - t0 < 2. * stepLength && nearest < t0) g = face * 127.;

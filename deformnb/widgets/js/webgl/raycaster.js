@@ -100,6 +100,7 @@ function definesOf(projection, planar, space, folds = false, clipped = false) {
 const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
   depths: 9 };
 
+const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
 /** @type {Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}>} */
@@ -400,17 +401,17 @@ export class RayCaster {
   cast(name, width, height, picture, { tile = null, pass = 0, coarseness = 1 } = {}) {
     const { gl, volume, table } = this, { camera, original } = picture;
     if (!volume || !table) throw new Error("nothing to draw");
-    const { planar, space } = original ? { planar: null, space: null } : this;
+    const { planar, space } = original ? { planar: null, space: null } : this, whole = picture.whole ?? picture;
     const target = this.#target(name, width, height), { program, at } = this.#program({ planar, space });
     const finest = Math.min(...volume.spacing), pixel = (2 * Math.hypot(...camera.up)) / height;
     const step = coarseness * Math.max(finest * 0.7, Math.min(pixel, 2 * finest));
     this.#fitTable(table, step);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
-    gl.viewport(picture.x, 0, picture.width, height); // which cuts off what lies beside it
+    gl.viewport(whole.x, 0, whole.width, height); // which cuts off what lies beside it
     gl.useProgram(program);
     for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
-    this.#setCamera(at, camera, picture.width, height, pass);
-    gl.uniform2f(at.place, picture.x, 0);
+    this.#setCamera(at, camera, whole.width, height, pass);
+    gl.uniform2f(at.place, whole.x, 0);
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
     this.#setFieldNumbers(at, planar, space, volume.spacing);
     if (pass > 0) {
@@ -418,7 +419,8 @@ export class RayCaster {
       gl.blendColor(0, 0, 0, 1 / (pass + 1));
       gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
     }
-    if (tile) { gl.enable(gl.SCISSOR_TEST); gl.scissor(...tile); }
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(...(tile ?? /** @type {const} */ ([picture.x, 0, picture.width, height])));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.BLEND);
     gl.disable(gl.SCISSOR_TEST);
@@ -468,6 +470,7 @@ export class RayCaster {
     if (extremes) gl.uniform3fv(at.blockScale, shape.map((n, i) => n / (BLOCK * extremes.size[i])));
     gl.uniform3fv(at.blockSize, spacing.map((s) => s * BLOCK));
     gl.uniform1f(at.stepLength, step);
+    gl.uniform1f(at.steep, step > LONG * Math.min(...spacing) ? 0.08 : 2);
     gl.uniform1f(at.outside, volume.outside / 255);
     gl.uniform1f(at.outsideOpacity, opacityOfByte(table.rgba, volume.outside));
     // Below two hundredths of the range per voxel a slope is noise; bytes of the gradient count 1/127 of the steepest.

@@ -150,6 +150,8 @@ export interface Picture {
   /** The first column and how many there are. */
   x: number;
   width: number;
+  /** The columns of the larger picture that it is a part of; its camera is that of the whole. */
+  whole?: { x: number; width: number };
   /** Whether the displacement is left out. */
   original: boolean;
   camera: RayCamera;

@@ -26,7 +26,32 @@ function entriesOfByte(entries) { return (entries - 1) / 255; }
 export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
 
 /**
- * Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel.
+ * Weighted sums 1 2 1 of neighbours along x and y of a slice; beyond the edge lies the voxel at the edge.
+ * @param {Uint8Array} values
+ * @param {Vector3} shape
+ * @param {number} z
+ */
+function smoothedSlice(values, [nx, ny], z) {
+  const along = new Uint16Array(nx * ny), out = new Uint16Array(nx * ny), first = z * nx * ny;
+  for (let y = 0; y < ny; y++) {
+    const start = first + y * nx, end = start + nx - 1;
+    for (let x = 0, i = start; x < nx; x++, i++) {
+      along[y * nx + x] = values[i > start ? i - 1 : i] + 2 * values[i] + values[i < end ? i + 1 : i];
+    }
+  }
+  for (let y = 0; y < ny; y++) {
+    const above = (y > 0 ? y - 1 : y) * nx, below = (y < ny - 1 ? y + 1 : y) * nx;
+    for (let x = 0, i = y * nx; x < nx; x++, i++) out[i] = along[above + x] + 2 * along[i] + along[below + x];
+  }
+  return out;
+}
+
+const SMOOTHED = 64; // sum of the weights 1 2 1 along three axes
+
+/**
+ * Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel. Gradients
+ * are differences of a volume that is smoothed by 1 2 1: those of its own values follow the steps between slices, and
+ * surfaces look like carved wood.
  * @param {Uint8Array} values
  * @param {Vector3} shape
  * @param {number} z0
@@ -34,24 +59,35 @@ export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.l
  * @param {Vector3} spacing
  * @param {number} fill
  */
-export function gradientSlab(values, [nx, ny, nz], z0, z1, spacing, fill) {
-  const out = new Uint8Array(4 * nx * ny * (z1 - z0));
-  const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2;
-  const [sx, sy, sz] = spacing.map((s) => (unit * finest) / s);
-  const row = nx, slice = nx * ny;
+export function gradientSlab(values, shape, z0, z1, spacing, fill) {
+  const [nx, ny, nz] = shape, row = nx, slice = nx * ny;
+  const out = new Uint8Array(4 * slice * (z1 - z0));
+  const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2 / SMOOTHED;
+  const [sx, sy, sz] = spacing.map((s) => (unit * finest) / s), outside = SMOOTHED * fill;
+  const inside = (/** @type {number} */ z) => Math.max(0, Math.min(nz - 1, z));
+  /** @type {Map<number, Uint16Array>} */
+  const flat = new Map(), smooth = new Map();
+  for (let z = inside(z0 - 2); z <= inside(z1 + 1); z++) flat.set(z, smoothedSlice(values, shape, z));
+  const of = (/** @type {number} */ z) => /** @type {Uint16Array} */ (flat.get(inside(z)));
+  for (let z = inside(z0 - 1); z <= inside(z1); z++) {
+    const [before, here, after] = [of(z - 1), of(z), of(z + 1)];
+    smooth.set(z, here.map((v, i) => before[i] + 2 * v + after[i]));
+  }
+  const plain = new Uint16Array(slice).fill(outside);
   let o = 0;
   for (let z = z0; z < z1; z++) {
+    // Beyond the edge lies the background, so that a body that is cut off there has a lit face.
+    const front = smooth.get(z - 1) ?? plain, here = /** @type {Uint16Array} */ (smooth.get(z));
+    const back = smooth.get(z + 1) ?? plain;
     for (let y = 0; y < ny; y++) {
-      let i = z * slice + y * row;
-      const top = y > 0, bottom = y < ny - 1, front = z > 0, back = z < nz - 1;
-      for (let x = 0; x < nx; x++, i++, o += 4) {
-        // Beyond the edge lies the background, so that a body that is cut off there has a lit face.
-        let gx = ((x < nx - 1 ? values[i + 1] : fill) - (x > 0 ? values[i - 1] : fill)) * sx;
-        let gy = ((bottom ? values[i + row] : fill) - (top ? values[i - row] : fill)) * sy;
-        let gz = ((back ? values[i + slice] : fill) - (front ? values[i - slice] : fill)) * sz;
+      const top = y > 0, bottom = y < ny - 1;
+      for (let x = 0, i = y * row; x < nx; x++, i++, o += 4) {
+        let gx = ((x < nx - 1 ? here[i + 1] : outside) - (x > 0 ? here[i - 1] : outside)) * sx;
+        let gy = ((bottom ? here[i + row] : outside) - (top ? here[i - row] : outside)) * sy;
+        let gz = (back[i] - front[i]) * sz;
         const most = Math.max(Math.abs(gx), Math.abs(gy), Math.abs(gz));
         if (most > 127) { const k = 127 / most; gx *= k; gy *= k; gz *= k; }
-        out[o] = 128.5 + gx; out[o + 1] = 128.5 + gy; out[o + 2] = 128.5 + gz; out[o + 3] = values[i];
+        out[o] = 128.5 + gx; out[o + 1] = 128.5 + gy; out[o + 2] = 128.5 + gz; out[o + 3] = values[z * slice + i];
       }
     }
   }

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import html
 import os
-import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,16 +28,18 @@ from deformnb.document.json_format import LONGEST, from_json
 from deformnb.document.script import VOLUME_LINE
 from deformnb.errors import Cancelled, DeformError, FileChangedError, OtherVolumeError
 from deformnb.io.atomic import writing_held_by
+from deformnb.io.formats import FORMATS
 from deformnb.io.headers import human_bytes
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid
 from deformnb.widgets.inputs.file_transfer import FileTransfer
-from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, raising, row
+from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, fill, menu, raising, row
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
 
 _PAGE = (".html",)
+_MOST_FILES = 200  # of a menu
 
 WritePage = Callable[..., None]
 
@@ -64,7 +65,7 @@ class FilesPanel(Panel):
         self._job: Job | None = None  # what is awaited
         self._ending = threading.Lock()
         self._thread = Worker("deformnb-files")
-        stem = re.sub(r"[^\w-]+", "_", session.volume.name).strip("_")[:40] or "deformed"
+        stem = file_stem(session.volume)
         kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
         kinds[0] = (kinds[0][0], f"{stem}_deformed{EXPORTS['volume'].suffixes[0]}")  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
@@ -79,19 +80,31 @@ class FilesPanel(Panel):
                                      tooltip="Go on with a saved session; can be undone")
         self.upload.observe(lambda change: self._open(change["new"]), "value")
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
+        whole = {"width": "auto", "margin": "2px 0"}
+        self.page_title = ipw.Text(value=session.volume.name, description="Title", layout=whole,
+                                   tooltip="Of the web page")
+        self.page_text = ipw.Textarea(description="Text", rows=3, layout=whole, continuous_update=False,
+                                      placeholder="What a reader of the page is to look at or to try",
+                                      tooltip="Stands under the title of the web page")
+        self.of_page = ipw.VBox([self.page_title, self.page_text])
+        self.name.observe(self._show_page_words, "value")
+        self._show_page_words()
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
         self.message = ipw.Label("")
         self.file_transfer = FileTransfer()
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = ipw.VBox([row(*writing), row(self.copy, self.upload, self.bar, self.message), self.question.box,
-                             self.file_transfer])
+        self.box = ipw.VBox([row(*writing), self.of_page, row(self.copy, self.upload, self.bar, self.message),
+                             self.question.box, self.file_transfer])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
         return button(text, tooltip, lambda: self.guard(action))
 
     # -- writing -------------------------------------------------------------------------------------------------------
+
+    def _show_page_words(self, _change: Any = None) -> None:
+        self.of_page.layout.display = "" if self.name.value.lower().endswith(_PAGE) else "none"
 
     def _start(self, downloads: bool) -> None:
         path = self._folder / plain_name(self.name.value)
@@ -101,14 +114,14 @@ class FilesPanel(Panel):
             except DeformError as error:
                 self.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
-        frozen = Frozen.of(self.session, self._view.seen())
+        frozen, words = Frozen.of(self.session, self._view.seen()), (self.page_title.value, self.page_text.value)
         if os.path.lexists(path) and not frozen.files.has(path):
             self.message.value = ""
             doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
             self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
-                              lambda: self._begin(Job(path, frozen, downloads, overwrite=True)))
+                              lambda: self._begin(Job(path, frozen, downloads, words=words, overwrite=True)))
             return
-        self._begin(Job(path, frozen, downloads))
+        self._begin(Job(path, frozen, downloads, words=words))
 
     def _begin(self, job: Job) -> None:
         self.question.forget()
@@ -123,7 +136,9 @@ class FilesPanel(Panel):
         try:
             with writing_held_by(job.landing):
                 if job.path.name.lower().endswith(_PAGE):
-                    self._write_page(job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
+                    title, about = job.words
+                    self._write_page(job.path, title=title, about=about, overwrite=job.overwrite,
+                                     progress=partial(self._progress, job))
                 else:
                     export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
             content = job.path.read_bytes() if job.downloads else None
@@ -132,7 +147,7 @@ class FilesPanel(Panel):
         except Cancelled:
             self._ended(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
-            over = Job(job.path, job.frozen, job.downloads, overwrite=True)
+            over = Job(job.path, job.frozen, job.downloads, words=job.words, overwrite=True)
             if self._ended(job, ""):
                 self.question.ask(f"{job.path.name} has been changed by someone else since it was opened or saved here."
                                   " Write it under another name, or over theirs?", "Write over it",
@@ -219,6 +234,7 @@ class Job:
     path : where it is written.
     frozen : what of.
     downloads : whether it is handed to the browser too.
+    words : title and text of a web page.
     overwrite : whether the user has agreed that any file is replaced.
 
     Attributes
@@ -233,8 +249,9 @@ class Job:
     False
     """
 
-    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, overwrite: bool = False) -> None:
-        self.path, self.frozen, self.downloads, self.overwrite = path, frozen, downloads, overwrite
+    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, words: tuple[str, str] = ("", ""),
+                 overwrite: bool = False) -> None:
+        self.path, self.frozen, self.downloads, self.words, self.overwrite = path, frozen, downloads, words, overwrite
         self.is_cancelled = self._is_landing = False
         self._lock = threading.Lock()
 
@@ -310,6 +327,34 @@ def plain_name(text: str) -> str:
     if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name) or len(name) > 200:
         raise DeformError(f"{name[:60]!r} is no plain file name; write one such as fish.json, without a folder.")
     return name
+
+
+class FolderFiles:
+    """Names of the volume files in a folder, for menus; it is read again when it has changed.
+
+    Parameters
+    ----------
+    folder : is looked into, without folders in it.
+    more : suffixes of other files that are listed too.
+    """
+
+    def __init__(self, folder: str | PathLike[str], *more: str) -> None:
+        self.folder = Path(folder)
+        self._suffixes = (*(s for entry in FORMATS.values() for s in entry.suffixes), *more)
+        self._seen: tuple[float, list[str]] | None = None
+
+    def names(self) -> list[str]:
+        """The names in the order of the alphabet; none where the folder cannot be read."""
+        try:
+            changed = self.folder.stat().st_mtime
+            if self._seen is None or self._seen[0] != changed:
+                with os.scandir(self.folder) as found:
+                    names = sorted(f.name for f in found if f.name.lower().endswith(self._suffixes)
+                                   and not f.name.startswith(".") and f.is_file())
+                self._seen = (changed, names[:_MOST_FILES])
+            return self._seen[1]
+        except OSError:
+            return []
 
 
 def _size(path: Path) -> str:

@@ -23,6 +23,7 @@ from deformnb.session.session import Session
 from deformnb.widgets.inputs.points_table import PointsTable, TableAct
 from deformnb.widgets.studio.controls import Guard, Panel
 from deformnb.widgets.studio.history_labels import edit_label
+from deformnb.widgets.studio.panels.landmarks import LandmarkFiles
 from deformnb.widgets.studio.step_diagnostics import diagnostics_of
 from deformnb.widgets.worker import Worker
 
@@ -56,7 +57,8 @@ class PointsPanel(Panel):
         self.table.on_visible(self.refresh)
         self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
         self._observer = weakly(self, PointsPanel._points_selected, lambda panel: True)
-        self.box = ipw.VBox([self.table])
+        self.files = LandmarkFiles(session, guard)
+        self.box = ipw.VBox([self.table, self.files.box])
         self.refresh()
 
     # -- what is shown -------------------------------------------------------------------------------------------------

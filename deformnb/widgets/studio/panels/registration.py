@@ -9,7 +9,6 @@ The target is another volume, or the result of another session on this one; the 
 from __future__ import annotations
 
 import html
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -28,7 +27,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.projection import project
 from deformnb.io.documents import read_deformation
-from deformnb.io.formats import FORMATS, read_volume
+from deformnb.io.formats import read_volume
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import lone_support
@@ -40,6 +39,7 @@ from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
 from deformnb.warping.warper import warp, warp_picture
 from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row, slider
+from deformnb.widgets.studio.panels.files import FolderFiles
 from deformnb.widgets.view.stills import as_png
 from deformnb.widgets.worker import Worker
 
@@ -48,7 +48,6 @@ GIVEN = "given"
 """Keys of :meth:`FitTarget.choices` that are no file: nothing, and the volume that the studio was given."""
 
 _DOCUMENT = ".json"
-_MOST_FILES = 200
 # Pixels of each preview along the longer side.
 PREVIEW = 260
 # A target that shares less than this part of the volume's box lies elsewhere.
@@ -70,21 +69,14 @@ class FitTarget:
     """
 
     def __init__(self, session: Session, folder: str | PathLike[str], given: Volume | None = None) -> None:
-        self._session, self._folder, self._given = session, Path(folder), given
-        self._seen: tuple[float, list[tuple[str, str]]] | None = None
+        self._session, self._files, self._given = session, FolderFiles(folder, _DOCUMENT), given
         self._pictured: tuple[Any, Pictured] | None = None
         self.key, self.note = NO_TARGET, ""
         self.volume: Volume | None = None
 
     def choices(self) -> list[tuple[str, str]]:
-        """(words, key) of all that can be chosen; the folder is read again when it has changed."""
-        try:
-            changed = self._folder.stat().st_mtime
-            if self._seen is None or self._seen[0] != changed:
-                self._seen = (changed, [(name, name) for name in sorted(_readable(self._folder))[:_MOST_FILES]])
-            files = self._seen[1]
-        except OSError:
-            files = []
+        """(words, key) of all that can be chosen."""
+        files = [(name, name) for name in self._files.names()]
         given = [] if self._given is None else [(f"{self._given.name or 'volume'} (given)", GIVEN)]
         found = [("choose a volume or a session", NO_TARGET), *given, *files]
         if self.key not in [key for _, key in found]:
@@ -104,7 +96,7 @@ class FitTarget:
         if key == NO_TARGET:
             self.key, self.volume, self.note = key, None, ""
             return
-        found = self._given if key == GIVEN else self._read(self._folder / key, progress)
+        found = self._given if key == GIVEN else self._read(self._files.folder / key, progress)
         assert found is not None
         self.volume, self.note = _laid(found, self._session.volume)
         self.key = key
@@ -130,13 +122,6 @@ class FitTarget:
             made = project(target, moving.plane, session.method, transfer=colours, depth=slice_at)
             self._pictured = (key, made)
         return moving, self._pictured[1]
-
-
-def _readable(folder: Path) -> list[str]:
-    suffixes = (*(s for entry in FORMATS.values() for s in entry.suffixes), _DOCUMENT)
-    with os.scandir(folder) as found:
-        return [f.name for f in found if f.name.lower().endswith(suffixes) and not f.name.startswith(".")
-                and f.is_file()]
 
 
 def _laid(target: Volume, volume: Volume) -> tuple[Volume, str]:
@@ -370,8 +355,8 @@ class FitPanel(Panel):
             reason = error
             self.guard(raising(reason))
         finally:
+            self.message.value = _words(message)  # before the next fit can begin and say its own
             self._is_busy = False
-            self.message.value = _words(message)
             self._allow()
             self._request_preview()
 

@@ -5,9 +5,10 @@ Menus and sliders set the motion of the chosen rigid part and the range of its i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from os import PathLike
 from typing import Any
 
 import ipywidgets as ipw
@@ -18,12 +19,13 @@ from scipy.spatial.transform import Rotation
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Mask
-from deformnb.rbf.rigid import RigidMotion, RigidPart
+from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, without_conflicts
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.protocol import followed
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider, widget_of
+from deformnb.widgets.studio.panels.labels import LabelChooser
 
 _STATES = {"fixed": "stays where it is", "moved": "is moved"}
 _WEIGHTS = {"saturated": "smooth step", "distance": "distance (the paper's)"}
@@ -32,7 +34,7 @@ _AXES = np.eye(3)
 
 @lru_cache(maxsize=32)
 def middle_of(region: AbstractRegion) -> tuple[float, ...]:
-    """The place about which a part is turned: the middle of its voxels, or the place on the boundary of a half space.
+    """The middle of a region: that of its pixels or voxels, or the place on the boundary of a half space.
 
     Examples
     --------
@@ -54,6 +56,11 @@ def middle_of(region: AbstractRegion) -> tuple[float, ...]:
     return tuple((((v + after) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum())).tolist())
 
 
+def pivot_of(part: RigidPart) -> tuple[float, ...]:
+    """The place about which a part is turned: its own, or the middle of its region."""
+    return part.pivot or middle_of(part.region)
+
+
 def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple[float, int, NDArray[np.float64]]:
     """A motion as a turn about a place and a shift: degrees, the axis that is nearest (0 x, 1 y, 2 z), the shift.
 
@@ -73,17 +80,44 @@ def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple
     return degrees, axis, motion([middle])[0] - np.asarray(middle)
 
 
+def edit_parts(session: Session, editor: Any, parts: Sequence[RigidPart], label: str, kind: str | None = None, *,
+               slides: bool = False) -> None:
+    """Give the step other rigid parts; where points contradict them, the picture asks what becomes of the points.
+
+    Parameters
+    ----------
+    editor : shows the picture; None where there is none to ask.
+    label, kind, slides : as of :meth:`~deformnb.session.session.Session.edit_parts`.
+
+    Raises
+    ------
+    DeformError
+        If that makes no deformation, or not before there is an answer.
+    """
+    try:
+        session.edit_parts(parts, label, kind, slides=slides)
+    except DeformError:
+        points = carried_points(session.points, session.step.parts, parts)
+        if editor is None or session.step.plane is None or without_conflicts(points, parts) == points:
+            raise
+        editor.propose(parts, label)
+        raise DeformError("control points in a rigid part require another movement than the part's: the picture asks "
+                          "what becomes of them.") from None
+
+
 class PartControls(Panel):
     """Controls of the chosen rigid part.
 
     Parameters
     ----------
     index : gives the chosen part of the step, None for none.
+    editor : asks what becomes of points that contradict a part; None asks nothing.
     """
 
-    def __init__(self, session: Session, guard: Guard, index: Any) -> None:
+    def __init__(self, session: Session, guard: Guard, index: Any, editor: Any = None) -> None:
         super().__init__(session, guard)
         self._index = index
+        self._editor = editor
         reach = 0.5 * session.volume.grid.diagonal
         self._axis = 2
         state = self.add(menu("Part", [(text, name) for name, text in _STATES.items()],
@@ -93,7 +127,6 @@ class PartControls(Panel):
                                "How the deformation fades towards the part"),
                           lambda: "saturated" if self.part is None else self.part.weight,
                           lambda value: self._write("change the weight of", weight=value))
-        self._pivots: dict[AbstractRegion, tuple[float, ...]] = {}  # chosen by hand; else the middle
         self._angle = self._slider("Turn", 180.0, "Degrees about the pivot", "turn", ".1f")
         self._axes = self.add(menu("About", [("x (left)", "0"), ("y (back)", "1"), ("z (up)", "2")],
                                    "Axis of the turn"), lambda: str(self._of_motion()[1]), self._set_axis)
@@ -121,7 +154,8 @@ class PartControls(Panel):
 
     def _number(self, text: str, k: int) -> Any:
         made = ipw.FloatText(description=text, step=1.0, layout=ipw.Layout(width="180px"), continuous_update=False,
-                             style={"description_width": "80px"}, tooltip="The place that a turn leaves where it is")
+                             style={"description_width": "80px"},
+                             tooltip="The place that a turn leaves where it is; turn and shift stay as they are")
         return self.add(made, lambda: self._pivot(k), lambda value: self._set_pivot(k, value))
 
     def _pivot(self, k: int) -> float:
@@ -130,8 +164,7 @@ class PartControls(Panel):
 
     def _about(self) -> tuple[float, ...]:
         """The pivot of the part that is chosen."""
-        region = None if self.part is None else self.part.region
-        return () if region is None else self._pivots.get(region) or middle_of(region)
+        return () if self.part is None else pivot_of(self.part)
 
     def _set_pivot(self, k: int, value: float) -> None:
         part, about = self.part, list(self._about())
@@ -139,8 +172,7 @@ class PartControls(Panel):
             return
         degrees, _, shift = self._of_motion()
         about[k] = float(value)
-        self._pivots[part.region] = tuple(about)
-        self._move("turn", degrees=degrees, to=shift)
+        self._move("move the pivot of", degrees=degrees, to=shift, pivot=tuple(about))
 
     @property
     def part(self) -> RigidPart | None:
@@ -170,10 +202,11 @@ class PartControls(Panel):
         self._move("turn", axis=self._axis)
 
     def _move(self, verb: str, degrees: float | None = None, axis: int | None = None,
-              shift: tuple[int, float] | None = None, to: NDArray[np.float64] | None = None) -> None:
+              shift: tuple[int, float] | None = None, to: NDArray[np.float64] | None = None,
+              pivot: tuple[float, ...] | None = None) -> None:
         if self.part is None:
             return
-        middle = self._about()
+        middle = pivot or self._about()
         old_degrees, old_axis, new_shift = self._of_motion()
         if to is not None:  # the shift of before, which the new pivot would read otherwise
             new_shift = to
@@ -182,7 +215,7 @@ class PartControls(Panel):
         about = _AXES[old_axis if axis is None else axis] if len(middle) == 3 else None
         motion = RigidMotion.turn(old_degrees if degrees is None else degrees, middle, new_shift, about)
         slider = f"shift {shift[0]}" if shift else "turn" if degrees is not None and to is None else None
-        self._write(verb, slider, motion=motion)
+        self._write(verb, slider, motion=motion, pivot=pivot or self.part.pivot)
 
     def _write(self, verb: str, kind: str | None = None, **fields: Any) -> None:
         index, parts = self._index(), list(self.session.step.parts)
@@ -190,8 +223,8 @@ class PartControls(Panel):
             return
         parts[index] = replace(parts[index], **fields)
         name = parts[index].name or f"part {index + 1}"
-        self.session.edit_parts(parts, f"{verb} {name}", f"{kind} {index}" if kind else None,
-                                slides=kind is not None)
+        edit_parts(self.session, self._editor, parts, f"{verb} {name}", f"{kind} {index}" if kind else None,
+                   slides=kind is not None)
 
     def arrange(self) -> None:
         part = self.part
@@ -211,9 +244,8 @@ _PART_LOOK = "repeating-linear-gradient(45deg, #39404a 0 2.5px, #fff 2.5px 4px)"
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
 _EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
           "point on each side. A rigid part keeps its form: draw around it.")
-_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is the ground, a label (Studio(volume, labels=...)), or made in "
-                "Python: studio.session.edit_cuts([...]).")
-_MOST_LABELS = 200
+_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is the ground, a label, or made in Python: "
+                "studio.session.edit_cuts([...]).")
 _GROUND_AT = 0.1  # share of the picture's height, from below
 
 
@@ -224,26 +256,27 @@ class ShapesPanel(Panel):
     ----------
     editor : on whose picture shapes are drawn.
     labels : a volume of numbered parts to take regions from, names : what the numbers are called.
+    folder : where other label volumes are opened by name.
     """
 
     title = "Rigid parts and cuts"
 
     def __init__(self, session: Session, guard: Guard, editor: Any, labels: Volume | None = None,
-                 names: Mapping[int, str] | None = None) -> None:
+                 names: Mapping[int, str] | None = None, folder: str | PathLike[str] = ".") -> None:
         super().__init__(session, guard)
         self._editor = editor
-        self._labels = labels
         self._chosen: tuple[str, int] | None = None
         self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # what the chosen row is a row of
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
         self._rule = self.of_step(widget_of("cut_rule"), "cut_rule")
-        self.part = PartControls(session, guard, self._part_index)
+        self.part = PartControls(session, guard, self._part_index, editor)
         self._drawing = self._draw_buttons()
         ground = button("Ground", "A fixed part: everything below a level stays",
-                        lambda: guard(lambda: self._add("part", self._ground(), "ground")))
-        more = row(*self._drawing, ground, *self._label_widgets(names or {}))
-        self.box = ipw.VBox([self.items, more, row(self._rule), self.part.box])
+                        lambda: guard(lambda: self._add("part", [("ground", self._ground())])))
+        self.labels = LabelChooser(session, guard, self._add, folder, labels, names)
+        more = row(*self._drawing, ground)
+        self.box = ipw.VBox([self.items, more, self.labels.box, row(self._rule), self.part.box])
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
         self.refresh()
 
@@ -253,22 +286,9 @@ class ShapesPanel(Panel):
                 button("Draw rigid part", "Draw around what must keep its form",
                        lambda: self.guard(lambda: self._editor.draw("part")))]
 
-    def _label_widgets(self, names: Mapping[int, str]) -> list[Any]:
-        if self._labels is None:
-            return []
-        present = [int(value) for value in np.unique(self._labels.values) if value != 0][:_MOST_LABELS]
-        options = [(names.get(n) or f"label {n}", n) for n in present]
-        self._label = ipw.Dropdown(options=options, layout=ipw.Layout(width="150px"), tooltip="Part of the labels")
-        add = [button(text, tip, self._taker(what)) for text, tip, what in (
-            ("Label as part", "Keep this region rigid", "part"), ("Label as cut", "Cut along its outline", "cut"))]
-        return [self._label, *add]
-
-    def _taker(self, what: str) -> Callable[[], Any]:
-        return lambda: self.guard(lambda: self._add(what, self._region_of_label(), self._label.label))
-
     def close(self) -> None:
         """Let go of the label volume and of the picture."""
-        self._labels = None
+        self.labels.close()
         self._editor.unobserve(self._chosen_in_the_picture, "chosen_shape")
 
     # -- what is there -------------------------------------------------------------------------------------------------
@@ -289,6 +309,7 @@ class ShapesPanel(Panel):
         self._rule.layout.display = "" if step.cuts else "none"
         self.part.box.layout.display = "" if self._part_index() is not None else "none"
         self.part.refresh()
+        self.labels.refresh()
         for widget in self._drawing:
             widget.layout.display = "none" if step.plane is None else ""
 
@@ -347,14 +368,19 @@ class ShapesPanel(Panel):
         return step.cuts if what == "cut" else step.parts
 
     def _edit(self, what: str, shapes: list[Any], label: str) -> None:
-        (self.session.edit_cuts if what == "cut" else self.session.edit_parts)(shapes, label)
+        if what == "cut":
+            self.session.edit_cuts(shapes, label)
+        else:
+            edit_parts(self.session, self._editor, shapes, label)
 
     # -- more of them --------------------------------------------------------------------------------------------------
 
-    def _add(self, what: str, region: AbstractRegion, name: str) -> None:
-        shapes = self._shapes(what)
-        made = Cut(region, name) if what == "cut" else RigidPart(region, name=name)
-        self._edit(what, [*shapes, made], f"add the {'cut' if what == 'cut' else 'rigid part'} {name}")
+    def _add(self, what: str, regions: Sequence[tuple[str, AbstractRegion]]) -> None:
+        """Make cuts or parts of regions with names, in one edit."""
+        shapes, words = self._shapes(what), "cut" if what == "cut" else "rigid part"
+        made = [Cut(region, name) if what == "cut" else RigidPart(region, name=name) for name, region in regions]
+        names = ", ".join(name for name, _ in regions)
+        self._edit(what, [*shapes, *made], f"add the {words}{'s' if len(made) > 1 else ''} {names}")
         self._choose(what, len(shapes))
         self._show_in_the_picture()
         self.refresh()
@@ -377,13 +403,6 @@ class ShapesPanel(Panel):
         low, high = flat.min(axis=0), flat.max(axis=0)
         return HalfSpace(((low[0] + high[0]) / 2, high[1] - _GROUND_AT * (high[1] - low[1])), (0.0, -1.0))
 
-    def _region_of_label(self) -> Mask:
-        if self._labels is None or self._label.value is None:
-            raise DeformError("the label volume has no label to choose; every voxel of it is 0.")
-        mask = Mask.from_labels(self._labels, int(self._label.value))
-        plane = self.session.step.plane
-        return mask if plane is None else mask.silhouette(plane)
-
 
 def _name(what: str, k: int, shape: Any) -> str:
     return shape.name or f"{what} {k + 1}"
@@ -399,7 +418,7 @@ def _row(what: str, k: int, shape: Any) -> dict[str, Any]:
 def _motion_words(part: RigidPart) -> str:
     if part.motion is None:
         return "stays"
-    degrees, _, shift = turn_and_shift(part.motion, middle_of(part.region))
+    degrees, _, shift = turn_and_shift(part.motion, pivot_of(part))
     words = [f"turned {degrees:.0f}\u00b0"] if abs(degrees) >= 0.5 else []
     if np.abs(shift).max() >= 0.05:
         words.append(f"shifted {', '.join(f'{round(s, 1) + 0.0:.1f}' for s in shift)}")

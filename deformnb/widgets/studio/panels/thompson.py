@@ -6,7 +6,6 @@ Both are views of one editor, so that a drag in one is seen in all: the element 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
@@ -25,7 +24,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.file_transfer import FileTransfer
-from deformnb.widgets.studio.controls import Guard, Panel, button, menu, raising, row, slider
+from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step
 from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.files import plain_name
@@ -119,7 +118,7 @@ class ThompsonPanel(Panel):
         return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid))]
 
     def _export(self) -> list[Any]:
-        stem = re.sub(r"[^\w-]+", "_", self.session.volume.name).strip("_")[:40] or "deformed"
+        stem = file_stem(self.session.volume)
         self.name = ipw.Text(value=f"{stem}_grids", description="Figure", style={"description_width": "60px"},
                              layout=ipw.Layout(width="260px"), tooltip="File name, without its end")
         self.downloads = ipw.Checkbox(description="hand it to the browser too", indent=False,
@@ -222,8 +221,10 @@ class ThompsonPanel(Panel):
     def _shapes_changed(self, change: Any) -> None:
         what = change["name"]
         if getattr(self.session.step, what) != change["new"]:
-            edit = self.session.edit_cuts if what == "cuts" else self.session.edit_parts
-            self._taken(lambda: edit(change["new"]))
+            made = self.editor.edit_under_way
+            points = None if made is None else made.points
+            self._taken(lambda: self.session.edit_cuts(change["new"]) if what == "cuts"
+                        else self.session.edit_parts(change["new"], points=points))
 
     def _taken(self, edit: Callable[[], None]) -> None:
         """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""

@@ -104,3 +104,19 @@ def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.
     assert "put your own volume here" in line
     assert known["note"] == ""
     assert known["text"].splitlines()[2] == 'volume = dn.read_volume("ball.nrrd")'
+
+
+def test_a_page_has_the_title_and_the_text_that_are_written_for_it(studio: Studio, tmp_path: Path) -> None:
+    files = panel(studio, "Export")
+    assert files.of_page.layout.display == "none"
+    assert files.page_title.value == studio.volume.name
+    files.kind.value = next(value for _, value in files.kind.options if value.endswith(".html"))
+    assert files.of_page.layout.display == ""
+    files.name.value, files.page_title.value, files.page_text.value = "page.html", "A < B", "Drag the <tail>."
+    files.write.click()
+    files.page_title.value = "of the next one"
+    wait_for(lambda: files.message.value.startswith("Wrote page.html"))
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "<title>A &lt; B</title>" in page
+    assert "<h1>A &lt; B</h1>" in page
+    assert "Drag the &lt;tail&gt;." in page

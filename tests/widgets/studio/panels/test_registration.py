@@ -49,6 +49,11 @@ TRUE = _document()
 TARGET = Volume(dn.warp(VOLUME, TRUE.field(GRID)).values, GRID, "target")
 
 
+def finish(panel: FitPanel) -> None:
+    """Wait until all that was begun in the panel's thread is done and shown."""
+    panel._thread.call(lambda: None).result(90)
+
+
 class Bench:
     """A panel with a session and an editor that follows it, as a studio wires them."""
 
@@ -79,7 +84,7 @@ class Bench:
         self.wait()
 
     def wait(self) -> None:
-        wait_for(lambda: not self.panel._is_busy, 60)
+        finish(self.panel)
 
     def misses(self) -> Any:
         return np.linalg.norm(self.session.points.target - TRUE.steps[0].points.target, axis=1)
@@ -272,7 +277,7 @@ def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
     assert fit.choice.value == GIVEN
     assert fit.buttons["Points along the outline"].disabled
     fit.buttons["Fit all points"].click()
-    wait_for(lambda: not fit._is_busy, 90)
+    finish(fit)
     found = studio.session.points.target
     studio.close()
     assert np.linalg.norm(found - true.target, axis=1).max() < 0.3

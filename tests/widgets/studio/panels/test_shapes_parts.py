@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from deformnb.errors import DeformError
 from deformnb.rbf.regions import HalfSpace, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.session.session import Session
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.panels.shapes import PartControls, middle_of, turn_and_shift
 
 GRID = Grid((10, 12, 14), (1.0, 2.0, 3.0), (5.0, -4.0, 7.0))
@@ -117,6 +119,47 @@ def test_a_part_turns_about_a_joint_that_is_chosen() -> None:
     found["Pivot down"].value = 6.0  # turned as much and shifted as far as before, about another place
     assert_allclose(session.step.parts[0].motion([(2.3, 6.0)]), [(2.3 - 2.8, 6.0)], atol=1e-9)
     assert np.degrees(np.arctan2(*session.step.parts[0].motion.matrix[1])) == pytest.approx(30.0)
+
+
+def test_the_controls_show_a_pivot_and_a_motion_that_were_set_on_the_picture() -> None:
+    session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
+    bone = Polygon([(2, 2), (5, 2), (5, 6), (2, 6)])
+    session.edit_parts([RigidPart(bone)])
+    panel = PartControls(session, done, lambda: 0)
+    found = {c.widget.description: c.widget for c in panel.controls}
+    motion = RigidMotion.turn(25, (5, 2), (1.5, -0.5))
+    session.edit_parts([RigidPart(bone, motion, pivot=(5, 2))])
+    panel.refresh()
+    assert found["Part"].value == "moved"
+    shown = [found[name].value for name in ("Turn", "Shift right", "Shift down", "Pivot right", "Pivot down")]
+    assert shown == pytest.approx([25, 1.5, -0.5, 5, 2])
+    found["Turn"].value = 10.0
+    assert session.step.parts[0] == RigidPart(bone, RigidMotion.turn(10, (5, 2), (1.5, -0.5)), pivot=(5, 2))
+
+
+def test_a_part_set_over_points_is_proposed_to_the_picture_which_asks() -> None:
+    session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
+    bone = RigidPart(Polygon([(2, 2), (5, 2), (5, 6), (2, 6)]), RigidMotion.turn(0, (0, 0)), name="shin")
+    session.edit_parts([bone])
+    session.edit_points(session.points.add((7, 4), (7, 4)))
+    editor, refused = Editor(None), []
+
+    def guard(action: Any) -> bool:
+        try:
+            action()
+        except DeformError as error:
+            refused.append(str(error))
+        return not refused
+
+    sent: list[Any] = []
+    editor.send = lambda content, buffers=None: sent.append(content)
+    found = {c.widget.description: c.widget for c in PartControls(session, guard, lambda: 0, editor).controls}
+    found["Shift right"].value = 3.0
+    assert session.step.parts == (bone,)
+    assert "the picture asks what becomes of them" in refused[0]
+    assert [(m["type"], m["kind"], m["parts"][0]["motion"]["shift"]) for m in sent] == [
+        ("parts", "shift shin", [3.0, 0.0])]
+    assert found["Shift right"].value == 0.0
 
 
 def test_controls_without_a_part_edit_nothing() -> None:

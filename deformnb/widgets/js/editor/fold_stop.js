@@ -1,0 +1,80 @@
+// The stop of drags before the map folds, for control points and for rigid parts.
+
+import { layeredFit } from "../maths/cuts.js";
+import { foldsOf, probesOf } from "../maths/folds.js";
+import { RbfError } from "../maths/rbf.js";
+
+/** @import { Point, Shapes } from "../types.d.ts" */
+/** @import { EditorView } from "./editor.js" */
+/** @typedef {{ points: Point[], shapes: Shapes }} MapState what a map is fitted to */
+
+const HOLD_LEAST = 0.05; // of det J, at which a drag is stopped that must not fold the map
+const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
+
+/** Looks ahead whether a drag would fold the map. */
+export class FoldStop {
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.note = ""; // the reason why a drag was stopped
+    /** The smallest det J before the drag. @type {number | null} */
+    this.least0 = null;
+    /** What the editor showed when the drag began. @type {MapState} */
+    this.start = { points: [], shapes: { cuts: [], parts: [] } };
+  }
+
+  /** A drag begins. */
+  begin() {
+    const { points, shapes } = this.editor;
+    Object.assign(this, { note: "", least0: null, start: { points, shapes } });
+  }
+
+  /**
+   * The smallest det J of a state; minus infinity where it cannot be fitted.
+   * @param {MapState} state
+   */
+  #leastOf({ points, shapes }) {
+    const { editor } = this;
+    try {
+      const layered = layeredFit(points, { ...editor.settings, ...shapes, previous: editor.layered });
+      const [few, many] = HOLD_NODES;
+      const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
+      return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4)).least;
+    } catch (error) {
+      if (!(error instanceof RbfError)) throw error;
+      return -Infinity;
+    }
+  }
+
+  /**
+   * Whether the map folds in a state, and did not before the drag: what is folded already may stay so.
+   * @param {MapState} state
+   * @param {string} note the reason that is shown if it does
+   */
+  refuses(state, note) {
+    this.least0 ??= this.#leastOf(this.start);
+    const isRefused = this.#leastOf(state) < Math.min(HOLD_LEAST, this.least0) - 1e-9;
+    this.note = isRefused ? note : "";
+    return isRefused;
+  }
+
+  /**
+   * A drag as far as the map stays free of folds, if the user has chosen that: from `make(0)` to `make(1)`.
+   * @template {MapState} S
+   * @param {(share: number) => S} make
+   * @returns {S}
+   */
+  limit(make) {
+    const wanted = make(1), note = "Stopped before the picture folds; T lets the drag go on";
+    this.note = "";
+    if (!this.editor.model.get("stop_at_folds") || !this.refuses(wanted, note)) return wanted;
+    let low = 0, high = 1;
+    for (let turn = 0; turn < 8; turn++) {
+      const middle = (low + high) / 2;
+      if (this.refuses(make(middle), note)) high = middle;
+      else low = middle;
+    }
+    this.note = note;
+    return make(low);
+  }
+}

@@ -1,0 +1,250 @@
+// The editor's tools for the motion of the chosen rigid part: it is dragged by its inside, turned by its ring, and its
+// pivot is set by a cross. The points that it carries go with it.
+
+import { shownLength } from "../maths/numbers.js";
+import { changed, cleanShapes, sameShapes } from "../maths/points.js";
+import { carriedPoints, heldPoints } from "../maths/rigid_stages.js";
+import {
+  motionWords, partTurned, pivotOf, placeBefore, placeMoved, SHAPE_NAMES, shapeName, turnAndShift, withShape,
+} from "../maths/shapes.js";
+import { MotionHandles } from "./motion_handles.js";
+
+/** @import { PartData, Point, Shapes } from "../types.d.ts" */
+/** @import { EditorView } from "./editor.js" */
+/** @import { PartHandle } from "./motion_handles.js" */
+
+/** A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
+ * @typedef {{ shapes: Shapes, points: Point[], held: number[] }} PartState
+ */
+
+/** The state before a drag, and that which is shown now.
+ * @typedef {{ part: PartData, index: number, handle: PartHandle, points: Point[], shapes: Shapes, wasFine: boolean,
+ *   start: number[], now: PartState }} PartDrag
+ */
+
+const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift goes in steps of the second
+const ALONE = "nothing holds what is around it: add points there, or the ground";
+/** @type {Record<PartHandle, string>} */
+const VERBS = { move: "move", turn: "turn", pivot: "move the pivot of" };
+
+export class PartTools {
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.handles = new MotionHandles(editor.svg, editor.shapeTools.handles.grips);
+    /** @type {PartDrag | null} */
+    this.drag0 = null;
+  }
+
+  /** The part that is chosen and switched on, and its place in the list. */
+  get #own() {
+    const { chosen, chosenShape: shape } = this.editor.shapeTools;
+    return chosen && shape?.enabled && "motion" in shape ? { part: shape, index: chosen.index } : null;
+  }
+
+  /** Whether there is a part to move. */
+  get isOn() { return this.#own !== null && !this.editor.isLocked; }
+
+  /** Draw the handles. True if the focus was on one that is gone. */
+  draw() {
+    const { editor } = this, own = this.isOn && !editor.isAdding && !editor.isSelecting ? this.#own : null;
+    return this.handles.update(own?.part ?? null, own?.index ?? 0, editor.view);
+  }
+
+  /**
+   * The state with a part of another motion. Points that contradict it there are left out until the user has decided.
+   * @param {PartData} before
+   * @param {PartData} after
+   * @param {number} index
+   * @param {{ points: Point[], shapes: Shapes }} start
+   * @returns {PartState}
+   */
+  #stateOf(before, after, index, start) {
+    const shapes = { ...start.shapes, parts: withShape(start.shapes.parts, index, after) }, { strength } = this.editor;
+    const points = carriedPoints(start.points, before, after);
+    const held = heldPoints(points, shapes.parts, strength).map(({ point }) => point.id);
+    return { shapes, points, held };
+  }
+
+  /**
+   * Take other parts that Python proposes, after a question about the points that contradict them.
+   * @param {PartData[]} proposed
+   * @param {string} kind
+   */
+  propose(proposed, kind) {
+    const { editor } = this, before = editor.shapes.parts, parts = cleanShapes(proposed, "parts", before);
+    let { points } = editor;
+    parts.forEach((part, k) => {
+      const was = before[k];
+      if (was && sameShapes(was.region, part.region)) points = carriedPoints(points, was, part);
+    });
+    editor.shapeTools.edit("parts", parts, kind, { wasFine: true, points });
+  }
+
+  // ---- drags --------------------------------------------------------------------------------------------------------
+
+  /**
+   * Begin a drag at a place of the view.
+   * @param {PartHandle} handle
+   * @param {number[]} from
+   */
+  beginDrag(handle, from) {
+    const { editor, editor: { points, shapes } } = this, own = this.#own;
+    if (editor.isLocked || !own) return;
+    this.drag0 = { ...own, handle, points, shapes, wasFine: !editor.error, start: editor.placeAt(from),
+      now: { points, shapes, held: [] } };
+    editor.foldStop.begin();
+  }
+
+  /**
+   * Move, turn or shift the pivot to a place of the view, as far as the map stays free of folds.
+   * @param {number[]} at
+   * @param {boolean} isStepped whether a turn goes in steps
+   */
+  drag(at, isStepped) {
+    const { editor, drag0 } = this;
+    if (!drag0) return;
+    const { part, index, handle } = drag0, to = editor.placeAt(at);
+    const make = handle === "pivot" ? this.#pivoting(part, drag0.start, to)
+      : handle === "turn" ? turning(part, drag0.start, to, isStepped) : moving(part, drag0.start, to);
+    drag0.now = editor.foldStop.limit((share) => {
+      const state = this.#stateOf(part, make(share), index, drag0);
+      return { ...state, points: without(state.points, state.held) };
+    });
+    Object.assign(editor, { points: drag0.now.points, shapes: drag0.now.shapes });
+    const shown = drag0.now.shapes.parts[index];
+    editor.hint(this.#words(shown, handle, drag0.now.held.length));
+    editor.changed(true);
+  }
+
+  /**
+   * What the hint says during a drag.
+   * @param {PartData} part
+   * @param {PartHandle} handle
+   * @param {number} held how many points contradict the part
+   */
+  #words(part, handle, held) {
+    if (handle === "pivot") return `pivot at ${placeMoved(part.motion, pivotOf(part)).map(shownLength).join(", ")}`;
+    const { editor: { layered } } = this, words = motionWords(part) || "where it was";
+    const isAlone = (layered?.fits ?? []).every(({ fit }) => fit.count === 0 && (fit.rigid?.length ?? 0) < 2);
+    return [words, held ? `${held === 1 ? "1 point" : `${held} points`} in the way` : "", isAlone ? ALONE : ""]
+      .filter(Boolean).join("; ");
+  }
+
+  /** @param {boolean} isCancelled */
+  endDrag(isCancelled) {
+    const { editor, drag0 } = this;
+    this.drag0 = null;
+    if (!drag0) return;
+    const { handle, part, index, now, points, shapes, wasFine } = drag0;
+    Object.assign(editor, { points, shapes });
+    const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`, after = now.shapes.parts[index];
+    if (!isCancelled && after && this.#edit(part, after, index, kind, { wasFine })) return;
+    Object.assign(editor, { points: editor.sender.points, shapes: editor.sender.shapes });
+    editor.changed();
+  }
+
+  /**
+   * @param {PartData} before
+   * @param {PartData} after
+   * @param {number} index
+   * @param {string} kind
+   * @param {{ wasFine?: boolean, join?: string | null }} [how]
+   */
+  #edit(before, after, index, kind, { wasFine, join } = {}) {
+    const { editor } = this, { shapes, points } = this.#stateOf(before, after, index, editor);
+    const isDone = editor.shapeTools.edit("parts", shapes.parts, kind, { wasFine, points, join });
+    if (isDone) editor.announce(`${shapeName(after, "parts", index)} ${motionWords(after) || "where it was"}`);
+    return isDone;
+  }
+
+  // ---- keys ---------------------------------------------------------------------------------------------------------
+
+  /**
+   * Move the part, or its pivot, by so many pixels of the picture.
+   * @param {number[]} way
+   * @param {number} pixels
+   * @param {PartHandle} handle
+   */
+  nudge([dx, dy], pixels, handle = "move") {
+    const { editor } = this, own = this.#own, [du, dv] = editor.model.get("raster").spacing;
+    if (!own || editor.isLocked) return;
+    const { part, index } = own, by = [dx * pixels * du, dy * pixels * dv];
+    const after = handle === "pivot" ? this.#pivoting(part, [0, 0], by)(1) : moving(part, [0, 0], by)(1);
+    const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`;
+    this.#edit(part, after, index, kind, { join: `${handle} part ${index}` });
+    editor.drawNow();
+  }
+
+  /**
+   * Turn the part by one step, clockwise for 1.
+   * @param {number} way
+   * @param {boolean} isLarge
+   */
+  turnKey(way, isLarge) {
+    const { editor } = this, own = this.#own;
+    if (!own || editor.isLocked) return;
+    const { part, index } = own, { angle, shift } = turnAndShift(part);
+    const after = partTurned(part, angle + way * TURN_STEPS[isLarge ? 1 : 0] * Math.PI / 180, shift);
+    this.#edit(part, after, index, `turn ${part.name || SHAPE_NAMES.parts}`, { join: `turn part ${index}` });
+    editor.drawNow();
+  }
+
+  /** Put the part back to where it was: it is fixed again. */
+  reset() {
+    const own = this.#own;
+    if (!own || this.editor.isLocked || !own.part.motion) return;
+    const { part, index } = own;
+    this.#edit(part, { ...part, motion: null }, index, `put back ${part.name || SHAPE_NAMES.parts}`);
+  }
+
+  /**
+   * The part with its pivot on the way from one place to another, held to the picture. Its motion stays.
+   * @param {PartData} part
+   * @param {number[]} from
+   * @param {number[]} to
+   */
+  #pivoting(part, from, to) {
+    const [a0, a1, b0, b1] = this.editor.sheet, [a, b] = placeMoved(part.motion, pivotOf(part));
+    /** @param {number} share @returns {PartData} */
+    return (share) => {
+      const at = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
+      const inside = [Math.max(a0, Math.min(a1, at[0])), Math.max(b0, Math.min(b1, at[1]))];
+      return { ...part, pivot: placeBefore(part.motion, inside) };
+    };
+  }
+}
+
+/**
+ * The points with some of them switched off.
+ * @param {Point[]} points
+ * @param {number[]} ids
+ */
+function without(points, ids) { return ids.length ? changed(points, ids, () => ({ active: false })) : points; }
+
+/**
+ * A part on the way from one place to another.
+ * @param {PartData} part
+ * @param {number[]} from
+ * @param {number[]} to
+ */
+function moving(part, from, to) {
+  const { angle, shift } = turnAndShift(part);
+  return (/** @type {number} */ share) => (
+    partTurned(part, angle, shift.map((value, c) => value + share * (to[c] - from[c]))));
+}
+
+/**
+ * A part that turns about its pivot as a pointer does from one place to another.
+ * @param {PartData} part
+ * @param {number[]} from
+ * @param {number[]} to
+ * @param {boolean} isStepped
+ */
+function turning(part, from, to, isStepped) {
+  const { angle, shift } = turnAndShift(part), [a, b] = placeMoved(part.motion, pivotOf(part));
+  const [x, y] = [from[0] - a, from[1] - b], [u, v] = [to[0] - a, to[1] - b], step = TURN_STEPS[1] * Math.PI / 180;
+  const by = Math.atan2(x * v - y * u, x * u + y * v);
+  const way = isStepped ? step * Math.round((angle + by) / step) - angle : by;
+  return (/** @type {number} */ share) => partTurned(part, angle + share * way, shift);
+}

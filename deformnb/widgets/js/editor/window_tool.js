@@ -1,0 +1,199 @@
+// The window of a picture of grey values, changed by hand: by the tool, or by a drag with the right button. And the bar
+// of the tool.
+
+import { RestingTrait } from "../sync/edits.js";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+
+/** @import { EditorView } from "./editor.js" */
+
+const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
+const LEVEL_PIXELS = 300; // CSS pixels of a drag upwards that raise the level by a width of the window
+const KEY_PIXELS = [4, 20]; // CSS pixels of a drag that an arrow key with and without Shift stands for
+const STEPS = 1000; // of the range of values, at least: what widths and levels are rounded to
+const WIDEST = 4; // times the range of values
+const HINT = "Drag left and right for the width, up and down for the level; double-click resets, Esc ends";
+const NO_WINDOW = "Only pictures of grey values have a window: a slice, the maximum or the mean";
+
+/** @param {number} value @param {number} least @param {number} most */
+const clamp = (value, least, most) => Math.max(least, Math.min(most, value));
+
+/**
+ * The exponent of ten of the step to which values of a range are rounded.
+ * @param {number[]} range
+ */
+function exponent([first, last]) { return Math.floor(Math.log10((last - first) / STEPS)); }
+
+/**
+ * A value of a range, rounded as it is shown.
+ * @param {number} value
+ * @param {number[]} range
+ */
+export function shownValue(value, range) {
+  return Number(value.toFixed(clamp(-exponent(range), 0, 20)));
+}
+
+/**
+ * The window after a drag by CSS pixels: to the right it gets wider, upwards its level rises.
+ * @param {number[]} window the values shown as black and white
+ * @param {number[]} by
+ * @param {number[]} range the smallest and the largest value of the picture
+ */
+export function draggedWindow([low, high], [dx, dy], [first, last]) {
+  const step = 10 ** exponent([first, last]), whole = last - first;
+  /** @param {number} value */
+  const rounded = (value) => Math.round(value / step) * step;
+  const width = rounded(clamp((high - low) * Math.exp(dx / WIDTH_PIXELS), step, WIDEST * whole));
+  const level = rounded(clamp((low + high) / 2 - dy / LEVEL_PIXELS * (high - low), first, last));
+  return [level - width / 2, level + width / 2].map((value) => Number(value.toPrecision(15)));
+}
+
+/**
+ * Such as "window 80, level 40 HU".
+ * @param {number[]} window
+ * @param {number[]} range
+ * @param {string} unit
+ */
+export function windowWords([low, high], range, unit) {
+  const words = `window ${shownValue(high - low, range)}, level ${shownValue((low + high) / 2, range)}`;
+  return unit ? `${words} ${unit}` : words;
+}
+
+/** The tool, and a drag of the window under way. */
+export class WindowTool {
+  isOn = false;
+
+  /** The window of a drag when it began, as the trait has it. @type {number[] | null} */
+  from = null;
+
+  /** The same in values. @type {number[]} */
+  start = [0, 1];
+
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.trait = new RestingTrait(editor.model, "window");
+    this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Window" });
+    this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
+    this.#button("Auto", "automatic window (Home, or double-click)", () => this.reset());
+    this.#button("Done", "put the tool away", () => { this.stop(); editor.focusStage(); });
+  }
+
+  /** @param {string} text @param {string} label @param {() => void} action */
+  #button(text, label, action) {
+    const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, "aria-label": label,
+      ...OWN_KEYS });
+    made.textContent = text;
+    made.addEventListener("click", () => this.editor.guard(action));
+  }
+
+  /** The values of the picture, and its unit; null without a picture of grey values. */
+  get #grey() { return this.editor.painter.source?.grey ?? null; }
+
+  /** The values shown as black and white. @returns {number[] | null} */
+  get window() {
+    const own = this.editor.model.get("window") ?? [];
+    return own.length === 2 ? own : this.#grey?.window ?? null;
+  }
+
+  get words() {
+    const { window } = this, grey = this.#grey;
+    return grey && window ? windowWords(window, grey.range, grey.unit) : "";
+  }
+
+  /** Show the picture in the window, as the trait has it. */
+  apply() {
+    if (this.window) this.editor.painter.source?.setWindow(this.window);
+    this.editor.moving();
+  }
+
+  toggle() {
+    const { editor } = this;
+    if (this.stop()) return;
+    if (!this.#grey) { editor.hint(NO_WINDOW, 5000); return; }
+    editor.putDownTools();
+    editor.setAdding(false);
+    editor.setSelecting(false);
+    this.isOn = true;
+    editor.stage.classList.add("dnb-ed-windowing");
+    editor.hint(HINT, 8000);
+    editor.announce(`${this.words}: left and right change the width, up and down the level, Home resets, Escape ends`);
+    editor.focusStage();
+    editor.invalidate();
+  }
+
+  /** False if the tool was not in use. */
+  stop() {
+    if (!this.isOn) return false;
+    this.end(true);
+    this.isOn = false;
+    this.editor.stage.classList.remove("dnb-ed-windowing");
+    this.editor.hideHint([HINT]);
+    this.editor.invalidate();
+    return true;
+  }
+
+  show() {
+    this.bar.hidden = !this.isOn;
+    if (this.isOn) setText(this.value, this.words);
+  }
+
+  close() { this.trait.close(); }
+
+  // ---- drags and keys -----------------------------------------------------------------------------------------------
+
+  begin() {
+    const { window, editor } = this;
+    if (!window || !this.#grey) { editor.hint(NO_WINDOW, 5000); return; }
+    this.trait.close(); // what a key has set goes with the drag
+    this.from = editor.model.get("window") ?? [];
+    this.start = window;
+  }
+
+  /** @param {number[]} by CSS pixels since the drag began */
+  drag(by) {
+    const grey = this.#grey;
+    if (!this.from || !grey) return;
+    this.#set(draggedWindow(this.start, by, grey.range));
+  }
+
+  /** @param {boolean} isCancelled */
+  end(isCancelled) {
+    const { from, editor } = this;
+    if (!from) return;
+    this.from = null;
+    if (isCancelled) this.#set(from);
+    else { editor.model.save_changes(); editor.announce(this.words); }
+  }
+
+  reset() {
+    this.trait.close();
+    this.#set([]);
+    this.editor.model.save_changes();
+    this.editor.announce(`automatic ${this.words}`);
+  }
+
+  /** @param {number[]} window  empty for the automatic one */
+  #set(window) {
+    this.editor.model.set("window", window);
+    this.apply();
+    if (!this.isOn) this.editor.hint(this.words); // else the bar has it
+  }
+
+  /**
+   * Whether a key means something to the tool.
+   * @param {string} key
+   * @param {KeyboardEvent} event
+   * @param {number[]} [arrow] the direction of an arrow key
+   */
+  key(key, event, arrow) {
+    const grey = this.#grey, { window } = this;
+    if (key === "Home") { this.reset(); return true; }
+    if (!arrow || !grey || !window) return false;
+    const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1];
+    const next = draggedWindow(window, [pixels * arrow[0], pixels * arrow[1]], grey.range);
+    this.#set(next);
+    this.trait.sendSoon(next);
+    this.editor.announce(this.words);
+    return true;
+  }
+}

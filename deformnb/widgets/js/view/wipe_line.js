@@ -1,0 +1,63 @@
+// The line between the original and the deformed volume of the display mode "wipe": dragged, or moved by keys.
+
+import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.js";
+
+const STEP = 0.02, LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
+
+export class WipeLine {
+  /**
+   * @param {HTMLElement} root of the view
+   * @param {() => void} moved
+   */
+  constructor(root, moved) {
+    this.moved = moved;
+    this.share = 0.5; // of the width that shows the original
+    this.root = root;
+    this.line = pageElement("div", "dnb-wipe", root, { role: "slider", tabindex: "0", hidden: "",
+      "aria-label": "Line between original and deformed", "aria-valuemin": "0", "aria-valuemax": "100",
+      "aria-orientation": "horizontal", title: "Original left of the line, deformed right of it: drag it", ...OWN_KEYS });
+    this.line.addEventListener("pointerdown", (event) => this.#hold(event));
+    this.line.addEventListener("pointermove", (event) => this.#drag(event));
+    this.line.addEventListener("keydown", (event) => this.#key(event));
+    this.#place();
+  }
+
+  /** @param {boolean} isOn */
+  set(isOn) { this.line.hidden = !isOn; }
+
+  /** @param {number} share */
+  move(share) {
+    this.share = Math.min(1, Math.max(0, share));
+    this.#place();
+    this.moved();
+  }
+
+  #place() {
+    this.line.style.left = `${100 * this.share}%`;
+    setAttributes(this.line, { "aria-valuenow": String(Math.round(100 * this.share)) });
+  }
+
+  /** @param {PointerEvent} event */
+  #hold(event) {
+    if (event.button !== 0) return;
+    event.stopPropagation(); // it does not turn the volume
+    this.line.setPointerCapture(event.pointerId);
+  }
+
+  /** @param {PointerEvent} event */
+  #drag(event) {
+    if (!this.line.hasPointerCapture(event.pointerId)) return;
+    const { left, width } = this.root.getBoundingClientRect();
+    this.move((event.clientX - left) / width);
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const step = event.shiftKey ? LARGE_STEP : STEP, ways = { ArrowLeft: -step, ArrowRight: step, Home: -1, End: 1 };
+    const way = ways[/** @type {keyof typeof ways} */ (event.key)];
+    if (way === undefined) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.move(this.share + way);
+  }
+}

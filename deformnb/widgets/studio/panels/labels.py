@@ -1,0 +1,117 @@
+"""Labels of the panel "Rigid parts and cuts": a file of numbered regions is opened, its labels are chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from os import PathLike
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+
+from deformnb.errors import DeformError
+from deformnb.io.formats import read_volume
+from deformnb.io.nrrd import segment_names
+from deformnb.rbf.regions import Mask
+from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
+from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
+from deformnb.widgets.studio.panels.files import FolderFiles, plain_name
+
+TakeRegions = Callable[[str, list[tuple[str, Mask]]], None]
+"""Called with "part" or "cut", and names and regions of the labels that were chosen."""
+
+_MOST_LABELS = 200
+_SHOWN = 4  # rows of the list of labels; more are scrolled
+_NONE = ""  # of the files is open
+_CLOSED = ("open a label file", _NONE)
+
+
+class LabelChooser(Panel):
+    """Opens label volumes of a folder, and makes rigid parts or cuts of their labels.
+
+    Parameters
+    ----------
+    session : on whose volume the labels lie.
+    guard : does what a user requested, and shows errors.
+    take : makes parts or cuts of regions.
+    folder : whose files can be opened.
+    labels : a volume of numbered regions to begin with, names : what the numbers are called.
+
+    Attributes
+    ----------
+    file : the menu of the files; list : the labels by name, of which several can be chosen.
+    box : all of it.
+    """
+
+    def __init__(self, session: Session, guard: Guard, take: TakeRegions, folder: str | PathLike[str],
+                 labels: Volume | None = None, names: Mapping[int, str] | None = None) -> None:
+        super().__init__(session, guard)
+        self._take, self._files = take, FolderFiles(folder)
+        self._labels: Volume | None = None
+        self._opened = _NONE
+        self.file = self.add(menu("Labels", [_CLOSED], "A label volume of this scan in the folder, such as bones.nii.gz"
+                                  " or 3D Slicer's .seg.nrrd"), lambda: self._opened, self._open)
+        self.list = ipw.SelectMultiple(rows=_SHOWN, tooltip="Labels; Ctrl or Shift chooses several",
+                                       layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"))
+        add = [button(text, tip, self._taker(what)) for text, tip, what in (
+            ("Label as part", "Keep these regions rigid", "part"), ("Label as cut", "Cut along their outlines", "cut"))]
+        self._choice = row(self.list, *add)
+        self.box = ipw.VBox([row(self.file), self._choice])
+        self._choice.layout.display = "none"
+        if labels is not None:
+            self._show(labels, names or {})
+        self.refresh()
+
+    def close(self) -> None:
+        """Let go of the label volume."""
+        self._labels = None
+
+    def arrange(self) -> None:
+        given = [] if self._labels is None or self._opened else [(self._labels.name or "labels", _NONE)]
+        files = [(name, name) for name in self._files.names()]
+        if self._opened and (self._opened, self._opened) not in files:
+            files.append((self._opened, self._opened))  # it is gone, and its labels are still here
+        fill(self.file, [*(given or [_CLOSED]), *files])
+        self.box.layout.display = "" if files or given else "none"
+
+    # -- opening -------------------------------------------------------------------------------------------------------
+
+    def _open(self, name: str) -> None:
+        if name == _NONE:
+            return
+        path = self._files.folder / plain_name(name)
+        labels = read_volume(path, is_labels=True)
+        box, own = labels.grid.corners(), self.session.volume.grid.corners()
+        if (box.max(axis=0) < own.min(axis=0)).any() or (box.min(axis=0) > own.max(axis=0)).any():
+            raise DeformError(f"{path.name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
+                              "open the labels of this scan.")
+        self._show(labels, segment_names(path) if path.suffix.lower() == ".nrrd" else {})
+        self._opened = name
+        self.refresh()
+
+    def _show(self, labels: Volume, names: Mapping[int, str]) -> None:
+        present = np.unique(labels.values)
+        if len(present) > _MOST_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
+            raise DeformError(f"{labels.name or 'this volume'} is no label volume: its voxels must be whole numbers, "
+                              f"one for each region and at most {_MOST_LABELS}.")
+        chosen = [int(value) for value in present if value != 0]
+        if not chosen:
+            raise DeformError(f"{labels.name or 'the label volume'} has no label to choose; every voxel of it is 0.")
+        self._labels = labels
+        self.list.options = [(names.get(n) or f"label {n}", n) for n in chosen]
+        self.list.value = (chosen[0],)
+        self._choice.layout.display = ""
+
+    # -- choosing ------------------------------------------------------------------------------------------------------
+
+    def _taker(self, what: str) -> Callable[[], Any]:
+        return lambda: self.guard(lambda: self._take(what, self._regions()))
+
+    def _regions(self) -> list[tuple[str, Mask]]:
+        if self._labels is None or not self.list.value:
+            raise DeformError("no label is chosen; click on one in the list, with Ctrl or Shift on several.")
+        plane = self.session.step.plane
+        masks = [Mask.from_labels(self._labels, n) for n in self.list.value]
+        return [(name, mask if plane is None else mask.silhouette(plane))
+                for name, mask in zip(self.list.label, masks, strict=True)]

@@ -1,0 +1,146 @@
+"""The window of the picture changed in the page, the wheel through the slices, and the value under the pointer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.editor_page import PAGE, EditorOnPage
+
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Picture
+from deformnb.volume.volume import Grid
+from deformnb.widgets.editor.editor import Editor
+
+pytestmark = pytest.mark.needs_browser
+
+SLICES = {"count": 9, "first": -8.0, "spacing": 2.0}
+
+
+def shown_pixels(page: EditorOnPage) -> Any:
+    return np.array(page.js(f"[...{PAGE}.painter.source.levels[0].pixels]"))
+
+
+def wanted(picture: Picture | None) -> Any:
+    assert picture is not None
+    return (picture.grey() * 255 + 0.5).astype(np.uint8).ravel()
+
+
+@pytest.mark.parametrize("factor", [1.0, 11.7])
+def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hears_the_end(
+        opened: Any, picture: Picture, points: ControlPoints, factor: float) -> None:
+    if factor != 1.0:  # values that need two bytes
+        values = picture.values * np.float32(factor) - 1000
+        picture = replace(picture, values=values, window=(-900.0, 1500.0), unit="HU")
+    page = opened(Editor(picture, points, show_grid=False))
+    assert np.abs(shown_pixels(page).astype(int) - wanted(picture)).max() <= (0 if factor == 1.0 else 1)
+    bright, mouse = page.canvas().mean(), page.page.mouse
+    x, y = page.on_screen(points.target[4])
+    mouse.move(x, y)
+    mouse.down(button="right")
+    mouse.move(x - 40, y - 90, steps=4)
+    page.wait(f"{PAGE}.model.get('window').length === 2")
+    assert page.canvas().mean() < bright - 5  # before Python hears of it
+    assert page.editor.window == []
+    told = page.page.locator(".dnb-ed-hint").inner_text()
+    assert told.startswith("window ")
+    assert told.endswith("HU") == (factor != 1.0)
+    mouse.up(button="right")
+    page.wait(f"{PAGE}.model.saved.some((state) => 'window' in state)")
+    low, high = page.editor.window
+    assert high - low < picture.window[1] - picture.window[0]
+    assert (low + high) / 2 > sum(picture.window) / 2
+    assert np.abs(shown_pixels(page).astype(int) - wanted(page.editor.picture)).max() <= 1
+    assert page.points == points  # what began on a point has deleted nothing
+
+
+def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
+        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, show_grid=False))
+    before = page.canvas()
+    page.page.locator("[data-command=window]").click()
+    page.settled()
+    assert page.page.locator("[data-command=window]").get_attribute("aria-pressed") == "true"
+    page.drag(points.target[4], (60, 0))
+    low, high = page.editor.window
+    assert high - low > 255
+    assert page.points == points
+    page.page.keyboard.press("ArrowUp")
+    page.page.keyboard.press("ArrowLeft")
+    page.wait(f"!{PAGE}.windowTool.trait.isAhead")
+    a, b = page.editor.window
+    assert b - a < high - low
+    assert a + b > low + high
+    page.page.mouse.dblclick(*page.on_screen(points.target[4]))
+    page.settled()
+    assert page.editor.window == []
+    np.testing.assert_array_equal(page.canvas(), before)
+    page.page.keyboard.press("ArrowRight")
+    page.page.get_by_role("button", name="automatic window").click()
+    page.wait(f"!{PAGE}.windowTool.trait.isAhead")
+    assert page.editor.window == []
+    assert page.points == points
+    page.page.locator(".dnb-ed-stage").focus()
+    page.page.keyboard.press("Escape")
+    assert page.js(f"{PAGE}.windowTool.isOn") is False
+    page.page.keyboard.press("w")
+    assert page.js(f"{PAGE}.windowTool.isOn") is True
+
+
+def test_escape_gives_a_drag_of_the_window_up(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, window=[50, 150]))
+    page.page.keyboard.press("Tab")
+    x, y = page.on_screen((90, 10))
+    page.page.locator(".dnb-ed-stage").focus()
+    page.page.mouse.move(x, y)
+    page.page.mouse.down(button="right")
+    page.page.mouse.move(x + 50, y)
+    page.wait(f"{PAGE}.model.get('window')[1] !== 150")
+    page.page.keyboard.press("Escape")
+    assert page.js(f"{PAGE}.model.get('window')") == [50, 150]
+    page.page.mouse.up(button="right")
+    assert page.editor.window == [50, 150]
+
+
+def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(replace(picture, grid=Grid((44, 9, 60), (2.0, 2.0, 2.5))), points, slices=SLICES, slice=3))
+    status = page.page.locator(".dnb-ed-slice")
+    assert status.inner_text() == "slice 4 / 9, -2.0 mm"
+    page.page.mouse.move(*page.on_screen((90, 10)))
+    page.page.mouse.wheel(0, 100)
+    page.page.mouse.click(*page.on_screen((90, 10)))
+    assert page.editor.slice == 3  # until the picture is clicked the page scrolls
+    k = page.js(f"{PAGE}.view.k")
+    page.page.mouse.wheel(0, 100)
+    page.wait(f"{PAGE}.model.get('slice') === 4")
+    assert page.js(f"{PAGE}.view.k") == k
+    page.page.keyboard.press("PageUp")
+    page.page.keyboard.press("PageUp")
+    page.settled()
+    assert page.editor.slice == 2
+    assert status.inner_text() == "slice 3 / 9, -4.0 mm"
+    page.page.keyboard.down("Control")
+    page.page.mouse.wheel(0, -100)
+    page.page.keyboard.up("Control")
+    page.wait(f"{PAGE}.view.k > {k}")
+    assert page.editor.slice == 2
+
+
+def test_the_status_line_names_place_and_value_under_the_pointer(
+        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    moved = points.move(4, points.target[4] + [10.0, 0.0])
+    page = opened(Editor(replace(picture, unit="HU"), moved))
+    page.page.mouse.move(*page.on_screen(points.target[4] + [10.0, 0.0]))
+    line = page.page.locator(".dnb-ed-value")
+    page.wait("document.querySelector('.dnb-ed-value').textContent !== ''")
+    a, b = points.source[4]  # what is seen there was there before
+    value = picture.values[round((b + 30) / 2.5), round((a - 11) / 2)]
+    place, shown = line.inner_text().split(": ")
+    assert shown.endswith(" HU")
+    assert float(shown[:-3]) == pytest.approx(float(value), abs=4)
+    assert np.allclose([float(v) for v in place.removesuffix(" mm").split(", ")], [a + 10, b], atol=0.6)
+    assert "before the deformation" in (line.get_attribute("title") or "")
+    page.page.mouse.move(5, 5)
+    page.wait("document.querySelector('.dnb-ed-value').textContent === ''")
