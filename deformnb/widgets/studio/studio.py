@@ -483,7 +483,14 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
         done = threading.Event()
-        self._worker.latest("wait", done.set)  # behind all that waits now
+
+        def look() -> None:
+            if self._worker.is_wanted and not self._worker.is_closed:
+                self._worker.latest("wait", look)  # behind what the work itself has requested
+            else:
+                done.set()
+
+        self._worker.latest("wait", look)
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import gc
 import threading
+import time
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import ipywidgets as ipw
@@ -15,6 +17,7 @@ import pytest
 from driven_studio import a_drag, a_volume, act, box_of, controls, drag, notice_of, page_says, panel, wait_for
 from front_end import deliver
 from numpy.testing import assert_array_equal
+from waiting import Threads
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
@@ -262,7 +265,7 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
 
 def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("deformnb.session.history.time.monotonic", lambda: now)
+    monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support radius", "support")):
         first = getattr(studio.session.step, field)
         for value in (0.5, 1.0, 1.5):
@@ -443,7 +446,7 @@ def test_where_no_front_end_runs_there_is_a_picture(studio: Studio) -> None:
 def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
     Studio(a_volume()).close()  # what is made once for all
     gc.collect()
-    widgets, threads = len(_instances()), threading.active_count()
+    widgets, threads = set(_instances()), Threads()
     for _ in range(5):
         made = Studio(a_volume(), folder=tmp_path)
         drag(made, a_drag(made))
@@ -451,8 +454,8 @@ def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
         made.close()
         del made
         wait_for(lambda: gc.collect() >= 0 and reference() is None)  # what is being worked on ends first  # noqa: B023
-    wait_for(lambda: threading.active_count() <= threads)
-    assert len(_instances()) == widgets
+    threads.wait()
+    assert set(_instances()) <= widgets
 
 
 def _instances() -> dict[str, Any]:
