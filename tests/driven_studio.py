@@ -85,6 +85,6 @@ def crash(saving: Autosave) -> None:
 
 
 def closed(saving: Autosave) -> None:
-    """Close it and wait for its last file: users are kept waiting for a second only, and a busy machine takes longer."""
+    """Close it and wait for its last file: users wait a second for it at most, and a busy machine takes longer."""
     saving.close()
     assert saving._job.left(PATIENCE)
