@@ -69,7 +69,8 @@ HEADING = ".dnb-section .jupyter-widget-Collapse-header"
 
 
 def tabs_of(page: Any) -> list[str]:
-    """The titles of the studio's groups."""
+    """The titles of the studio's groups, once the last is there."""
+    page.locator(".dnb-studio .lm-TabBar-tab").nth(len(GROUPS) - 1).wait_for()
     return [text.strip() for text in page.locator(".dnb-studio .lm-TabBar-tab").all_inner_texts()]
 
 

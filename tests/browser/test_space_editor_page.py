@@ -288,4 +288,5 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opene
         assert middle == pytest.approx(editor.on_screen(pane, found.place), abs=1.0)
     editor.editor.points = points.reset()
     editor.page.wait(f"{PAGE}.facts.folds[0] > 0")
+    editor.settled()
     assert editor.js(rings) == ["hidden"] * 3
