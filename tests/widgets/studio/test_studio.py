@@ -447,7 +447,7 @@ def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
     Studio(a_volume()).close()  # what is made once for all
     gc.collect()
     widgets, threads = set(_instances()), Threads()
-    for _ in range(5):
+    for _ in range(3):
         made = Studio(a_volume(), folder=tmp_path)
         drag(made, a_drag(made))
         reference = weakref.ref(made)
