@@ -406,9 +406,9 @@ def test_updates_from_many_threads_are_never_black() -> None:
 
 
 def test_twenty_scenes_one_after_the_other_leave_no_thread_and_no_window() -> None:
-    import pyvista
+    from pyvista.plotting.plotter import _ALL_PLOTTERS
 
-    threads, windows = Threads(), set(pyvista.plotting.plotter._ALL_PLOTTERS)
+    threads, windows = Threads(), set(_ALL_PLOTTERS)
     volume = replace(shape_without_symmetry(), name="")
     for _ in range(20):
         made: list[VtkScene] = []
@@ -417,7 +417,7 @@ def test_twenty_scenes_one_after_the_other_leave_no_thread_and_no_window() -> No
         assert thread.call(lambda made=made: made[0].render()).result(60).max() > 64
         thread.close(30)
     threads.wait()
-    assert set(pyvista.plotting.plotter._ALL_PLOTTERS) <= windows
+    assert set(_ALL_PLOTTERS) <= windows
 
 
 def test_without_opengl_the_core_draws_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
