@@ -107,7 +107,7 @@ def add_warp(commands: Any) -> None:
         usage="deformnb warp SESSION INPUT OUTPUT [options]")
     p.add_argument("session", help="a document written by deformnb (.json), or a transform of ITK (.tfm .h5)")
     p.add_argument("input", help="the volume to deform, or a mesh (.ply .stl .obj .vtp) or landmarks (.mrk.json .fcsv "
-                   ".csv of BigWarp) in its space")
+                   ".csv .tps .nts .txt .prm) in its space")
     p.add_argument("output", help="the file to write; its suffix decides the format")
     add_spacing(p)
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
