@@ -120,7 +120,9 @@ export function movedRegion(region, da, db) {
  */
 export function turnedRegion(region) {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
-  return region.kind === "line" ? { ...region, vertices: [...region.vertices].reverse() } : null;
+  if (region.kind !== "line") return null;
+  const { stops } = region;
+  return { ...region, vertices: [...region.vertices].reverse(), ...(stops && { stops: [...stops].reverse() }) };
 }
 
 // ---- the motion of a rigid part -------------------------------------------------------------------------------------
