@@ -28,7 +28,8 @@ CUTS: dict[str, list[AbstractRegion]] = {
 }
 RASTER = Raster((5, 7), (70.0, 80.0), (13.0, 21.0))
 
-MAIN = """({ points, settings, at, raster }) => { const layered = layeredFit(points, settings), work = new Float64Array(6);
+MAIN = """({ points, settings, at, raster }) => {
+  const layered = layeredFit(points, settings), work = new Float64Array(6);
   return { seen: at.map(([a, b]) => placeOf(layered, a, b, 6).slice()), sides: layered.fits.map(({ sides }) => sides),
     slopes: layered.fits.map(({ fit }) => at.map((p) => Array.from(fieldWithSlope(fit, ...p, work)))),
     maps: layersOnRaster(layered, raster).map((map) => Array.from(map)), folds: foldsOf(layered, [0, 500, 0, 450], 9),
@@ -41,7 +42,8 @@ def test_slits_are_those_of_the_package(name: str) -> None:
     parts = [RigidPart(Polygon([(10, 380), (90, 380), (90, 440), (10, 440)]))]
     points, regions, at = pulled(12.0), CUTS[name], places(200)
     given: dict[str, Any] = {"support": 200.0, "stages": 2}
-    settings = {**given, "cuts": [{"region": region_to_data(r)} for r in regions], "parts": [part_data(p) for p in parts]}
+    settings = {**given, "cuts": [{"region": region_to_data(r)} for r in regions],
+                "parts": [part_data(part) for part in parts]}
     found = run_script(MAPS, MAIN, {"points": as_json(points), "settings": settings, "at": at.tolist(), "raster": {
         "shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin}})
     fits = FitSettings(**given).fits(points, parts, regions)
