@@ -240,7 +240,8 @@ class Line(_Outline):
     vertices : two or more places (a, b). Inside is the left side of the line, followed from its first vertex to its
         last, on a picture whose b points down.
     stops : whether a cut along the line stops at its first vertex, and at its last; else it goes on to the border of
-        the picture. The two sides are the same either way; see :meth:`opening`.
+        the picture. The two sides are the same either way; see :meth:`opening`. What of a line turns back beyond the
+        level of its own tip stays shut: an arc of up to half a circle opens as a whole.
 
     Raises
     ------
