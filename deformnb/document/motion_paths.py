@@ -477,7 +477,7 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     return places + (result - places) / step.strength if step.strength else places
 
 
-def _extent(points: ControlPoints, places: Places) -> float:
+def _extent(points: ControlPoints, places: Places) -> float | None:
     return box_diagonal(ControlPoints.from_arrays(np.concatenate([points.source, places])))
 
 

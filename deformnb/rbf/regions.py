@@ -318,9 +318,9 @@ class Line(_Outline):
     @classmethod
     def tree_unflatten(cls, aux: Any, leaves: tuple[Any, ...]) -> Line:
         """The object rebuilt from the leaves that JAX returns; nothing is checked."""
-        made = super().tree_unflatten(None, leaves)
+        made: Line = super().tree_unflatten(None, leaves)
         object.__setattr__(made, "stops", aux)
-        return made  # type: ignore[no-any-return]
+        return made
 
 
 def _refuse_crossing(v: NDArray[np.float64], what: str, *, is_closed: bool) -> None:

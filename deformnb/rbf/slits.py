@@ -171,6 +171,7 @@ def fits_beside_slits(points: ControlPoints, cuts: Sequence[AbstractRegion],
         return {}
     subsets = [[k for k in range(len(cuts)) if k not in stop or bits >> stop.index(k) & 1]
                for bits in range(1 << len(stop))]
+    groups: list[dict[Sides, ControlPoints]]
     groups = [points_of_regions(active, [cuts[k] for k in some]) if some else {(): active} for some in subsets]
     known: dict[tuple[int, Sides], Fit] = {}
     made: dict[Sides, TipBlend] = {}

@@ -18,7 +18,6 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Raster
-from deformnb.warping.points import warp_points
 
 BENT = [(240, 420), (250, 300), (180, 240), (330, 180), (260, 60)]
 CUTS: dict[str, list[AbstractRegion]] = {
@@ -60,12 +59,10 @@ def test_slits_are_those_of_the_package(name: str) -> None:
         oracle = np.moveaxis(fit.on_raster(RASTER), 0, -1)
         np.testing.assert_allclose(np.reshape(values, oracle.shape), oracle, atol=1e-3)
     assert np.isfinite(found["folds"]["least"])
-    places_seen, is_found = warp_points(at, field)
-    both = is_found & np.array([p is not None for p in found["moved"]])
-    assert both.mean() > 0.5
-    there = np.array([p or [0, 0] for p in found["moved"]])
-    np.testing.assert_allclose((there + field.displacement(there))[both], at[both], atol=1e-4)
-    assert np.median(np.linalg.norm(there - places_seen, axis=1)[both]) < 1e-4
+    is_moved = np.array([p is not None for p in found["moved"]])
+    assert is_moved.mean() > 0.5
+    there = np.array([p or [0, 0] for p in found["moved"]])[is_moved]
+    np.testing.assert_allclose(there + field.displacement(there), at[is_moved], atol=1e-4)
 
 
 def test_what_cannot_stop_is_refused_alike() -> None:

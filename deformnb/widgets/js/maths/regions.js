@@ -290,11 +290,12 @@ function openingOf({ vertices, stops = [] }) {
   let whole = 0;
   for (let k = 1; k < n; k++) whole += way(corners[k - 1], corners[k]);
   const ends = [[corners[1], corners[0]], [corners[n - 2], corners[n - 1]]].filter((_, k) => stops[k])
-    .map(([from, tip]) => ({ tip, out: tip.map((v, c) => 2 * (v - from[c]) / way(from, tip) / whole) }));
+    .map(([from, tip]) => { const [ea, eb] = tip.map((v, c) => 2 * (v - from[c]) / way(from, tip) / whole);
+      return { ea, eb, at: tip[0] * ea + tip[1] * eb }; });
   return (a, b, out) => {
     let w = 1, wa = 0, wb = 0;
-    for (const { tip, out: [ea, eb] } of ends) {
-      const t = Math.max(0, Math.min(1, (tip[0] - a) * ea + (tip[1] - b) * eb));
+    for (let k = 0; k < ends.length; k++) {
+      const { ea, eb, at } = ends[k], t = Math.max(0, Math.min(1, at - a * ea - b * eb));
       const s = t * t * (3 - 2 * t), slope = 6 * t * (1 - t);
       wa = wa * s - w * slope * ea;
       wb = wb * s - w * slope * eb;

@@ -395,7 +395,7 @@ const TIP_MOVES = new Float64Array(16), TIP_OPENING = new Float64Array(3);
 function blendMoves({ openings }, moves, a, b) {
   const x = a + moves[0], y = b + moves[1]; // where the tissue comes from without these cuts
   for (let k = openings.length - 1; k >= 0; k--) {
-    const [w] = openings[k](x, y, TIP_OPENING), half = 2 << k;
+    const w = openings[k](x, y, TIP_OPENING)[0], half = 2 << k;
     for (let j = 0; j < half; j++) moves[j] += w * (moves[j + half] - moves[j]);
   }
 }
@@ -409,16 +409,33 @@ function blendAt(blend, a, b) {
 
 const NO_WAY = [0, 0];
 
+/**
+ * Maps of the fits that several regions blend, while the same raster is sampled.
+ * @type {WeakMap<Fit, { raster: Raster, map: Float32Array }>}
+ */
+const sharedMaps = new WeakMap();
+
+/** @param {Fit} fit @param {Raster} raster @param {Float32Array} like */
+function sharedMap(fit, raster, like) {
+  const known = sharedMaps.get(fit), size = 2 * raster.shape[0] * raster.shape[1];
+  if (known && known.raster === raster && known.map.constructor === like.constructor) return known.map;
+  const map = fieldOnRaster(fit, raster, like.slice(0, size));
+  sharedMaps.set(fit, { raster, map });
+  return map;
+}
+
 /** @param {TipBlend} blend @param {Raster} raster @param {Float32Array} map */
 function blendOnRaster(blend, raster, map) {
-  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin, size = 2 * nv * nu;
-  const maps = blend.fits.map((fit) => (fit ? fieldOnRaster(fit, raster, map.slice(0, size)) : null)), v = TIP_MOVES;
+  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin;
+  const maps = blend.fits.map((fit) => (fit ? sharedMap(fit, raster, map) : null)), v = TIP_MOVES;
+  const count = maps.length;
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n += 2) {
-      for (let k = 0; k < maps.length; k++) {
+      for (let k = 0; k < count; k++) {
         const one = maps[k];
-        v[2 * k] = one ? one[n] : 0;
-        v[2 * k + 1] = one ? one[n + 1] : 0;
+        if (!one) { v[2 * k] = 0; v[2 * k + 1] = 0; continue; }
+        v[2 * k] = one[n];
+        v[2 * k + 1] = one[n + 1];
       }
       blendMoves(blend, v, a0 + j * du, b0 + i * dv);
       map[n] = v[0];
