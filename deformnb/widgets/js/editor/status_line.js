@@ -127,7 +127,8 @@ export class StatusLine {
     }
     if (shapeTools.chosenShape) {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
-        `${shapeTools.canTurn ? ", F turns it over" : ""}`;
+        `${shapeTools.canTurn ? ", F turns it over" : ""}${shapeTools.canStop ? "; a double-click on an end stops it there"
+          : ""}`;
     }
     if (gridNodes.isOn && selected.size === 0) return gridNodes.advice;
     if (selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;

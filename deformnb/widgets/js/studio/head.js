@@ -3,6 +3,7 @@
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+import { nameControls } from "./accessible_names.js";
 
 /** @import { Model } from "../types.d.ts" */
 /** @import { EditorView } from "../editor/editor.js" */
@@ -57,7 +58,10 @@ class StudioHead {
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
     this.#draw();
-    requestAnimationFrame(() => this.arrange());
+    requestAnimationFrame(() => {
+      this.arrange();
+      if (this.studio && !signal.aborted) nameControls(this.studio, signal);
+    });
   }
 
   /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
