@@ -117,7 +117,7 @@ CHANGES = """(window.turned ??= (() => { const seen = { count: 0 };
     return seen; })()).count"""
 
 
-def test_a_line_wipes_from_the_original_to_the_deformed_volume(page: LivePage) -> None:
+def test_a_line_and_an_opacity_lead_from_the_original_to_the_deformed_volume(page: LivePage) -> None:
     view = opened(page)
     view.show_deformation(extrusion(5.0))
     images = {}
@@ -146,8 +146,15 @@ def test_a_line_wipes_from_the_original_to_the_deformed_volume(page: LivePage) -
     assert line.get_attribute("aria-valuenow") == "60"
     line.press("Home")
     assert is_cut_at(page.pixels(), 0)
-    view.shows = "deformed"
+    view.shows = "fade"
     line.wait_for(state="hidden")
+    slider = page.page.locator(".dnb-fade input")
+    for opacity in (0.25, 1.0, 0.0):
+        slider.fill(str(opacity))
+        mixed = opacity * images["original"].astype(float) + (1 - opacity) * images["deformed"]
+        assert np.abs(page.pixels() - mixed).max() <= 3, opacity
+    view.shows = "deformed"
+    slider.wait_for(state="hidden")
 
 
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:

@@ -273,6 +273,23 @@ class GridPanel(Panel):
         self.box = row(density)
 
 
+class PictureLookPanel(Panel):
+    """Picture panel: colour map, and the automatic window."""
+
+    title = "Picture"
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        colours = self.add(widget_of("colour_map"), lambda: session.colour_map,
+                           lambda value: session.set_trait("colour_map", value))
+        self._auto = action_button("auto_window", lambda: guard(lambda: session.set_trait("window", None)))
+        self.box = row(colours, self._auto)
+        self.refresh()
+
+    def arrange(self) -> None:
+        self._auto.disabled = self.session.window is None
+
+
 class MapPanel(Panel):
     """Interpolation panel: settings of the fit, but for those that stand elsewhere."""
 

@@ -25,6 +25,7 @@ from deformnb.widgets.studio.controls import (
     Guard,
     MapPanel,
     Panel,
+    PictureLookPanel,
     PicturePanel,
     StrengthPanel,
     VolumePanel,
@@ -142,7 +143,8 @@ def make_panels(s: PanelParts) -> StudioPanels:
     groups = {
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
-        "View": [Section(display, is_open=True), Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
+        "View": [Section(display, is_open=True), Section(PictureLookPanel(s.session, s.guard), is_open=True),
+                 Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
         "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
     }

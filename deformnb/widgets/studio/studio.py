@@ -30,6 +30,7 @@ from deformnb.session.inputs import as_deformation, best_view, source_of, volume
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.camera import on_picture
 from deformnb.widgets.cell_widgets import (
     close_all,
     close_earlier_of_this_cell,
@@ -104,10 +105,10 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     last = followed_step(session.deformation)
     deformed = None if last is not None else session.result()
     whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane)
-    whole.method, whole.window = session.method, session.window
+    whole.method, whole.window, whole.colour_map = session.method, session.window, session.colour_map
     whole.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
-    shown.density, shown.theme = editor.density, editor.theme
+    shown.density, shown.theme, shown.shows = editor.density, editor.theme, on_picture(view.shows)
     with parts_of_another():
         live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
@@ -295,14 +296,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session = self.session
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
-        session.observe(self._weakly(Studio._window_changed), "window")
+        session.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
         session.observe(self._weakly(Studio._send_history), "history")
         session.observe(self._weakly(Studio._show_notice), "notice")
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
-        for name in ("shows", "projection"):
-            if self.view.has_trait(name):
-                self.view.observe(self._weakly(Studio._refresh_panels), name)
+        if self.view.has_trait("projection"):
+            self.view.observe(self._weakly(Studio._refresh_panels), "projection")
+        if self.view.has_trait("shows"):
+            self.view.observe(self._weakly(Studio._comparison_changed), "shows")
+            self._comparison_changed(None)
 
     def _listen_to(self, editor: Any) -> None:
         editor.observe(self._weakly(Studio._points_changed), "points")
@@ -332,6 +335,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _window_changed(self, _change: Any) -> None:
         self._editors.show_view_state()
+        self._refresh_panels()
+
+    def _comparison_changed(self, _change: Any) -> None:
+        self._editors.plane.shows = on_picture(self.view.shows)
+        self._refresh_panels()
 
     def _travel(self, way: str) -> None:
         self._edits.travel(way)

@@ -173,7 +173,7 @@ def test_every_row_of_the_registries_can_be_chosen(studio: Studio) -> None:
         studio.wait()
         assert studio.editor.picture.method == method
     for shows in SHOWS:
-        found["Show"].value = shows
+        found["Compare"].value = shows
         assert studio.view.shows == shows
 
 
@@ -288,7 +288,13 @@ def test_the_window_of_the_page_is_that_of_the_session_and_of_its_pictures(studi
     session.window = None
     assert studio.editor.window == []
     assert studio.editor.picture.window == session.picture().window
-    session.window = (10, 30)
+    session.window, session.colour_map = (10, 30), "bone"
+    assert studio.editor.picture.colour_map == "bone"
+    assert len(studio.editor.colours) == 3 * 256
+    studio.view.shows = "fade"
+    assert studio.editor.shows == "fade"
+    studio.view.shows = "flicker"  # which pictures do not
+    assert studio.editor.shows == "deformed"
     session.method = "composite"
     studio.wait()
     assert studio.editor.raster["channels"] == 3

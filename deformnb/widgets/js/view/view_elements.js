@@ -1,10 +1,10 @@
 // What a view of a volume has, whoever draws it: elements around the picture, and its messages.
 
+import { CompareControls } from "../ui/compare_controls.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
 import { Theme } from "../ui/theme.js";
 import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
-import { WipeLine } from "./wipe_line.js";
 
 /** @import { Model } from "../types.d.ts" */
 /** @import { VolumeInfo } from "./types.d.ts" */
@@ -16,7 +16,7 @@ import { WipeLine } from "./wipe_line.js";
  * @property {(view: string) => void} showView  a side of the cube was pressed
  * @property {() => void} rethemed  the page around has another theme
  * @property {(layer: number) => void} flip  the other picture of two in turn is seen
- * @property {() => void} wiped  the line between original and deformed was moved
+ * @property {() => void} compared  the line between original and deformed was moved, or the slider of their mixture
  * @property {() => void} resized
  */
 
@@ -39,7 +39,7 @@ export class ViewElements {
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
-    this.wipe = new WipeLine(this.root, actions.wiped);
+    this.compare = new CompareControls(this.root, actions.compared);
     this.observer = new ResizeObserver(actions.resized);
     this.observer.observe(this.root);
   }
