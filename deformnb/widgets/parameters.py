@@ -169,6 +169,8 @@ PARAMETERS: dict[str, AbstractParameter] = {
                          {"mip": "Maximum (MIP)"}),
     "shows": Choice("Compare", "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items())
                     + "; the picture does the same, but for two side by side or in turn", SHOWS),
+    "slices": Switch("Slices", "Three linked slices of the deformed volume in the place of the view; drag the "
+                     "cross-hair"),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from PIL import Image
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.points import ControlPoints
@@ -155,6 +156,17 @@ def test_a_line_and_an_opacity_lead_from_the_original_to_the_deformed_volume(pag
         assert np.abs(page.pixels() - mixed).max() <= 3, opacity
     view.shows = "deformed"
     slider.wait_for(state="hidden")
+
+
+def test_a_button_saves_the_picture_that_is_seen(page: LivePage) -> None:
+    opened(page)
+    seen = page.pixels()
+    with page.page.expect_download() as download:
+        page.page.get_by_role("button", name="Save a picture").click()
+    assert download.value.suggested_filename == "Volume_block.png"
+    with Image.open(download.value.path()) as saved:
+        np.testing.assert_array_equal(np.asarray(saved.convert("RGB")), seen)
+    assert page.page.get_by_role("button", name="Whole screen").is_visible()
 
 
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:

@@ -5,7 +5,7 @@
 import { ClipSliders } from "./inputs/clip_sliders.js";
 import { clipOf, isClipped } from "./maths/clipping.js";
 import { PlainModel } from "./sync/host_model.js";
-import { OWN_KEYS, pageElement } from "./ui/dom.js";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
 
 /** @import { Point } from "./types.d.ts" */
 /** @import { Attributes } from "./ui/dom.js" */
@@ -322,10 +322,7 @@ class StandalonePage {
 
   download() {
     const text = `${JSON.stringify(this.document(), null, 1)}\n`;
-    const link = pageElement("a", "", null, { download: "deformation.json" });
-    link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    saveFile(new Blob([text], { type: "application/json" }), "deformation.json");
   }
 }
 

@@ -355,9 +355,9 @@ class StrengthPanel(Panel):
 
 
 class VolumePanel(Panel):
-    """Row over the volume: whether the deformed volume is shown, the original, or both."""
+    """Row over the volume: whether the deformed volume is shown, the original, or both; or three slices instead."""
 
-    def __init__(self, session: Session, guard: Guard, view: Any) -> None:
+    def __init__(self, session: Session, guard: Guard, view: Any, slices: Any) -> None:
         super().__init__(session, guard)
         shows = self.add(widget_of("shows", layout=ipw.Layout(width="auto")), lambda: view.shows,
                          lambda value: setattr(view, "shows", value))
@@ -365,4 +365,12 @@ class VolumePanel(Panel):
         if view.has_trait("projection"):
             menus.append(self.add(widget_of("projection", layout=ipw.Layout(width="auto")), lambda: view.projection,
                                   lambda value: view.set_trait("projection", value)))
-        self.box = row(*menus)
+        parameter = PARAMETERS["slices"]
+        button = ipw.ToggleButton(False, description=parameter.label, tooltip=parameter.tooltip,
+                                  layout=ipw.Layout(width="auto"))
+        self._of_view, self._slices = menus, slices
+        self.box = row(*menus, self.add(button, lambda: slices.is_shown, slices.show))
+
+    def arrange(self) -> None:
+        for widget in self._of_view:  # which is not seen meanwhile
+            widget.disabled = self._slices.is_shown

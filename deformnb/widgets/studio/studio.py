@@ -45,6 +45,7 @@ from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPi
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
+from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
@@ -265,6 +266,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
                                       self._weakly(Studio.undo))
         self._edits.take_edits_from(self._editors, self._picture)
+        self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
         panels = self._make_panels(folder, labels, label_names, target)
         self._panels = panels.all
         head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
@@ -287,7 +289,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                      names: Mapping[int, str] | None, target: Volume | None) -> StudioPanels:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
-                                      self._opacity, folder, self.export_html, labels, names, target,
+                                      self._slices, self._opacity, folder, self.export_html, labels, names, target,
                                       self._link.preview))
 
     # -- what happens --------------------------------------------------------------------------------------------------
@@ -335,6 +337,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _window_changed(self, _change: Any) -> None:
         self._editors.show_view_state()
+        self._slices.follow()
         self._refresh_panels()
 
     def _comparison_changed(self, _change: Any) -> None:
@@ -353,6 +356,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
+        self._slices.follow()
         self._refresh_panels()
         self._request_status()
         self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
@@ -516,7 +520,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _end(self) -> None:
         """End what runs, whatever there is of it by now."""
         self._worker.close()
-        for part in ("_link", "_editors"):
+        for part in ("_link", "_slices", "_editors"):
             if hasattr(self, part):
                 getattr(self, part).close()
         for panel in self._panels:

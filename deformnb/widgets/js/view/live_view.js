@@ -34,7 +34,7 @@ class LiveVolumeView {
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-live", { showView: (view) => this.showView(view),
       rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), compared: () => this.compared(),
-      resized: () => this.size() });
+      resized: () => this.size(), picture: () => this.picture() });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
@@ -483,12 +483,17 @@ class LiveVolumeView {
     else this.link.catchUp();
   }
 
+  /** What is seen, as a PNG, drawn in full. @returns {Promise<Blob | null>} */
+  async picture() {
+    if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
+    if (!this.loop || !this.caster?.isReady) return null;
+    this.loop.drawNow();
+    return new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
+  }
+
   /** @param {Message} content */
   async screenshot({ id }) {
-    if (!this.loop || !this.caster?.isReady) return;
-    this.loop.drawNow();
-    /** @type {Blob | null} */
-    const blob = await new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
+    const blob = this.still ? null : await this.picture();
     if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 

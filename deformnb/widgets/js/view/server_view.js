@@ -30,7 +30,8 @@ export class ServerVolumeView {
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-volume", { showView: (view) => this.showView(view),
       rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); },
-      compared: () => this.paint(), resized: () => this.size() });
+      compared: () => this.paint(), resized: () => this.size(),
+      picture: () => (this.drawn ? new Promise((done) => { this.canvas.toBlob(done, "image/png"); }) : Promise.resolve(null)) });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
