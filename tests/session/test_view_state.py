@@ -48,7 +48,8 @@ def transfers(draw: st.DrawFn) -> TransferFunction:
        colour_map=st.none() | st.sampled_from(COLOUR_MAPS[1:]))
 def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None,
                                         window: tuple[float, float] | None, colour_map: str | None) -> None:
-    look, document = ViewState(transfer, method, depth, window, colour_map), Deformation(name="bent", extra={"later": [1]})
+    look = ViewState(transfer, method, depth, window, colour_map)
+    document = Deformation(name="bent", extra={"later": [1]})
     assert ViewState.split(from_json(to_json(look.added_to(document)))) == (document, look)
 
 

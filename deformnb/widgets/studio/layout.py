@@ -32,6 +32,7 @@ from deformnb.widgets.studio.controls import (
 )
 from deformnb.widgets.studio.editors import StudioEditors
 from deformnb.widgets.studio.panels.animation import AnimationPanel
+from deformnb.widgets.studio.panels.compare import ComparePanel
 from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
 from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
 from deformnb.widgets.studio.panels.examples import ExamplesPanel
@@ -147,7 +148,8 @@ def make_panels(s: PanelParts) -> StudioPanels:
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
         "View": [Section(display, is_open=True), Section(PictureLookPanel(s.session, s.guard), is_open=True),
-                 Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
+                 Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True),
+                 Section(ComparePanel(s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target))],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
         "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
     }
