@@ -59,10 +59,10 @@ def colour_table(name: str) -> NDArray[np.uint8]:
     """
     values = np.arange(256)
     if one_of(name, COLOUR_MAPS, "colour map") == "grey":
-        table = np.repeat(values[:, None], 3, axis=1)
+        made = np.repeat(values[:, None], 3, axis=1).astype(np.uint8)
     else:
         knots = np.frombuffer(bytes.fromhex(_KNOTS[name]), np.uint8).reshape(-1, 3)
-        table = np.stack([np.interp(values, values[::_STEP], channel) for channel in knots.T], axis=1).round()
-    made = table.astype(np.uint8)
+        between = np.stack([np.interp(values, values[::_STEP], channel) for channel in knots.T], axis=1)
+        made = between.round().astype(np.uint8)
     made.flags.writeable = False
     return made
