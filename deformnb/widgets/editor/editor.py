@@ -287,6 +287,8 @@ class Editor(EditedPoints):
         """Picture behind the points, in the window that was set by hand; setting another one keeps both."""
         if self._picture is None or self._picture.values.ndim == 3:
             return self._picture
+        if not self.window and self.colour_map == self._picture.colour_map:
+            return self._picture
         window = checked_window(self.window) if self.window else self._picture.window
         return replace(self._picture, window=window, colour_map=self.colour_map)
 

@@ -261,29 +261,19 @@ class PicturePanel(Panel):
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
 
 
-class GridPanel(Panel):
-    """Grid panel: the number of lines of the grid over the picture."""
-
-    title = "Grid"
-
-    def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
-        super().__init__(session, guard)
-        density = widget_of("density")
-        traitlets.link((editor, "density"), (density, "value"))
-        self.box = row(density)
-
-
 class PictureLookPanel(Panel):
-    """Picture panel: colour map, and the automatic window."""
+    """Picture panel: colour map, the automatic window, and the number of lines of the grid."""
 
     title = "Picture"
 
-    def __init__(self, session: Session, guard: Guard) -> None:
+    def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
         colours = self.add(widget_of("colour_map"), lambda: session.colour_map,
                            lambda value: session.set_trait("colour_map", value))
         self._auto = action_button("auto_window", lambda: guard(lambda: session.set_trait("window", None)))
-        self.box = row(colours, self._auto)
+        density = widget_of("density")
+        traitlets.link((editor, "density"), (density, "value"))
+        self.box = row(colours, self._auto, density)
         self.refresh()
 
     def arrange(self) -> None:

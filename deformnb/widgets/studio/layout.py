@@ -21,7 +21,6 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
     DisplayPanel,
-    GridPanel,
     Guard,
     MapPanel,
     Panel,
@@ -147,8 +146,8 @@ def make_panels(s: PanelParts) -> StudioPanels:
     groups = {
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
-        "View": [Section(display, is_open=True), Section(PictureLookPanel(s.session, s.guard), is_open=True),
-                 Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True),
+        "View": [Section(display, is_open=True),
+                 Section(PictureLookPanel(s.session, s.guard, s.editors.plane), is_open=True),
                  Section(ComparePanel(s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target))],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
         "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
