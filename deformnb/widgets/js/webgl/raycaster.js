@@ -577,10 +577,11 @@ export class RayCaster {
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
-    gl.bindTexture(gl.TEXTURE_2D, name ? this.targets[name].texture : this.textures.picture ?? null);
+    const first = name ? this.targets[name].texture : this.textures.picture ?? null;
+    gl.bindTexture(gl.TEXTURE_2D, first);
     gl.uniform1i(at.picture, UNITS.picture);
     gl.activeTexture(gl.TEXTURE0 + UNITS.second);
-    gl.bindTexture(gl.TEXTURE_2D, over ? this.targets[over].texture : null);
+    gl.bindTexture(gl.TEXTURE_2D, over ? this.targets[over].texture : first);
     gl.uniform1i(at.second, UNITS.second);
     gl.uniform1f(at.share, over ? share : 0);
     gl.uniform2f(at.resolution, width, height);
