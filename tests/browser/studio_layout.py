@@ -61,7 +61,7 @@ BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb
 GROUPS = {
     "Shape": ["Steps", "Interpolation", "Points", "Rigid parts and cuts", "Match to another picture",
               "Thompson's grids and your own"],
-    "Depth": [], "View": ["Colours and opacity", "Grid"], "Animate": [], "Check": [],
+    "Depth": [], "View": ["Colours and opacity", "Picture", "Second volume"], "Animate": [], "Check": [],
 }
 """Sections with a heading, by the title of their group."""
 

@@ -214,7 +214,7 @@ def test_the_status_line_tells_how_long_edit_and_volume_take(studio: Studio) -> 
     controls(studio)["Strength"].value = 2.0
     second = studio.stats()["edit_ms"]
     assert second != first  # a slider edits as well
-    controls(studio)["Show"].value = "original"  # and this edits nothing
+    controls(studio)["Compare"].value = "original"  # and this edits nothing
     assert studio.stats()["edit_ms"] == second
     stats = {"type": "stats", "view": "page", "drag_ms": 41.0, "full_ms": 300.0, "frames": 3}
     deliver(studio.view, stats)

@@ -298,6 +298,8 @@ def test_sizes_shows_and_looks(scene: Any) -> None:
     wipe = one.render(shows="wipe")
     np.testing.assert_array_equal(wipe[:, :30], one.render(shows="original")[:, :30])
     np.testing.assert_array_equal(wipe[:, 30:], one.render(shows="deformed")[:, 30:])
+    mean = (one.render(shows="original").astype(float) + one.render(shows="deformed")) / 2
+    assert np.abs(one.render(shows="fade") - mean).max() <= 0.5
     assert one.render(scale=0.5, shows="deformed").shape == (45, 30, 3)
     dark = one.render(shows="deformed")
     one.set_background("light")

@@ -43,8 +43,8 @@ export class StatusLine {
    * @param {number[] | null} at CSS pixels of the view; null for none
    */
   pointAt(at) {
-    const { editor, editor: { painter: { source }, layered, isComparing, isBefore, model } } = this;
-    const place = at && source ? editor.placeAt(at) : null, fit = isComparing || isBefore ? null : layered;
+    const { editor, editor: { painter: { source }, model } } = this;
+    const place = at && source ? editor.placeAt(at) : null, fit = at ? editor.fitAt(at) : null;
     if (!place || !source) { setText(this.value, ""); return; }
     const [da, db] = fit ? placeOf(fit, place[0], place[1], source.raster.spacing[0]) : [0, 0];
     const value = source.valueAt([place[0] + da, place[1] + db]), { grey } = source;

@@ -67,10 +67,10 @@ class StudioHead {
   /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
   get studio() { return this.host.closest(".dnb-studio"); }
 
-  /** The editor that is shown. @returns {EditorView | undefined} */
+  /** The editor that is shown, or would be if its pane were. @returns {EditorView | undefined} */
   get #editor() {
-    const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor") ?? [])];
-    const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0);
+    const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor:not(.dnb-sp-viewer)") ?? [])];
+    const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0) ?? all[0];
     return /** @type {any} */ (shown)?.deformnb;
   }
 
