@@ -16,7 +16,7 @@ uniform sampler3D blocks;      // rings of transparent blocks around each, large
 uniform sampler3D ambience;    // how much light reaches a place
 uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
-uniform vec2 place, resolution, shift; uniform float phase;
+uniform vec2 place, resolution, shift; uniform float phase, stride;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
 uniform vec3 middle;           // of what is seen when nothing is cut away
 #ifdef CLIPPED
@@ -64,7 +64,7 @@ float grain(vec2 pixel) {
 }
 
 void main() {
-  vec2 pixel = gl_FragCoord.xy - place;      // of this picture, which may be one of two side by side
+  vec2 pixel = gl_FragCoord.xy * stride - place; // of this picture, which may be one of two side by side
   vec2 at = (pixel + shift) / resolution * 2. - 1.;
   vec3 start = eye + at.x * right + at.y * up, ray = ahead;
   float nearest = -1e30;
@@ -191,14 +191,38 @@ void main() {
 #endif
 }`;
 
-// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out.
-export const PRESENT = `#version 300 es
-precision highp float;
-uniform sampler2D picture; uniform vec2 resolution; uniform float parts; uniform vec3 centre, corner;
+// Takes the pixels of four quarters, which lie side by side, in turn.
+export const MERGE = `#version 300 es
+precision highp float; precision highp int;
+uniform highp sampler2D picture; uniform ivec2 size;
 out vec4 color;
 void main() {
-  vec2 at = gl_FragCoord.xy / resolution;
-  vec4 c = textureLod(picture, at, 0.);
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  color = texelFetch(picture, (p >> 1) + (p & 1) * size, 0);
+}`;
+
+// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out. A
+// smaller picture is enlarged by the cubic of Mitchell and Netravali (1988), without its four corners, which are small.
+export const PRESENT = `#version 300 es
+precision highp float;
+uniform sampler2D picture; uniform vec2 extent, resolution; uniform float start, parts; uniform vec3 centre, corner;
+out vec4 color;
+vec4 look(vec2 t) {
+  return textureLod(picture, clamp(t, vec2(.5), ceil(extent) - .5) / vec2(textureSize(picture, 0)), 0.);
+}
+vec4 smoothly(vec2 t) {
+  vec2 base = floor(t - .5) + .5, f = t - base;
+  vec2 w0 = ((-7. * f + 15.) * f - 9.) * f / 18. + 1. / 18., w3 = (7. * f - 6.) * f * f / 18.;
+  vec2 w2 = ((-21. * f + 27.) * f + 9.) * f / 18. + 1. / 18., w12 = 1. - w0 - w3;
+  vec2 mid = base + w2 / w12, low = base - 1., high = base + 2.;
+  vec4 sum = look(mid) * w12.x * w12.y + look(vec2(mid.x, low.y)) * w12.x * w0.y
+    + look(vec2(low.x, mid.y)) * w0.x * w12.y + look(vec2(high.x, mid.y)) * w3.x * w12.y
+    + look(vec2(mid.x, high.y)) * w12.x * w3.y;
+  return clamp(sum / (w12.x + w12.y - w12.x * w12.y), 0., 1.);
+}
+void main() {
+  vec2 at = gl_FragCoord.xy / resolution, t = at * extent + start;
+  vec4 c = extent.x < resolution.x ? smoothly(t) : look(t);
   vec2 d = (vec2(fract(at.x * parts), at.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
   vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
   behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;
