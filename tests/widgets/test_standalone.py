@@ -106,6 +106,8 @@ def test_voxels_picture_points_and_colours_come_back_exactly(page: str) -> None:
     voxels = np.zeros(GRID.size, np.uint8)
     for chunk in data["chunks"]:
         piece = np.frombuffer(gzip.decompress(binary(chunk["packed"])), np.uint8)
+        if chunk["lag"]:
+            piece = np.cumsum(piece.reshape(-1, chunk["lag"]), axis=0, dtype=np.uint8).ravel()
         voxels[chunk["start"] : chunk["start"] + len(piece)] = piece
     np.testing.assert_array_equal(voxels.reshape(GRID.shape), block().values)
     assert data["view"]["volume_info"]["shape"] == [24, 16, 20]

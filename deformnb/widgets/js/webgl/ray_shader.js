@@ -191,6 +191,34 @@ void main() {
 #endif
 }`;
 
+export const SIDE_SAMPLES = 64; // along each edge of a side of the box
+
+// Looks for tissue beyond the six sides of the box, which lie side by side.
+export const SIDES = `#version 300 es
+precision highp float; precision highp int;
+precision highp sampler2D; precision highp sampler3D; precision highp sampler2DArray;
+uniform sampler3D volume;
+uniform vec3 boxLow, boxHigh, toTexture, toTexture0;
+uniform vec3 beyond;           // how far, in shares of the box
+uniform float tissue;          // values above are tissue
+uniform float rate;
+out vec4 color;
+${DISPLACEMENT}
+void main() {
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  int side = p.x / ${SIDE_SAMPLES}, axis = side / 2;
+  vec2 along = (vec2(p.x % ${SIDE_SAMPLES}, p.y) + .5) / float(${SIDE_SAMPLES});
+  float across = side % 2 == 0 ? -beyond[axis] : 1. + beyond[axis];
+  vec3 share = axis == 0 ? vec3(across, along) : axis == 1 ? vec3(along.x, across, along.y) : vec3(along, across);
+  vec3 q = origin(mix(boxLow, boxHigh, share)) * toTexture + toTexture0;
+  bool isInside = all(greaterThanEqual(q, vec3(0.))) && all(lessThan(q, vec3(1.)));
+  float there = isInside && textureLod(volume, q, 0.).a > tissue ? 1. : 0.;
+#ifdef CUT
+  there *= step(.5, seen);
+#endif
+  color = vec4(there);
+}`;
+
 // Takes the pixels of four quarters, which lie side by side, in turn.
 export const MERGE = `#version 300 es
 precision highp float; precision highp int;

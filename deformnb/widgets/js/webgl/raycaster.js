@@ -11,7 +11,7 @@ import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
 import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
-import { FRAGMENT, MERGE, PRESENT, VERTEX } from "./ray_shader.js";
+import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
 import {
   AMBIENT_CELL, ambientLight, BLOCK, blockExtremes, emptyRings, extrusionSlope, gradientSlab, opacityOfByte,
   planarBounds, spaceSlope, STEEPEST,
@@ -110,6 +110,7 @@ const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5
   depths: 9 };
 
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
+const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
 /** @type {Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}>} */
@@ -567,6 +568,36 @@ export class RayCaster {
     gl.uniform1i(at.cutCount, cut.shape[0]);
     gl.uniform1i(at.regionCount, cut.bits.length);
     gl.uniform1iv(at["sides[0]"], cut.bits);
+  }
+
+  /**
+   * The sides of the box (low x, high x, low y ...) beyond which there is deformed tissue, which is not seen.
+   * @param {{tissue: number, beyond: number[]}} looked values above `tissue`, from 0 to 1, this far beyond in shares of
+   *   the box
+   */
+  exceededSides({ tissue, beyond }) {
+    const { gl, volume, table, planar, space } = this, width = 6 * SIDE_SAMPLES, height = SIDE_SAMPLES;
+    if (!volume || !table) return [];
+    const defines = definesOf("", planar, space), key = `sides ${defines.join(" ")}`;
+    const lines = defines.map((d) => `#define ${d}\n`).join("");
+    this.programs[key] ??= linked(gl, SIDES.replace("#version 300 es\n", `#version 300 es\n${lines}`));
+    const { program, at } = this.programs[key], { buffer } = this.#target("sides", width, height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+    gl.viewport(0, 0, width, height);
+    gl.useProgram(program);
+    for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
+    this.#setVolumeNumbers(at, volume, table, 1, volume.box);
+    this.#setFieldNumbers(at, planar, space, volume.spacing);
+    gl.uniform3fv(at.boxLow, volume.box.low); // of all of it, clipped or not
+    gl.uniform3fv(at.boxHigh, volume.box.high);
+    gl.uniform3fv(at.beyond, beyond);
+    gl.uniform1f(at.tissue, tissue);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    const seen = this.floats ? new Float32Array(4 * width * height) : new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, this.floats ? gl.FLOAT : gl.UNSIGNED_BYTE, seen);
+    const counts = Array(6).fill(0);
+    for (let i = 0; i < width * height; i++) if (seen[4 * i] > 0) counts[Math.floor((i % width) / SIDE_SAMPLES)] += 1;
+    return counts.flatMap((count, side) => (count >= FEWEST_SEEN ? [side] : []));
   }
 
   /**
