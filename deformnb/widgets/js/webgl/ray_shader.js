@@ -188,6 +188,11 @@ void main() {
   color = vec4(tone * v, v);
 #else
   color = sum;
+#ifdef SHADED
+  // What is brighter than white would be an even patch: from three quarters on, brightness approaches white.
+  vec3 bright = max(color.rgb / max(color.a, 1e-6) - .75, 0.);
+  color.rgb -= color.a * (bright - .25 * (1. - exp(-4. * bright)));
+#endif
 #endif
 }`;
 
