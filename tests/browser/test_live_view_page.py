@@ -105,7 +105,7 @@ def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
     assert page.errors == []
 
 
-# Mean difference in grey levels of 255, and least correlation of brightness, where something is: lit pictures have other
+# Mean difference in grey levels of 255 and least correlation of brightness, where something is: lit pictures have other
 # lamps, and the live view shades what is enclosed.
 LIKE_VTK = {"composite": (3.0, 0.99), "mip": (4.0, 0.99), "shaded": (32.0, 0.85)}
 RAYS = """() => {
