@@ -93,7 +93,8 @@ class FilesPanel(Panel):
                                                  layout={"width": "auto", "margin": "2px 8px 2px 0"},
                                                  tooltip="Whether the web page has this control")
                               for name, label in CONTROLS.items()}
-        self.of_page = ipw.VBox([self.page_title, self.page_text, row(ipw.Label("It has"), *self.page_controls.values())])
+        chosen = row(ipw.Label("Controls"), *self.page_controls.values())
+        self.of_page = ipw.VBox([self.page_title, self.page_text, chosen])
         self.name.observe(self._show_page_words, "value")
         self._show_page_words()
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
