@@ -106,6 +106,12 @@ class Foreground:
         return found
 
 
+def foreground_level(volume: Volume) -> float:
+    """The value above which voxels are foreground: the edge between air and tissue, the background of labels."""
+    plain = volume.is_labels or volume.dtype == np.bool_
+    return float(volume.background if plain else levels(volume)[1])
+
+
 def foreground_of(volume: Volume) -> Foreground:
     """Find the foreground of a volume: voxels brighter than the edge between air and tissue, or with a label.
 
@@ -117,9 +123,7 @@ def foreground_of(volume: Volume) -> Foreground:
     >>> foreground.low.min(axis=0).tolist(), foreground.high.max(axis=0).tolist()
     ([0.5, 2.5, 1.5], [6.5, 3.5, 4.5])
     """
-    values = volume.finite_values
-    plain = volume.is_labels or values.dtype == np.bool_
-    there = values > (volume.background if plain else levels(volume)[1])
+    there = volume.finite_values > foreground_level(volume)
     if not there.any():  # of one value throughout: all of it
         there = np.ones_like(there)
     block = max(1, -(-max(volume.shape) // _BLOCKS))
@@ -310,14 +314,44 @@ def exceeded_sides(places: Array, box: Grid) -> tuple[str, ...]:
     >>> exceeded_sides(np.array([[2.0, 2.0, 2.0], [9.5, 2.0, 2.0]]), Grid((4, 4, 4)))
     ('left side (L)',)
     """
-    at, counts = box.point_to_index(places), np.array(box.shape[::-1])
-    most = 1.0 + _LEAVES * counts
-    over = (-0.5 - at.min(axis=0) > most, at.max(axis=0) - (counts - 0.5) > most)
-    found = []
-    for axis in range(3):
-        for sign, leaves in zip((-1.0, 1.0), over, strict=True):
-            if leaves[axis]:
-                towards = sign * np.asarray(box.direction)[:, axis]
-                world = int(np.abs(towards).argmax())
-                found.append(_TOWARDS[world][int(towards[world] < 0)])
-    return tuple(found)
+    at, counts, most = box.point_to_index(places), np.array(box.shape[::-1]), leaving_voxels(box)
+    over = np.stack([-0.5 - at.min(axis=0) > most, at.max(axis=0) - (counts - 0.5) > most], axis=1)
+    return tuple(name for name, leaves in zip(side_names(box), over.ravel(), strict=True) if leaves)
+
+
+def leaving_voxels(box: Grid) -> Array:
+    """Voxels along x, y, z beyond the sides of a box, from which on foreground counts as outside."""
+    most: Array = 1.0 + _LEAVES * np.array(box.shape[::-1])
+    return most
+
+
+def side_names(box: Grid) -> tuple[str, ...]:
+    """The six sides of a box in words: where x is lowest and highest, then y, then z.
+
+    Examples
+    --------
+    >>> side_names(Grid((4, 4, 4)))[:2]
+    ('right side (R)', 'left side (L)')
+    """
+    names = []
+    for axis in np.asarray(box.direction).T:
+        for towards in (-axis, axis):
+            world = int(np.abs(towards).argmax())
+            names.append(_TOWARDS[world][int(towards[world] < 0)])
+    return tuple(names)
+
+
+def cut_off_text(sides: tuple[str, ...]) -> str:
+    """A warning of what is cut off at these sides of the box; empty for none.
+
+    Examples
+    --------
+    >>> cut_off_text(("left side (L)", "top (S)"))
+    'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
+    """
+    return f"Tissue leaves the box at the {listed(sides)}, and is cut off there." if sides else ""
+
+
+def listed(sides: tuple[str, ...]) -> str:
+    """Names of sides in a sentence, with commas and an "and"."""
+    return " and ".join([", ".join(sides[:-1]), sides[-1]]) if len(sides) > 1 else sides[0]

@@ -16,6 +16,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from deformnb._progress import time_left
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
@@ -65,10 +66,12 @@ class _Bar:
     def __init__(self, name: str) -> None:
         from tqdm import tqdm
 
+        self._start = time.monotonic()
         self._bar = tqdm(total=100, desc=name, delay=_PATIENCE, file=sys.stderr, leave=True,
-                         bar_format="{desc:28} {bar} {n:3.0f} % {elapsed}")
+                         bar_format="{desc:28} {bar} {n:3.0f} % {elapsed}{postfix}")
 
     def move(self, share: float) -> None:
+        self._bar.set_postfix_str(time_left(time.monotonic() - self._start, share), refresh=False)
         self._bar.update(max(0.0, 100 * min(share, 1.0) - self._bar.n))
 
     def finish(self) -> None:

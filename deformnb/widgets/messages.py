@@ -310,6 +310,7 @@ class Chunk(TypedDict):
     id: Annotated[str, "of the volume"]
     index: Annotated[int, "of the piece"]
     start: Annotated[int, "its first voxel"]
+    lag: Annotated[NotRequired[int], "voxels after the first so many are differences from those so many before"]
 
 
 class FieldContent(TypedDict):

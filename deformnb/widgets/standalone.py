@@ -15,6 +15,7 @@ import html
 import json
 import os
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.analysis.extent import cut_off_text, foreground_level, leaving_voxels, side_names
 from deformnb.document.deformation import Deformation, Step, VolumeReference
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
@@ -31,7 +33,7 @@ from deformnb.rbf.extrusion import Extrusion, extrude
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
@@ -43,8 +45,15 @@ from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png, render_scene
 
-LIMIT = 128**3
-"""Voxels in a file at most, by default: about a megabyte."""
+LIMIT = 256**3
+"""Voxels in a file at most, by default."""
+
+MOST_BYTES = 9_000_000
+"""Bytes that the voxels take in a file by default, as text: with scripts and pictures it stays below 10 MB."""
+
+CONTROLS = {"strength": "Strength", "kernel": "Kernel", "shows": "Original or deformed", "density": "Grid",
+            "reset": "Reset", "download": "Download points", "clip": "Clipping"}
+"""Controls of a page by name, with their labels."""
 
 # A GPU shows at least 256 along an axis, every one of today 1024; a file cannot query it.
 _LARGEST = 1024
@@ -53,6 +62,8 @@ _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a l
 _STILL = (640, 480)
 _LEVEL = 9  # of gzip: packed once and read often
 
+_SIDES = "%"  # the place of the sides in the warning of the page
+
 # Displacements are rounded to this share of a voxel, which nobody sees and which packs far better.
 _EXACTNESS = 1 / 64
 
@@ -60,7 +71,8 @@ _NOT_FOR_THE_PAGE = ("comm", "layout", "tabbable", "tooltip")
 
 
 def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str = "", about: str = "",
-                    limit: int = LIMIT, progress: Progress | None = None) -> str:
+                    limit: int | None = None, controls: Iterable[str] = tuple(CONTROLS),
+                    progress: Progress | None = None) -> str:
     """A page that needs nothing but a browser, in which points are dragged and picture and volume follow.
 
     Parameters
@@ -70,19 +82,22 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         shows is kept; else the editor's displacement is replicated through the volume.
     title : of the page; default is the volume's name.
     about : a line under the title.
-    limit : voxels in the page at most; a larger volume is averaged, which the page reports.
+    limit : voxels in the page at most; a larger volume is averaged, which the page reports. Default is 256^3, and
+        fewer where these would take more than 10 MB.
+    controls : names of :data:`CONTROLS` that the page has; none leaves picture and volume alone.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
     -------
     str
-        The page. It takes 0.25 MB for the scripts, 0.1 to 0.3 MB for the two pictures, and what the voxels take packed,
-        a third more for being text: 0.3 to 0.7 MB for a phantom of 128^3 voxels, up to 2.8 MB for noise.
+        The page. It takes 0.55 MB for the scripts, 0.1 to 0.3 MB for the two pictures, and what the voxels take packed,
+        a third more for being text: 2.2 MB for the carp, 2.8 MB for a CT of a head with 12 million voxels.
 
     Raises
     ------
     DeformError
-        If the view shows no volume or follows another editor, or the points cannot be fitted.
+        If the view shows no volume or follows another editor, the points cannot be fitted, or there is no such
+        control.
 
     Examples
     --------
@@ -92,6 +107,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     True
     """
     report = progress or _silent
+    wanted = _checked_controls(controls)
     part = None if view is None else _view_part(editor, view, _checked_limit(limit), report)
     name = title or (part.volume.name if part else "") or "Deformation"
     data = {
@@ -99,6 +115,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
         "field": part.field if part else None, "still_background": part.background if part else None,
         "kernels": {k.name: k.order for k in KERNELS.values()}, "trends": {t.name: t.order for t in TRENDS.values()},
+        "controls": wanted, "cut_off": part.cut_off if part else None,
         "parameters": as_json(("strength", "kernel", "shows", "density")),
         "picture_shows": PICTURE_SHOWS, "document": _document(editor, part, name),
     }
@@ -111,7 +128,17 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     return page
 
 
-def _checked_limit(limit: int) -> int:
+def _checked_controls(controls: Iterable[str]) -> list[str]:
+    given = list(controls)
+    for name in given:
+        if name not in CONTROLS:
+            raise DeformError(f"a page has no control {name!r:.40}; there are {', '.join(CONTROLS)}.")
+    return [name for name in CONTROLS if name in given]
+
+
+def _checked_limit(limit: int | None) -> int | None:
+    if limit is None:
+        return None
     if isinstance(limit, bool) or not isinstance(limit, int | np.integer) or limit < 1:
         raise DeformError(f"the limit of a page is a whole number of voxels, at least 1, got {limit!r:.40}.")
     return int(limit)
@@ -154,6 +181,7 @@ class _ViewPart:
     field: dict[str, Any]
     background: str
     still: bytes
+    cut_off: dict[str, Any]
 
     @property
     def about(self) -> str:
@@ -162,27 +190,49 @@ class _ViewPart:
         return f"{now} voxels" + ("" if now == before else f", reduced from {before}")
 
 
-def _view_part(editor: Editor, view: LiveView, limit: int, report: Progress) -> _ViewPart:
+def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> _ViewPart:
     volume = view._volume
     if volume is None:
         raise DeformError("the view shows no volume yet; call show(volume) first.")
     field, index = _linked(editor, view, volume)
     report(0.05)
     seen = view._ready()  # the same bytes: the colours of the page are of them
-    shown = packed_volume(volume, limit, _LARGEST, seen.window)
-    shown = replace(shown, share=seen.share, id=_digest(shown))
-    report(0.2)
+    shown, chunks = _packed_chunks(volume, limit, seen, report)
     maps = field_textures(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
-    traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index}
-    chunks = []
-    for k in range(shown.chunks):
-        chunks.append(_chunk(shown, k))
-        report(0.2 + 0.5 * (k + 1) / shown.chunks)
+    box = view._output or volume.grid
+    traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index,
+              "tissue_check": _tissue_check(volume, shown, box)}
     scene = replace(view._scene(), shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
     report(0.9)
     return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
-                     scene.background, still)
+                     scene.background, still, {"sides": side_names(box), "text": cut_off_text((_SIDES,))})
+
+
+def _packed_chunks(volume: Volume, limit: int | None, seen: PackedVolume,
+                   report: Progress) -> tuple[PackedVolume, list[dict[str, Any]]]:
+    """The voxels and their pieces; without a limit as many voxels as :data:`MOST_BYTES` hold."""
+    most = LIMIT if limit is None else limit
+    while True:
+        shown = packed_volume(volume, most, _LARGEST, seen.window)
+        shown = replace(shown, share=seen.share, id=_digest(shown))
+        report(0.1)
+        chunks = []
+        for k in range(shown.chunks):
+            chunks.append(_chunk(shown, k))
+            report(0.1 + 0.6 * (k + 1) / shown.chunks)
+        size = sum(len(chunk["packed"]["base64"]) for chunk in chunks)
+        if limit is not None or size <= MOST_BYTES:
+            return shown, chunks
+        most = int(shown.volume.grid.size * min(0.9, MOST_BYTES / size))
+
+
+def _tissue_check(volume: Volume, shown: PackedVolume, box: Grid) -> dict[str, Any]:
+    """Values above which bytes, from 0 to 1, are foreground, and how far beyond the box it has left it, in shares."""
+    low, high = shown.window
+    level = (foreground_level(volume) - low) / (high - low)
+    return {"tissue": float(np.clip(level, 0.0, 254 / 255)),
+            "beyond": (leaving_voxels(box) / np.array(box.shape[::-1])).tolist()}
 
 
 def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
@@ -225,8 +275,14 @@ def _digest(shown: PackedVolume) -> str:
 
 
 def _chunk(shown: PackedVolume, index: int) -> dict[str, Any]:
-    start, packed = shown.chunk(index)
-    return {"start": start, "packed": _binary(gzip.compress(gzip.decompress(packed), _LEVEL, mtime=0))}
+    """A piece of the voxels, or of the differences from slice to slice where these take less."""
+    first, (_, ny, nx) = index * shown.slices, shown.volume.shape
+    voxels = np.ascontiguousarray(shown.volume.values[first : first + shown.slices])
+    differences = voxels.copy()
+    differences[1:] -= voxels[:-1]  # modulo 256
+    plain, lagged = (gzip.compress(v.tobytes(), _LEVEL, mtime=0) for v in (voxels, differences))
+    lag = ny * nx if len(lagged) < len(plain) else 0
+    return {"start": first * ny * nx, "lag": lag, "packed": _binary(lagged if lag else plain)}
 
 
 def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, Any]:
@@ -354,6 +410,7 @@ _SKELETON = """<!doctype html>
 <div class="dnb-page-picture"></div>
 <div class="dnb-page-volume">
 <img class="dnb-page-still" alt="{title}" src="data:image/png;base64,{picture}">
+<p class="dnb-page-note" role="status" hidden></p>
 </div>
 </main>
 <noscript><p class="dnb-page-alert">This page needs JavaScript to be moved; a still picture is shown.</p></noscript>

@@ -25,8 +25,9 @@ GRID = Grid((40, 40, 40), (1.5, 1.5, 1.5))
 CENTER, RADIUS = np.array([29.0, 29.0, 29.0]), 16.0
 SOLID = TransferFunction(((0, 1, 1, 1),), ((0, 0), (99, 0), (101, 0.98), (255, 0.98)))
 LIT = "rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));"
-# What is written into the picture instead of a colour: the direction in which matter gets denser.
-AS_COLOUR = "rgba.rgb = g / max(length(g), 1e-6) * .5 + .5;"
+# What is written into the picture instead of a colour: the direction in which matter gets denser. Above three quarters
+# the view approaches white slowly.
+AS_COLOUR = "rgba.rgb = .75 * (g / max(length(g), 1e-6) * .5 + .5);"
 
 
 def ball() -> Volume:
@@ -91,7 +92,7 @@ def test_deformed_matter_is_lit_by_its_own_normals(view_on_page: tuple[LivePage,
     x, hit = surface(field, right, up)
     undeformed, normal = gradients(field, x)
     facing = hit & (normal[:, 1] > 0.45)  # where a pixel of another place makes no great difference
-    shown = picture.reshape(-1, 3) / 255 * 2 - 1
+    shown = picture.reshape(-1, 3) / (0.75 * 255) * 2 - 1
     angle, without = degrees(shown, normal)[facing], degrees(undeformed, normal)[facing]
     assert facing.sum() > 1500
     assert np.median(without) > 4.5  # so much does the deformation turn the surface here

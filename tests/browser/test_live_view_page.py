@@ -12,14 +12,18 @@ from browser.live_page import LivePage
 from PIL import Image
 
 from deformnb.analysis.extent import padded
+from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, Step
 from deformnb.imaging.projection import project
+from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.camera import BACKGROUNDS
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.vtk.scene import VtkScene
 
 pytestmark = pytest.mark.needs_browser
 
@@ -98,6 +102,49 @@ def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
         for wrong in (live[::-1], live[:, ::-1], live[::-1, ::-1]):
             assert dice(wrong, still) < 0.9, name
     assert page.errors == []
+
+
+# Mean difference in grey levels of 255 and least correlation of brightness, where something is: lit pictures have other
+# lamps, and the live view shades what is enclosed.
+LIKE_VTK = {"composite": (3.0, 0.99), "mip": (4.0, 0.99), "shaded": (32.0, 0.85)}
+RAYS = """() => {
+  const { loop } = document.querySelector('.dnb-view').deformnb, { gl, targets } = loop.caster;
+  loop.drawNow(4);
+  const { width, height, buffer } = targets.full0, all = new Float32Array(4 * width * height);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+  gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, all);
+  return Array.from(all);
+}"""
+
+
+@pytest.mark.nightly
+def test_pictures_are_like_those_of_vtks_own_renderer(page: LivePage) -> None:
+    if not gl_status()[0]:
+        pytest.skip(gl_status()[1])
+    volume = PHANTOMS["head"].make((96, 96, 96))
+    view = LiveView(volume, background="dark", settle_ms=60000, width=320, height=240)
+    page.add(view)
+    page.loaded()
+    scene = VtkScene(volume, (320, 240))
+    try:
+        scene.set_transfer("specimen")
+        scene.set_background("dark")
+        scene.set_camera(dict(view.camera))
+        behind = np.array(BACKGROUNDS["dark"])
+        for projection, (most, least) in LIKE_VTK.items():
+            view.projection = projection
+            scene.set_projection(projection)
+            page.flush()
+            drawn = np.array(page.page.evaluate(RAYS)).reshape(240, 320, 4)[::-1]
+            live = 255 * np.clip(drawn[..., :3] + (1 - drawn[..., 3:]) * behind, 0, 1)
+            vtk = scene.render()
+            assert vtk is not None
+            body = (drawn[..., 3] > 0.02) | (np.abs(vtk - 255 * behind).max(axis=-1) > 6)
+            assert body.mean() > 0.1
+            assert np.abs(live - vtk)[body].mean() < most, projection
+            assert np.corrcoef(live[body].mean(axis=1), vtk[body].mean(axis=1))[0, 1] > least, projection
+    finally:
+        scene.close()
 
 
 @pytest.mark.sampled(3)

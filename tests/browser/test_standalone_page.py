@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from deformnb.analysis.extent import cut_off_text, exceeded_sides, foreground_of, reached_places
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json
 from deformnb.imaging.projection import project
@@ -40,6 +41,7 @@ PLANE = Plane.along(GRID, "+y")
 EDITOR = "document.querySelector('.dnb-editor').deformnb"
 VIEW = "document.querySelector('.dnb-view').deformnb"
 MODELS = "document.body.deformnb"
+SIDES = f"{VIEW}.caster.exceededSides({MODELS}.view.get('tissue_check'))"
 
 
 def bar_with_a_ball() -> Volume:
@@ -212,6 +214,19 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     page.page.keyboard.press("Control+y")
     page.settled()
     assert np.abs(page.volume() - moved).mean() < 0.3
+    # Far to the right and up tissue leaves the box, beyond the same sides as the core finds.
+    assert page.js(SIDES) == []
+    page.js(f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+            "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })")
+    page.settled()
+    page.volume()
+    far = Deformation.on_picture(GRID, PLANE, page.points()).field(GRID)
+    names = exceeded_sides(reached_places(foreground_of(bar_with_a_ball()), far), FINE)
+    assert len(names) == 2
+    page.js(f"{MODELS}.warn({SIDES})")
+    assert page.page.locator(".dnb-page-note").text_content() == cut_off_text(names)
+    page.js(f"{MODELS}.warn([])")
+    assert page.page.locator(".dnb-page-note").is_hidden()
 
 
 def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened]) -> None:
@@ -376,6 +391,9 @@ def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], s
     below = picture["y"] + picture["height"] <= volume["y"]
     assert (below, beside) == ((True, False) if size[0] < 860 else (False, True))
     assert volume["width"] > 0.4 * size[0]
+    page.page.locator(".dnb-canvas").focus()
+    for name in (".dnb-ed-stage", ".dnb-canvas"):  # one finger scrolls
+        assert page.js(f"getComputedStyle(document.querySelector('{name}')).touchAction") == "pan-y"
 
 
 def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(opened: Callable[..., Opened]) -> None:

@@ -34,11 +34,11 @@ function played(options = {}) {
   const gl = { SIGNALED: 1, SYNC_STATUS: 2, SYNC_GPU_COMMANDS_COMPLETE: 3, isContextLost: () => false, flush() {},
     deleteSync() {}, fenceSync: () => ({ at: free }), getSyncParameter: (sync) => (clock >= sync.at ? 1 : 0) };
   const caster = { gl, isReady: true, isSoftware, canvas: { width: 600, height: 450 },
-    cast(name, _width, _height, _picture, { tile }) {
-      log.casts.push([clock, name]);
+    cast(name, _width, _height, _picture, { tile, pass = 0, quarter = null }) {
+      log.casts.push([clock, name, { tile, pass, quarter }]);
       give(pixelCost * tile[2] * tile[3]);
     },
-    enlarge() { give(1); },
+    merge() { give(1); },
     present(name) { isDirty = true; log.presents.push([clock, name]); give(0.5); } };
   try {
     const loop = new FrameLoop(caster, (width) => [{ layer: 0, x: 0, width, original: false }],
@@ -74,16 +74,33 @@ test("the volume follows the pointer and is drawn in full when it rests", () => 
   assert.ok(log.presents.filter(([at]) => at <= last).length / (last / 1e3) > 6);
   assert.ok(log.reported > last + 200);
   assert.equal(log.presents.at(-1)[1], "full0");
-  const full = Math.min(...log.casts.filter(([, name]) => name === "full0").map(([at]) => at));
+  const full = Math.min(...log.casts.filter(([, name]) => name !== "coarse0").map(([at]) => at));
   assert.ok(full > last); // nothing in full during a drag
   // Two passes in pieces of 40 ms, each of which may wait for two frames.
   assert.ok(log.reported - full < 2 * 2e-3 * 600 * 450 * (40 + 2 * 16) / 40);
 });
 
+test("at rest whole pictures come, each of more pixels, and no ray is cast twice for them", () => {
+  const log = played({ moves: 30, pixelCost: 2e-2, seconds: 40 });
+  const shown = log.presents.map(([, name]) => name).filter((name) => name !== "coarse0");
+  assert.deepEqual(shown, ["stride4of0", "stride2of0", "full0"]);
+  const seen = new Set();
+  for (const [, , { tile: [x, y, width, height], pass, quarter }] of log.casts.filter(([, n]) => n !== "coarse0")) {
+    const { stride, x: a, y: b } = quarter;
+    assert.equal(pass, 0);
+    for (let j = y; j < y + height; j++) {
+      for (let i = x; i < x + width; i++) seen.add(stride * (i + a / 2) + 600 * stride * (j + b / 2));
+    }
+  }
+  assert.equal(seen.size, 600 * 450);
+  const pixels = log.casts.reduce((sum, [, name, { tile }]) => sum + (name === "coarse0" ? 0 : tile[2] * tile[3]), 0);
+  assert.equal(pixels, 600 * 450);
+});
+
 test("maps are requested once for a picture and not at every movement", () => {
   const log = played(), until = 16 * (log.moves - 1);
   const pictures = log.presents.filter(([at]) => at <= until).length;
-  const tiles = log.casts.filter(([, name]) => name === "full0").length;
+  const tiles = log.casts.filter(([, name]) => name !== "coarse0").length;
   assert.ok(log.caughtUp <= pictures + 2 + tiles);
   assert.ok(pictures < log.moves / 3);
 });

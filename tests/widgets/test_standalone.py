@@ -22,6 +22,7 @@ from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets import standalone
 from deformnb.widgets.editor.editor import Editor, picture_png
 from deformnb.widgets.standalone import standalone_html, write_standalone
 from deformnb.widgets.textures import field_textures
@@ -106,6 +107,8 @@ def test_voxels_picture_points_and_colours_come_back_exactly(page: str) -> None:
     voxels = np.zeros(GRID.size, np.uint8)
     for chunk in data["chunks"]:
         piece = np.frombuffer(gzip.decompress(binary(chunk["packed"])), np.uint8)
+        if chunk["lag"]:
+            piece = np.cumsum(piece.reshape(-1, chunk["lag"]), axis=0, dtype=np.uint8).ravel()
         voxels[chunk["start"] : chunk["start"] + len(piece)] = piece
     np.testing.assert_array_equal(voxels.reshape(GRID.shape), block().values)
     assert data["view"]["volume_info"]["shape"] == [24, 16, 20]
@@ -266,8 +269,20 @@ def test_the_document_is_the_one_that_the_editor_makes() -> None:
     assert data_of(standalone_html(editor, view))["document"] is None  # the other points are not the editor's
 
 
+def test_a_page_has_the_controls_and_about_the_bytes_that_are_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    editor, view = pair()
+    monkeypatch.setattr(standalone, "MOST_BYTES", 4000)
+    data = data_of(standalone_html(editor, view, controls=("clip", "strength")))
+    assert data["controls"] == ["strength", "clip"]
+    assert sum(len(chunk["packed"]["base64"]) for chunk in data["chunks"]) <= 4000
+    assert np.prod(data["view"]["volume_info"]["shape"]) > 1000
+    assert len(data["cut_off"]["sides"]) == 6
+
+
 def test_what_cannot_be_put_on_a_page_is_said() -> None:
     editor, view = pair()
+    with pytest.raises(DeformError, match="no control 'zoom'; there are strength, kernel"):
+        standalone_html(editor, view, controls=("strength", "zoom"))
     with pytest.raises(DeformError, match="follows another editor"):
         standalone_html(Editor(editor.picture), view)
     with pytest.raises(DeformError, match="shows no volume yet"):

@@ -17,12 +17,15 @@ import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
  * @typedef {object} PageData
  * @property {Open} editor traits
  * @property {Open | null} view traits
- * @property {{start: number, packed: DataView<ArrayBuffer>}[]} chunks
+ * @property {{start: number, lag: number, packed: DataView<ArrayBuffer>}[]} chunks
  * @property {{content: Open, buffers: DataView<ArrayBuffer>[]}} field
  * @property {string} still_background
  * @property {Record<string, number>} kernels their orders by their names
  * @property {Record<string, number>} trends likewise
  * @property {string[]} picture_shows display modes of the picture
+ * @property {string[]} controls names of those that the page has
+ * @property {{sides: string[], text: string} | null} cut_off names of the sides of the box; a warning, "%" stands for
+ *   them
  * @property {Record<string, Open>} parameters of the controls, as deformnb/widgets/parameters.py has them
  * @property {Open | null} document
  */
@@ -77,10 +80,11 @@ function editorAnswers(model) {
 /**
  * Answers to a live view.
  * @param {() => PlainModel | null} model
- * @param {Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void}} given
+ * @param {Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void,
+ *   isDrawn: (stats: Open) => void}} given
  * @returns {(message: Open) => void}
  */
-function viewAnswers(model, { chunks, field, still, falls }) {
+function viewAnswers(model, { chunks, field, still, falls, isDrawn }) {
   /** @type {() => Packet} */
   const picture = () => [{ type: "still" }, [still]];
   /** @type {Record<string, (message: Open) => Packet>} */
@@ -89,10 +93,14 @@ function viewAnswers(model, { chunks, field, still, falls }) {
       if (!largest || voxels) falls(); // no GPU, no volume; and no Python that could make it smaller
       return voxels ? picture() : [field.content, field.buffers];
     },
-    chunk: ({ id, index }) => [{ type: "chunk", id, index, start: chunks[index].start }, [chunks[index].packed]],
+    chunk: ({ id, index }) => {
+      const { packed, ...about } = chunks[index];
+      return [{ type: "chunk", id, index, ...about }, [packed]];
+    },
     still: picture,
   };
   return (message) => queueMicrotask(() => {
+    if (message.type === "stats") isDrawn(message);
     if (!Object.hasOwn(answers, message.type)) return;
     const [content, buffers] = answers[message.type](message);
     model()?.receive({ ...content, view: message.view }, buffers);
@@ -142,7 +150,8 @@ class StandalonePage {
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
     /** @type {PlainModel | null} */
     this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
-      deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall() }) });
+      deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall(),
+        isDrawn: ({ sides }) => this.warn(sides) }) });
     this.widgets = widgets;
   }
 
@@ -173,6 +182,17 @@ class StandalonePage {
     this.fit();
   }
 
+  /**
+   * Says beyond which sides of the box there is tissue, which is not seen.
+   * @param {number[]} [sides]
+   */
+  warn(sides = []) {
+    const { cut_off: cutOff } = this.data, note = pagePart("note"), names = sides.map((side) => cutOff?.sides[side]);
+    const listed = names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : `${names[0]}`;
+    note.hidden = names.length === 0;
+    note.textContent = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
+  }
+
   /** Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once. */
   fit() {
     const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
@@ -191,16 +211,24 @@ class StandalonePage {
   // ---- controls -----------------------------------------------------------------------------------------------------
 
   #controls() {
-    const bar = pagePart("controls");
-    this.#slider(bar, setting(this.editor, "strength"), (value) => `${Math.round(value * 100)} %`);
-    this.#kernels(bar);
-    this.#shows(bar);
-    this.#slider(bar, trait(this.editor, "density"), (value) => (value ? `${value} cells` : "none"));
-    const buttons = pageElement("div", "dnb-page-buttons", bar);
-    this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
-      () => this.reset());
-    this.#button(buttons, "Download points", "a JSON file that deformnb opens", () => this.download());
-    if (this.view?.get("clip")) this.#clip(bar, this.view);
+    const bar = pagePart("controls"), has = (/** @type {string} */ name) => this.data.controls.includes(name);
+    if (has("strength")) {
+      this.#slider(bar, setting(this.editor, "strength"), (value) => `${Math.round(value * 100)} %`);
+    }
+    if (has("kernel")) this.#kernels(bar);
+    if (has("shows")) this.#shows(bar);
+    if (has("density")) {
+      this.#slider(bar, trait(this.editor, "density"), (value) => (value ? `${value} cells` : "none"));
+    }
+    const buttons = has("reset") || has("download") ? pageElement("div", "dnb-page-buttons", bar) : bar;
+    if (has("reset")) {
+      this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
+        () => this.reset());
+    }
+    if (has("download")) {
+      this.#button(buttons, "Download points", "a JSON file that deformnb opens", () => this.download());
+    }
+    if (has("clip") && this.view?.get("clip")) this.#clip(bar, this.view);
   }
 
   /**

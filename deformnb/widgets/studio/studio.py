@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -455,22 +455,25 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                       progress=progress)
 
     def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "", limit: int | None = None,
-                    overwrite: bool = False, progress: Callable[[float], None] | None = None) -> None:
+                    controls: Iterable[str] | None = None, overwrite: bool = False,
+                    progress: Callable[[float], None] | None = None) -> None:
         """Write one offline file in which the volume still deforms, without a kernel.
 
         Parameters
         ----------
         title, about : of the page; a line under the title.
-        limit : voxels in the file at most; a larger volume is averaged, which the page reports. Default is 128^3.
+        limit : voxels in the file at most; a larger volume is averaged, which the page reports. Default is 256^3, and
+            fewer where these would take more than 10 MB.
+        controls : names of :data:`~deformnb.widgets.standalone.CONTROLS` that the page has; default is all.
         overwrite, progress : as of :meth:`export`.
         """
-        from deformnb.widgets.standalone import LIMIT, write_standalone
+        from deformnb.widgets.standalone import CONTROLS, write_standalone
 
         editor, view = last_step(self.session, self._editors.plane, self.view)
         try:
             with self.session.files.writing(path, overwrite=overwrite):
                 write_standalone(path, editor, view, title=title or self.volume.name, about=about,
-                                 limit=LIMIT if limit is None else limit, progress=progress)
+                                 limit=limit, controls=CONTROLS if controls is None else controls, progress=progress)
         finally:
             close_all(editor)
             close_all(view)

@@ -45,6 +45,7 @@ const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "m
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
+const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in view
 const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
 const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the editor out
 
@@ -494,11 +495,13 @@ export class EditorView extends EditorDrawing {
     this.handles.blink([id]);
   }
 
-  /** Keep some of the picture in the view. */
+  /** Keep at least a tenth of the picture in the view, or fill a tenth of it. */
   #keepInView() {
-    const [a0, a1, b0, b1] = this.sheet, v = this.view, rest = 40;
-    v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x));
-    v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y));
+    const [a0, a1, b0, b1] = this.sheet, v = this.view;
+    const least = (/** @type {number} */ length, /** @type {number} */ room) => LEAST_SEEN * Math.min(v.k * length, room);
+    const across = least(a1 - a0, v.width), down = least(b1 - b0, v.height);
+    v.x = Math.max(across - v.k * a1, Math.min(v.width - across - v.k * a0, v.x));
+    v.y = Math.max(down - v.k * b1, Math.min(v.height - down - v.k * b0, v.y));
     this.isFitted = false;
   }
 

@@ -17,6 +17,7 @@ export const unitVector = (a) => { const n = Math.hypot(...a); return n > 1e-9 ?
 const rotated = (a, side, angle) => added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
 
 const SEEN = 1.02; // a small margin around the box, as in the still pictures
+const LEAST_SEEN = 0.1; // share of the box, or of the view, that stays in view
 const SMALLEST_SHARE = 0.62; // of the box's diagonal: a thin view must still fit the frame after it is turned
 
 export class Camera {
@@ -86,6 +87,21 @@ export class Camera {
       far = Math.max(far, Math.hypot(...corner));
     }
     return 2 * SEEN * Math.max(b, a / aspect, SMALLEST_SHARE * far * Math.min(1, 1 / aspect));
+  }
+
+  /**
+   * Moves the view so that at least a tenth of what all corners (vectors from the middle) span stays in it, or fills a
+   * tenth of it.
+   * @param {number[][]} corners
+   * @param {number} aspect
+   */
+  keepInView(corners, aspect) {
+    const height = this.height / 2, halves = [height * aspect, height];
+    [this.right, this.up].forEach((axis, i) => {
+      const half = Math.max(...corners.map((corner) => Math.abs(dot(corner, axis))));
+      const most = half + halves[i] - 2 * LEAST_SEEN * Math.min(half, halves[i]);
+      this.pan[i] = Math.max(-most, Math.min(most, this.pan[i]));
+    });
   }
 
   /**

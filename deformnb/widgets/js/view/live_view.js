@@ -500,7 +500,8 @@ class LiveVolumeView {
   /** @param {FrameLoop} loop */
   sendStats(loop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
-    this.send({ type: "stats", ...this.stats });
+    const looked = this.model.get("tissue_check"); // of a page without Python, which looks itself
+    this.send({ type: "stats", ...this.stats, ...(looked && { sides: loop.caster.exceededSides(looked) }) });
   }
 
   touch(held = false) {

@@ -83,6 +83,7 @@ export class PointerControls {
   pan(dx, dy, box) {
     const { camera } = this.view, length = camera.height / box.height;
     camera.pan = [camera.pan[0] - dx * length, camera.pan[1] + dy * length];
+    camera.keepSeen();
   }
 
   /**
@@ -120,6 +121,7 @@ export class PointerControls {
       camera.pan[1] -= change * ((y - box.top - box.height / 2) / box.height);
     }
     camera.height = height;
+    camera.keepSeen();
   }
 
   /** @param {WheelEvent} event */

@@ -1,10 +1,12 @@
-// Scheduling of the drawing: quick pictures while something moves, then the full one piece by piece, then finer ones.
+// Scheduling of the drawing: quick pictures while something moves; at rest every fourth pixel along both axes, every
+// second and then all of them, so that what is drawn counts for all that follows; then passes that are averaged. It is
+// all drawn in pieces, but shown only when it is a whole picture, smoothly enlarged.
 // Never more than one piece of work is on its way, so the next movement waits for that piece only.
 // What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
 // canvas changes when the GPU has nothing left to do, and gets no more until that frame is on its way.
 
-/** @import { RayCaster } from "../webgl/raycaster.js" */
+/** @import { Quarter, RayCaster } from "../webgl/raycaster.js" */
 /** @import { Picture } from "../webgl/types.d.ts" */
 
 /** @typedef {[number, number, number, number]} Tile x, y, width and height in pixels, from the lower left */
@@ -19,22 +21,33 @@
  * @property {number} spent
  */
 
+/** @typedef {{picture: Picture, at: Tile, quarter: Quarter | null}} Piece of a full picture */
+
+/**
+ * @typedef {object} Stage a whole picture of one layer, out of the full one under way
+ * @property {number} layer
+ * @property {Piece[]} pieces the next one last
+ * @property {string} shows the picture that is whole then
+ * @property {{from: string, stride: number} | null} merged the quarters that it is put together of
+ */
+
 /**
  * @typedef {object} Work a full picture under way
  * @property {number} pass
- * @property {{picture: Picture, at: Tile}[]} tiles
+ * @property {Stage[]} stages the next one first
  * @property {Picture[]} pictures
  * @property {[number, number]} size
  * @property {number} spent
  * @property {number} passes
- * @property {number} unseen
  */
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
 const PIECE_MS = 25; // of a quick picture: a widget that draws a picture beside it waits for one piece only
 const REST_SHARE = 0.6; // a software renderer takes the processors from the widget that moves the points: so it rests
 const MOST_REST = 60;
-const SHOW_MS = 150; // of work on the full picture, after which what there is of it is shown
+const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
+const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
+const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
@@ -64,8 +77,8 @@ export class FrameLoop {
     this.layer = 0; // the one on the screen
     /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. @type {number | null} */
     this.mixture = null;
-    /** @type {Record<number, "coarse" | "full">} */
-    this.drawn = {}; // by layer: whichever is up to date
+    /** @type {Record<number, string>} */
+    this.drawn = {}; // by layer: the best picture that is up to date, "full" or a name for fewer pixels
     /** @type {string | null} */
     this.showing = null; // the picture on the canvas
     /** @type {string | null} */
@@ -144,21 +157,11 @@ export class FrameLoop {
   /** @returns {[number, number]} */
   get size() { return [this.caster.canvas.width, this.caster.canvas.height]; }
 
-  /**
-   * @param {"coarse" | "full"} kind
-   * @param {[number, number]} size
-   * @param {Picture} picture
-   * @param {Parameters<RayCaster["cast"]>[4]} options
-   */
-  #cast(kind, [width, height], picture, options) {
-    this.caster.cast(`${kind}${picture.layer}`, width, height, picture, options);
-  }
-
   #present() {
-    const kind = this.drawn[this.layer];
-    if (!kind) return;
-    this.showing = `${kind}${this.layer}`;
-    this.over = this.drawn[1] ? `${this.drawn[1]}1` : null;
+    const name = this.drawn[this.layer];
+    if (!name) return;
+    this.showing = name;
+    this.over = this.drawn[1] ?? null;
     this.again();
   }
 
@@ -203,11 +206,11 @@ export class FrameLoop {
     const piece = rush.pieces.shift(), start = performance.now();
     if (!piece) return;
     const { picture, tile } = piece;
-    this.#cast("coarse", rush.size, picture, { coarseness: rush.coarseness, tile });
+    this.caster.cast(`coarse${picture.layer}`, ...rush.size, picture, { coarseness: rush.coarseness, tile });
     this.#when(() => {
       rush.spent += performance.now() - start;
       if (rush.pieces.length > 0 || this.rush !== rush) return false;
-      for (const layer of rush.layers) this.drawn[layer] = "coarse";
+      for (const layer of rush.layers) this.drawn[layer] = `coarse${layer}`;
       this.#present();
       this.#rushed(rush);
       return true;
@@ -242,71 +245,115 @@ export class FrameLoop {
    * @returns {Work}
    */
   #begin(last) {
-    const [w, h] = this.size, pass = last ? last.pass + 1 : 0;
-    const side = Math.max(16, Math.min(Math.max(w, h), Math.round(Math.sqrt(TILE_MS / this.pixelCost))));
-    const pictures = last ? last.pictures : this.#seen(w, h);
-    /** @type {Work["tiles"]} */
-    const tiles = [];
+    const [w, h] = this.size, pass = last ? last.pass + 1 : 0, pictures = last ? last.pictures : this.#seen(w, h);
+    const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === this.layer ? -1 : 1)); // first the seen
+    const stages = layers.flatMap((layer) => {
+      const own = pictures.filter((p) => p.layer === layer);
+      return this.#stages(layer, own, pass === 0 && layer === this.layer ? this.#firstStride(own) : 1);
+    });
+    this.work = { pass, stages, pictures, size: [w, h], spent: last?.spent ?? 0, passes: last?.passes ?? 1 };
+    return this.work;
+  }
+
+  /**
+   * The stride of the first whole picture at rest: it has as many pixels as are drawn within SHOW_MS.
+   * @param {Picture[]} pictures
+   */
+  #firstStride(pictures) {
+    const whole = pictures.reduce((sum, p) => sum + p.width, 0) * this.size[1]
+      * Math.max(this.pixelCost, this.quickCost);
+    let stride = 1;
+    while (stride < LONGEST_STRIDE && whole > SHOW_MS * stride ** 2) stride *= 2;
+    while (stride > 1 && FINER * this.scale * stride > 1) stride /= 2;
+    return stride;
+  }
+
+  /**
+   * The whole pictures of a layer, one after the other: every stride-th pixel, every half as far, and so on to all.
+   * @param {number} layer
+   * @param {Picture[]} pictures
+   * @param {number} stride
+   * @returns {Stage[]}
+   */
+  #stages(layer, pictures, stride) {
+    const name = (/** @type {number} */ s) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
+    if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, [null]), shows: name(1), merged: null }];
+    /** @type {(numbers: [number, number][], s: number) => Quarter[]} */
+    const quarters = (numbers, s) => numbers.map(([x, y]) => ({ stride: s, x, y }));
+    /** @type {Stage[]} */
+    const stages = [{ layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride),
+      merged: null }];
+    for (let s = stride; s > 1; s /= 2) {
+      stages.push({ layer, pieces: this.#pieces(pictures, quarters([[1, 1], [1, 0], [0, 1]], s)), shows: name(s / 2),
+        merged: { from: name(s), stride: s } });
+    }
+    return stages;
+  }
+
+  /**
+   * Pieces of about TILE_MS of pictures or of quarters of them; those of one place follow each other, since their rays
+   * meet the same voxels.
+   * @param {Picture[]} pictures
+   * @param {(Quarter | null)[]} quarters
+   */
+  #pieces(pictures, quarters) {
+    const [w, h] = this.size, side = Math.round(Math.sqrt(TILE_MS / this.pixelCost));
+    const most = Math.max(16, Math.min(Math.max(w, h), side));
+    /** @type {Piece[]} */
+    const pieces = [];
     for (const picture of pictures) {
-      const end = picture.x + picture.width;
-      for (let y = 0; y < h; y += side) {
-        for (let x = picture.x; x < end; x += side) {
-          tiles.push({ picture, at: [x, y, Math.min(side, end - x), Math.min(side, h - y)] });
+      const [{ stride }] = quarters.map((q) => q ?? { stride: 1 });
+      for (let y = 0; y < h; y += most * stride) {
+        for (let x = picture.x; x < picture.x + picture.width; x += most * stride) {
+          const right = Math.min(x + most * stride, picture.x + picture.width), top = Math.min(y + most * stride, h);
+          for (const quarter of quarters) {
+            /** @type {(from: number, to: number, part?: number) => [number, number]} */
+            const within = (from, to, part = 0) => {
+              const [a, b] = [from, to].map((n) => Math.ceil((n - (part * stride) / 2) / stride));
+              return [a, b - a];
+            };
+            const [[left, width], [low, height]] = [within(x, right, quarter?.x), within(y, top, quarter?.y)];
+            if (width > 0 && height > 0) pieces.push({ picture, at: [left, low, width, height], quarter });
+          }
         }
       }
     }
-    /** @typedef {Work["tiles"][number]} WorkTile */
-    const far = (/** @type {WorkTile} */ { picture, at: [x, y, tw, th] }) => (
-      Math.hypot(x + tw / 2 - picture.x - picture.width / 2, y + th / 2 - h / 2));
-    const hidden = (/** @type {WorkTile} */ { picture }) => (picture.layer === this.layer ? 0 : 1);
-    tiles.sort((a, b) => hidden(b) - hidden(a) || far(b) - far(a)); // from the end: what is seen, and its middle first
-    /** @type {Work} */
-    const work = { pass, tiles, pictures, size: [w, h], spent: last?.spent ?? 0, passes: last?.passes ?? 1, unseen: 0 };
-    this.work = work;
-    if (last) return work;
-    for (const layer of new Set(pictures.map((p) => p.layer))) {
-      if (this.drawn[layer] !== "coarse") continue;
-      this.caster.enlarge(`coarse${layer}`, `full${layer}`, w, h);
-      this.drawn[layer] = "full";
-    }
-    return work;
+    return pieces.reverse();
   }
 
   /** Draws pieces of the full picture for about TILE_MS. */
   #refine() {
     this.#settle();
-    const work = this.work ?? this.#begin(null), [w, h] = work.size;
+    const work = this.work ?? this.#begin(null), [w, h] = work.size, [stage] = work.stages;
     if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return; }
-    if (work.tiles.length === 0) return;
-    const start = performance.now();
+    if (!stage) return;
+    const start = performance.now(), name = stage.merged?.from ?? stage.shows;
     let pixels = 0;
     while (pixels * this.pixelCost < TILE_MS) {
-      const tile = work.tiles.pop();
-      if (!tile) break;
-      this.#cast("full", work.size, tile.picture, { tile: tile.at, pass: work.pass });
-      pixels += tile.at[2] * tile.at[3];
+      const piece = stage.pieces.pop();
+      if (!piece) break;
+      this.caster.cast(name, w, h, piece.picture, { tile: piece.at, pass: work.pass, quarter: piece.quarter });
+      pixels += piece.at[2] * piece.at[3];
     }
+    if (stage.pieces.length === 0 && stage.merged) this.caster.merge(name, stage.shows, w, h, stage.merged.stride);
     this.#when(() => {
       const ms = performance.now() - start;
       // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
-      this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / pixels));
+      this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / Math.max(1, pixels)));
       if (this.work !== work) return false;
-      work.unseen += ms;
-      const isDue = work.unseen >= SHOW_MS || work.tiles.length === 0;
-      if (isDue) { work.unseen = 0; this.#present(); }
-      this.#finished(work, ms);
-      return isDue;
+      work.spent += ms;
+      if (stage.pieces.length > 0) return false;
+      work.stages.shift();
+      this.drawn[stage.layer] = stage.shows;
+      if (work.stages.length === 0) this.#finished(work);
+      if (stage.layer !== this.layer && this.mixture === null) return false;
+      this.#present();
+      return true;
     });
   }
 
-  /**
-   * @param {Work} work
-   * @param {number} ms
-   */
-  #finished(work, ms) {
-    work.spent += ms;
-    if (work.tiles.length) return;
-    for (const { layer } of work.pictures) this.drawn[layer] = "full";
+  /** @param {Work} work */
+  #finished(work) {
     if (work.pass === 0) {
       this.times.full = work.spent;
       const passes = this.caster.isSoftware ? SOFTWARE_PASSES : PASSES;
@@ -345,9 +392,9 @@ export class FrameLoop {
     this.#settle();
     const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => this.#isSeen(p));
     for (const picture of pictures) {
-      for (let pass = 0; pass < passes; pass++) this.#cast("full", [w, h], picture, { pass });
+      for (let pass = 0; pass < passes; pass++) this.caster.cast(`full${picture.layer}`, w, h, picture, { pass });
     }
-    for (const { layer } of pictures) this.drawn[layer] = "full";
+    for (const { layer } of pictures) this.drawn[layer] = `full${layer}`;
     this.#present();
   }
 

@@ -80,6 +80,9 @@ export class ViewCamera extends Camera {
     if (zoom) this.height = this.full / zoom;
   }
 
+  /** Keeps some of the box in the picture, wherever it is moved. */
+  keepSeen() { this.keepInView(boxCorners(this.box, this.info.axes), this.aspect); }
+
   /**
    * Sees all of the box.
    * @param {ViewDirection} look

@@ -53,16 +53,18 @@ export class VolumeLoader {
   }
 
   /**
-   * Takes a piece; returns the values once all are here, else null.
+   * Takes a piece; returns the values once all are here, else null. With a `lag` it holds differences from the voxels so
+   * far before.
    * @param {Message} content
    * @param {Bytes} packed
    */
-  async receive({ id, index, start }, packed) {
+  async receive({ id, index, start, lag = 0 }, packed) {
     if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
     let voxels = null;
     try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: requested again after a while */ }
     if (this.isOver || !this.missing.has(index)) return null;
     if (!voxels || start + voxels.length > this.values.length) return null;
+    if (lag > 0) for (let i = lag; i < voxels.length; i++) voxels[i] += voxels[i - lag];
     this.values.set(voxels, start);
     this.missing.delete(index);
     this.tries = 0;

@@ -16,7 +16,7 @@ uniform sampler3D blocks;      // rings of transparent blocks around each, large
 uniform sampler3D ambience;    // how much light reaches a place
 uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
-uniform vec2 place, resolution, shift; uniform float phase;
+uniform vec2 place, resolution, shift; uniform float phase, stride;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
 uniform vec3 middle;           // of what is seen when nothing is cut away
 #ifdef CLIPPED
@@ -64,7 +64,7 @@ float grain(vec2 pixel) {
 }
 
 void main() {
-  vec2 pixel = gl_FragCoord.xy - place;      // of this picture, which may be one of two side by side
+  vec2 pixel = gl_FragCoord.xy * stride - place; // of this picture, which may be one of two side by side
   vec2 at = (pixel + shift) / resolution * 2. - 1.;
   vec3 start = eye + at.x * right + at.y * up, ray = ahead;
   float nearest = -1e30;
@@ -188,19 +188,80 @@ void main() {
   color = vec4(tone * v, v);
 #else
   color = sum;
+#ifdef SHADED
+  // What is brighter than white would be an even patch: from three quarters on, brightness approaches white.
+  vec3 bright = max(color.rgb / max(color.a, 1e-6) - .75, 0.);
+  color.rgb -= color.a * (bright - .25 * (1. - exp(-4. * bright)));
+#endif
 #endif
 }`;
 
-// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out.
+export const SIDE_SAMPLES = 64; // along each edge of a side of the box
+
+// Looks for tissue beyond the six sides of the box, which lie side by side.
+export const SIDES = `#version 300 es
+precision highp float; precision highp int;
+precision highp sampler2D; precision highp sampler3D; precision highp sampler2DArray;
+uniform sampler3D volume;
+uniform vec3 boxLow, boxHigh, toTexture, toTexture0;
+uniform vec3 beyond;           // how far, in shares of the box
+uniform float tissue;          // values above are tissue
+uniform float rate;
+out vec4 color;
+${DISPLACEMENT}
+void main() {
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  int side = p.x / ${SIDE_SAMPLES}, axis = side / 2;
+  vec2 along = (vec2(p.x % ${SIDE_SAMPLES}, p.y) + .5) / float(${SIDE_SAMPLES});
+  float across = side % 2 == 0 ? -beyond[axis] : 1. + beyond[axis];
+  vec3 share = axis == 0 ? vec3(across, along) : axis == 1 ? vec3(along.x, across, along.y) : vec3(along, across);
+  vec3 q = origin(mix(boxLow, boxHigh, share)) * toTexture + toTexture0;
+  bool isInside = all(greaterThanEqual(q, vec3(0.))) && all(lessThan(q, vec3(1.)));
+  float there = isInside && textureLod(volume, q, 0.).a > tissue ? 1. : 0.;
+#ifdef CUT
+  there *= step(.5, seen);
+#endif
+  color = vec4(there);
+}`;
+
+// Takes the pixels of four quarters, which lie side by side, in turn.
+export const MERGE = `#version 300 es
+precision highp float; precision highp int;
+uniform highp sampler2D picture; uniform ivec2 size;
+out vec4 color;
+void main() {
+  ivec2 p = ivec2(gl_FragCoord.xy);
+  color = texelFetch(picture, (p >> 1) + (p & 1) * size, 0);
+}`;
+
+// Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out. A
+// smaller picture is enlarged by the cubic of Mitchell and Netravali (1988), without its four corners, which are small.
 export const PRESENT = `#version 300 es
 precision highp float;
 uniform sampler2D picture, second; uniform float share; // of the second picture laid over the first
-uniform vec2 resolution; uniform float parts; uniform vec3 centre, corner;
+uniform vec2 extent, secondExtent, resolution; uniform float start, secondStart, parts; uniform vec3 centre, corner;
 out vec4 color;
+vec4 look(sampler2D seen, vec2 extent, vec2 t) {
+  return textureLod(seen, clamp(t, vec2(.5), ceil(extent) - .5) / vec2(textureSize(seen, 0)), 0.);
+}
+vec4 smoothly(sampler2D seen, vec2 extent, vec2 t) {
+  vec2 base = floor(t - .5) + .5, f = t - base;
+  vec2 w0 = ((-7. * f + 15.) * f - 9.) * f / 18. + 1. / 18., w3 = (7. * f - 6.) * f * f / 18.;
+  vec2 w2 = ((-21. * f + 27.) * f + 9.) * f / 18. + 1. / 18., w12 = 1. - w0 - w3;
+  vec2 mid = base + w2 / w12, low = base - 1., high = base + 2.;
+  vec4 sum = look(seen, extent, mid) * w12.x * w12.y + look(seen, extent, vec2(mid.x, low.y)) * w12.x * w0.y
+    + look(seen, extent, vec2(low.x, mid.y)) * w0.x * w12.y + look(seen, extent, vec2(high.x, mid.y)) * w3.x * w12.y
+    + look(seen, extent, vec2(mid.x, high.y)) * w12.x * w3.y;
+  return clamp(sum / (w12.x + w12.y - w12.x * w12.y), 0., 1.);
+}
+vec4 at(sampler2D seen, vec2 extent, float start) {
+  vec2 t = gl_FragCoord.xy / resolution * extent + start;
+  return extent.x < resolution.x ? smoothly(seen, extent, t) : look(seen, extent, t);
+}
 void main() {
-  vec2 at = gl_FragCoord.xy / resolution;
-  vec4 c = textureLod(picture, at, 0.), over = textureLod(second, at, 0.);
-  vec2 d = (vec2(fract(at.x * parts), at.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
+  vec2 place = gl_FragCoord.xy / resolution;
+  vec4 c = at(picture, extent, start), over = share > 0. ? at(second, secondExtent, secondStart) : c;
+  vec2 d = (vec2(fract(place.x * parts), place.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
   vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
   behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;
   vec3 first = min(c.rgb + (1. - c.a) * behind, 1.); // as they would be seen alone: highlights are brighter than white

@@ -11,7 +11,7 @@ import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
 import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
-import { FRAGMENT, PRESENT, VERTEX } from "./ray_shader.js";
+import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
 import {
   AMBIENT_CELL, ambientLight, BLOCK, blockExtremes, emptyRings, extrusionSlope, gradientSlab, opacityOfByte,
   planarBounds, spaceSlope, STEEPEST,
@@ -19,7 +19,16 @@ import {
 
 /** @typedef {Record<string, WebGLUniformLocation | null>} Uniforms locations of a program's uniforms, by name */
 /** @typedef {{program: WebGLProgram, at: Uniforms}} Program */
-/** @typedef {{width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer}} Target */
+/**
+ * A picture to draw into. `extent`: its pixels that are shown, which may be a fraction; `start`: where they begin.
+ * @typedef {{width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer,
+ *   extent: [number, number], start: number}} Target
+ */
+/**
+ * One of the four pictures that, pixel by pixel in turn, make a picture of half the stride: it has every stride-th pixel
+ * along both axes, from x, y (0 or 1) times half the stride.
+ * @typedef {{stride: number, x: number, y: number}} Quarter
+ */
 /** @typedef {keyof typeof UNITS} Unit */
 
 // ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
@@ -101,6 +110,7 @@ const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5
   depths: 9, second: 10 };
 
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
+const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
 /** @type {Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}>} */
@@ -368,19 +378,22 @@ export class RayCaster {
   }
 
   /**
-   * A picture to draw into, made anew when its size changes.
+   * A picture to draw into, made anew when its size changes. With a stride it holds quarters, side by side.
    * @param {string} name
    * @param {number} width
    * @param {number} height
    */
-  #target(name, width, height) {
+  #target(name, width, height, stride = 1) {
     const gl = this.gl, old = this.targets[name];
-    if (old && old.width === width && old.height === height) return old;
+    const [w, h] = stride > 1 ? [width, height].map((n) => 2 * Math.ceil(n / stride)) : [width, height];
+    /** @type {Pick<Target, "extent" | "start">} */
+    const shown = { extent: [width / stride, height / stride], start: 0.5 - 0.5 / stride };
+    if (old && old.width === w && old.height === h) return Object.assign(old, shown);
     if (old) { gl.deleteTexture(old.texture); gl.deleteFramebuffer(old.buffer); }
-    const target = { width, height, texture: gl.createTexture(), buffer: gl.createFramebuffer() };
+    const target = { width: w, height: h, texture: gl.createTexture(), buffer: gl.createFramebuffer(), ...shown };
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, this.floats ? gl.RGBA16F : gl.RGBA8, width, height);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, this.floats ? gl.RGBA16F : gl.RGBA8, w, h);
     for (const kind of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, kind, gl.LINEAR);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
@@ -391,27 +404,35 @@ export class RayCaster {
 
   /**
    * Casts rays into a picture of that name; only where it isReady. tile: [x, y, width, height] in pixels from the lower
-   * left. pass: 0 replaces, n > 0 averages with the n passes before it.
+   * left, of the quarter where one is drawn. pass: 0 replaces, n > 0 averages with the n passes before it. A quarter has
+   * the rays of the whole picture, each as it is there.
    * @param {string} name
-   * @param {number} width
+   * @param {number} width of the whole picture
    * @param {number} height
    * @param {Picture} picture
-   * @param {{tile?: [number, number, number, number] | null, pass?: number, coarseness?: number}} options
+   * @param {{tile?: [number, number, number, number] | null, pass?: number, coarseness?: number,
+   *   quarter?: Quarter | null}} options
    */
-  cast(name, width, height, picture, { tile = null, pass = 0, coarseness = 1 } = {}) {
+  cast(name, width, height, picture, { tile = null, pass = 0, coarseness = 1, quarter = null } = {}) {
     const { gl, volume, table } = this, { camera, original } = picture;
     if (!volume || !table) throw new Error("nothing to draw");
     const { planar, space } = original ? { planar: null, space: null } : this, whole = picture.whole ?? picture;
-    const target = this.#target(name, width, height), { program, at } = this.#program({ planar, space });
+    const { stride, x, y } = quarter ?? { stride: 1, x: 0, y: 0 };
+    const target = this.#target(name, width, height, stride), { program, at } = this.#program({ planar, space });
     const finest = Math.min(...volume.spacing), pixel = (2 * Math.hypot(...camera.up)) / height;
     const step = coarseness * Math.max(finest * 0.7, Math.min(pixel, 2 * finest));
     this.#fitTable(table, step);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
-    gl.viewport(whole.x, 0, whole.width, height); // which cuts off what lies beside it
+    gl.viewport(0, 0, target.width, target.height);
     gl.useProgram(program);
     for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
     this.#setCamera(at, camera, whole.width, height, pass);
-    gl.uniform2f(at.place, whole.x, 0);
+    const [left, low] = [x * (target.width / 2), y * (target.height / 2)];
+    // A pixel at (n + 1/2, m + 1/2) of the quarter is the one at (stride n + x stride / 2 + 1/2, ...) of the whole.
+    const before = (/** @type {number} */ from, /** @type {number} */ part) => (
+      (from + 0.5) * stride - (part * stride) / 2 - 0.5);
+    gl.uniform1f(at.stride, stride);
+    gl.uniform2f(at.place, whole.x + before(left, x), before(low, y));
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
     this.#setFieldNumbers(at, planar, space, volume.spacing);
     if (pass > 0) {
@@ -419,8 +440,9 @@ export class RayCaster {
       gl.blendColor(0, 0, 0, 1 / (pass + 1));
       gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
     }
+    const [tx, ty, tw, th] = tile ?? [picture.x, 0, picture.width, height];
     gl.enable(gl.SCISSOR_TEST);
-    gl.scissor(...(tile ?? /** @type {const} */ ([picture.x, 0, picture.width, height])));
+    gl.scissor(left + tx, low + ty, tw, th);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.BLEND);
     gl.disable(gl.SCISSOR_TEST);
@@ -549,21 +571,69 @@ export class RayCaster {
   }
 
   /**
-   * Copies a picture into a larger one: what is not refined yet shows it.
-   * @param {string} small
-   * @param {string} large
-   * @param {number} width
-   * @param {number} height
+   * The sides of the box (low x, high x, low y ...) beyond which there is deformed tissue, which is not seen.
+   * @param {{tissue: number, beyond: number[]}} looked values above `tissue`, from 0 to 1, this far beyond in shares of
+   *   the box
    */
-  enlarge(small, large, width, height) {
-    const gl = this.gl, from = this.targets[small], to = this.#target(large, width, height);
-    gl.bindFramebuffer(gl.READ_FRAMEBUFFER, from.buffer);
-    gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, to.buffer);
-    gl.blitFramebuffer(0, 0, from.width, from.height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.LINEAR);
+  exceededSides({ tissue, beyond }) {
+    const { gl, volume, table, planar, space } = this, width = 6 * SIDE_SAMPLES, height = SIDE_SAMPLES;
+    if (!volume || !table) return [];
+    const defines = definesOf("", planar, space), key = `sides ${defines.join(" ")}`;
+    const lines = defines.map((d) => `#define ${d}\n`).join("");
+    this.programs[key] ??= linked(gl, SIDES.replace("#version 300 es\n", `#version 300 es\n${lines}`));
+    const { program, at } = this.programs[key], { buffer } = this.#target("sides", width, height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+    gl.viewport(0, 0, width, height);
+    gl.useProgram(program);
+    for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
+    this.#setVolumeNumbers(at, volume, table, 1, volume.box);
+    this.#setFieldNumbers(at, planar, space, volume.spacing);
+    gl.uniform3fv(at.boxLow, volume.box.low); // of all of it, clipped or not
+    gl.uniform3fv(at.boxHigh, volume.box.high);
+    gl.uniform3fv(at.beyond, beyond);
+    gl.uniform1f(at.tissue, tissue);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    const seen = this.floats ? new Float32Array(4 * width * height) : new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, this.floats ? gl.FLOAT : gl.UNSIGNED_BYTE, seen);
+    const counts = Array(6).fill(0);
+    for (let i = 0; i < width * height; i++) if (seen[4 * i] > 0) counts[Math.floor((i % width) / SIDE_SAMPLES)] += 1;
+    return counts.flatMap((count, side) => (count >= FEWEST_SEEN ? [side] : []));
   }
 
   /**
-   * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each.
+   * Puts four quarters together: the first of the quarters of half the stride, or the whole picture.
+   * @param {string} from
+   * @param {string} to
+   * @param {number} width of the whole picture
+   * @param {number} height
+   * @param {number} stride of the quarters
+   */
+  merge(from, to, width, height, stride) {
+    const gl = this.gl, { texture, ...quarters } = this.targets[from], next = stride / 2;
+    this.programs.merge ??= linked(gl, MERGE);
+    const target = this.#target(to, width, height, next), { program, at } = this.programs.merge;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
+    gl.viewport(0, 0, Math.ceil(width / next), Math.ceil(height / next));
+    gl.useProgram(program);
+    this.#show(at, texture);
+    gl.uniform2i(at.size, quarters.width / 2, quarters.height / 2);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /**
+   * @param {Uniforms} at
+   * @param {WebGLTexture | null} texture
+   */
+  #show(at, texture) {
+    const gl = this.gl;
+    gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.uniform1i(at.picture, UNITS.picture);
+  }
+
+  /**
+   * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each. What has
+   * fewer pixels than the canvas is enlarged smoothly, and of quarters the first is shown.
    * @param {string | null} name null: the background alone
    * @param {number} [parts]
    * @param {string | null} [over] another picture laid over it
@@ -573,16 +643,20 @@ export class RayCaster {
     const gl = this.gl, { width, height } = this.canvas, ground = BACKGROUNDS[this.background];
     this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
+    /** @type {Pick<Target, "extent" | "start"> & {texture: WebGLTexture | null}} */
+    const nothing = { texture: this.textures.picture ?? null, extent: [width, height], start: 0 };
+    const first = name ? this.targets[name] : nothing, second = over ? this.targets[over] : first;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
-    gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
-    const first = name ? this.targets[name].texture : this.textures.picture ?? null;
-    gl.bindTexture(gl.TEXTURE_2D, first);
-    gl.uniform1i(at.picture, UNITS.picture);
+    this.#show(at, first.texture);
+    gl.uniform2f(at.extent, ...first.extent);
+    gl.uniform1f(at.start, first.start);
     gl.activeTexture(gl.TEXTURE0 + UNITS.second);
-    gl.bindTexture(gl.TEXTURE_2D, over ? this.targets[over].texture : first);
+    gl.bindTexture(gl.TEXTURE_2D, second.texture);
     gl.uniform1i(at.second, UNITS.second);
+    gl.uniform2f(at.secondExtent, ...second.extent);
+    gl.uniform1f(at.secondStart, second.start);
     gl.uniform1f(at.share, over ? share : 0);
     gl.uniform2f(at.resolution, width, height);
     gl.uniform1f(at.parts, parts);

@@ -14,6 +14,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 
+from deformnb._progress import time_left
 from deformnb.document import edits as key_frames
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import EASINGS, Deformation, Keyframe
@@ -210,6 +211,7 @@ class MovieControls:
         self._stop = threading.Event()
         self._thread = Worker("deformnb-movie")
         self._is_writing = self._has_keys = False
+        self._begun = 0.0
         layouts = {"kind": {"width": "130px"}, "fps": {"width": "130px"},
                    "name": {"flex": "1 1 120px", "min_width": "80px", "max_width": "260px"}}
         self.kind = ipw.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="What is written")
@@ -241,6 +243,7 @@ class MovieControls:
         fps = float(self.fps.value)
         self._stop.clear()
         self._is_writing = True
+        self._begun = time.monotonic()
         self.bar.value, self.bar.layout.visibility = 0.0, "visible"
         self.message.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
@@ -263,7 +266,9 @@ class MovieControls:
             self.arrange(self._has_keys)
 
     def _progress(self, done: int, total: int) -> None:
-        self.bar.value = done / max(total, 1)
+        self.bar.value = share = done / max(total, 1)
+        left = time_left(time.monotonic() - self._begun, share)
+        self.message.value = ", ".join(words for words in (f"{done} of {total or '?'} pictures", left) if words)
 
     def wait(self, timeout: float = 120.0) -> None:
         """Wait until nothing is being written. For scripts and tests."""

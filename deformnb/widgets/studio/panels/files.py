@@ -12,7 +12,8 @@ import contextlib
 import html
 import os
 import threading
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from os import PathLike
@@ -21,8 +22,9 @@ from typing import Any
 
 import ipywidgets as ipw
 
+from deformnb._progress import time_left
 from deformnb._weak import weakly
-from deformnb.analysis.extent import padded
+from deformnb.analysis.extent import cut_off_text, listed, padded
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import LONGEST, from_json
 from deformnb.document.script import VOLUME_LINE
@@ -34,6 +36,7 @@ from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid
 from deformnb.widgets.inputs.file_transfer import FileTransfer
+from deformnb.widgets.standalone import CONTROLS
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, fill, menu, raising, row
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
@@ -86,7 +89,12 @@ class FilesPanel(Panel):
         self.page_text = ipw.Textarea(description="Text", rows=3, layout=whole, continuous_update=False,
                                       placeholder="What a reader of the page is to look at or to try",
                                       tooltip="Stands under the title of the web page")
-        self.of_page = ipw.VBox([self.page_title, self.page_text])
+        self.page_controls = {name: ipw.Checkbox(value=True, description=label, indent=False,
+                                                 layout={"width": "auto", "margin": "2px 8px 2px 0"},
+                                                 tooltip="Whether the web page has this control")
+                              for name, label in CONTROLS.items()}
+        chosen = row(ipw.Label("Controls"), *self.page_controls.values())
+        self.of_page = ipw.VBox([self.page_title, self.page_text, chosen])
         self.name.observe(self._show_page_words, "value")
         self._show_page_words()
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
@@ -114,14 +122,16 @@ class FilesPanel(Panel):
             except DeformError as error:
                 self.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
-        frozen, words = Frozen.of(self.session, self._view.seen()), (self.page_title.value, self.page_text.value)
+        frozen = Frozen.of(self.session, self._view.seen())
+        page = {"title": self.page_title.value, "about": self.page_text.value,
+                "controls": [name for name, box in self.page_controls.items() if box.value]}
         if os.path.lexists(path) and not frozen.files.has(path):
             self.message.value = ""
             doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
             self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
-                              lambda: self._begin(Job(path, frozen, downloads, words=words, overwrite=True)))
+                              lambda: self._begin(Job(path, frozen, downloads, page=page, overwrite=True)))
             return
-        self._begin(Job(path, frozen, downloads, words=words))
+        self._begin(Job(path, frozen, downloads, page=page))
 
     def _begin(self, job: Job) -> None:
         self.question.forget()
@@ -136,8 +146,7 @@ class FilesPanel(Panel):
         try:
             with writing_held_by(job.landing):
                 if job.path.name.lower().endswith(_PAGE):
-                    title, about = job.words
-                    self._write_page(job.path, title=title, about=about, overwrite=job.overwrite,
+                    self._write_page(job.path, **job.page, overwrite=job.overwrite,
                                      progress=partial(self._progress, job))
                 else:
                     export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
@@ -147,7 +156,7 @@ class FilesPanel(Panel):
         except Cancelled:
             self._ended(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
-            over = Job(job.path, job.frozen, job.downloads, words=job.words, overwrite=True)
+            over = Job(job.path, job.frozen, job.downloads, page=job.page, overwrite=True)
             if self._ended(job, ""):
                 self.question.ask(f"{job.path.name} has been changed by someone else since it was opened or saved here."
                                   " Write it under another name, or over theirs?", "Write over it",
@@ -164,7 +173,8 @@ class FilesPanel(Panel):
             with self._ending:
                 if self._job is job:
                     self.bar.value = share
-                    self.message.value = f"Writing {job.path.name} ... {share:.0%}"
+                    left = time_left(time.monotonic() - job.begun, share)
+                    self.message.value = ", ".join(w for w in (f"Writing {job.path.name} ... {share:.0%}", left) if w)
 
     def _cancel(self) -> None:
         """Free the panel at once, whatever the thread is at: it may not look up for long, and ends by itself."""
@@ -234,12 +244,13 @@ class Job:
     path : where it is written.
     frozen : what of.
     downloads : whether it is handed to the browser too.
-    words : title and text of a web page.
+    page : what a web page has, as options of ``write_page``.
     overwrite : whether the user has agreed that any file is replaced.
 
     Attributes
     ----------
     is_cancelled : whether it has been cancelled.
+    begun : when, on the clock of :func:`time.monotonic`.
 
     Examples
     --------
@@ -249,10 +260,12 @@ class Job:
     False
     """
 
-    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, words: tuple[str, str] = ("", ""),
+    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, page: Mapping[str, Any] | None = None,
                  overwrite: bool = False) -> None:
-        self.path, self.frozen, self.downloads, self.words, self.overwrite = path, frozen, downloads, words, overwrite
+        self.path, self.frozen, self.downloads, self.overwrite = path, frozen, downloads, overwrite
+        self.page = dict(page or {})
         self.is_cancelled = self._is_landing = False
+        self.begun = time.monotonic()
         self._lock = threading.Lock()
 
     def cancel(self) -> bool:
@@ -469,7 +482,7 @@ class ResultBox(Panel):
         size = " x ".join(map(str, grid.shape[::-1]))
         facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * volume.dtype.itemsize)}"]
         if self._left:
-            facts.append(f"cut off at the {_listed(self._left)}")
+            facts.append(f"cut off at the {listed(self._left)}")
         self.words.value = "; ".join(facts)
         self._warning_text.value = as_html(cut_off_text(self._left))
         self._larger.layout.display = "none" if self.follows else ""  # then it is as large as it may be
@@ -498,18 +511,3 @@ class ResultBox(Panel):
             session.fit_output(joins=True)
         self._left = session.exceeded_sides()
         self.refresh()
-
-
-def cut_off_text(sides: tuple[str, ...]) -> str:
-    """A warning of what is cut off at these sides of the box; empty for none.
-
-    Examples
-    --------
-    >>> cut_off_text(("left side (L)", "top (S)"))
-    'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
-    """
-    return f"Tissue leaves the box at the {_listed(sides)}, and is cut off there." if sides else ""
-
-
-def _listed(sides: tuple[str, ...]) -> str:
-    return " and ".join([", ".join(sides[:-1]), sides[-1]]) if len(sides) > 1 else sides[0]
