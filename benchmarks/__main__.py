@@ -18,6 +18,10 @@ def main() -> int:
         from benchmarks import latency
 
         return latency.main(sys.argv[2:])
+    if sys.argv[1:2] == ["drags"]:
+        from benchmarks import drags
+
+        return drags.main(sys.argv[2:])
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__,
                                      epilog="From the hand to the pixels: python -m benchmarks latency --help")
     parser.add_argument("--size", type=int, default=256, help="edge of the volume in voxels (default 256)")

@@ -169,6 +169,15 @@ export interface Fit extends RbfFit {
   base?: RbfFit;
   rigid?: ReadyPart[];
   stages?: Fit[];
+  /** While something moves: the displacements that stand for those of the fit. */
+  sampled?: Sampled;
+}
+
+/** The displacements of a fit at the nodes of a raster, the component last. */
+export interface Sampled {
+  raster: Raster;
+  values: ArrayLike<number>;
+  fit: Fit;
 }
 
 /** Fits that cuts keep apart. */

@@ -77,9 +77,17 @@ function rbfCholeskySolve(matrix, rhs, n, m) {
   const l = Float64Array.from(matrix), out = Float64Array.from(rhs);
   for (let j = 0; j < n; j++) {
     for (let i = j; i < n; i++) {
-      let sum = l[i * n + j];
-      for (let k = 0; k < j; k++) sum -= l[i * n + k] * l[j * n + k];
-      l[i * n + j] = i === j ? Math.sqrt(sum) : sum / l[j * n + j];
+      const p = i * n, q = j * n;
+      let s = 0, t = 0, u = 0, v = 0, k = 0; // four sums: one would wait for itself at each term
+      for (; k + 3 < j; k += 4) {
+        s += l[p + k] * l[q + k];
+        t += l[p + k + 1] * l[q + k + 1];
+        u += l[p + k + 2] * l[q + k + 2];
+        v += l[p + k + 3] * l[q + k + 3];
+      }
+      for (; k < j; k++) s += l[p + k] * l[q + k];
+      const rest = l[p + j] - (s + t + (u + v));
+      l[p + j] = i === j ? Math.sqrt(rest) : rest / l[q + j];
     }
   }
   for (let c = 0; c < m; c++) {
@@ -468,14 +476,15 @@ function rbfRotationOf(fit) {
  * @param {number} count
  */
 function rbfNeighbours(merged, k, count) {
-  /** @type {(q: Place) => number} */
-  const distance = (q) => Math.hypot(q.x[0] - merged[k].x[0], q.x[1] - merged[k].x[1]);
+  const [a, b] = merged[k].x;
   /** @type {Vector2[]} */
   const best = [];
-  merged.forEach((q, j) => {
-    if (j === k) return;
-    const gap = distance(q);
-    if (best.length === count && gap >= best[count - 1][0]) return;
+  merged.forEach(({ x }, j) => {
+    // Most are too far along an axis already, and hypot takes ten times as long as that look.
+    const most = best.length === count ? best[count - 1][0] : Infinity;
+    if (j === k || Math.abs(x[0] - a) >= most || Math.abs(x[1] - b) >= most) return;
+    const gap = Math.hypot(x[0] - a, x[1] - b);
+    if (gap >= most) return;
     let at = best.length;
     while (at > 0 && best[at - 1][0] > gap) at--;
     best.splice(at, 0, [gap, j]);
@@ -527,13 +536,14 @@ function rbfWarnings(ready, kernel, map) {
 
 /** Ids of points that share a source and have different targets. @param {Ready} ready @param {number} [most] */
 function rbfTornPairs({ merged, n, ids }, most = 3) {
-  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0]))));
+  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0])))), near = SAME_PLACE * size;
   /** @type {Vector2[]} */
   const found = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
+    const { x: [a, b], d: [da, db] } = merged[i], from = a + da, to = b + db;
     for (let j = i + 1; j < n && found.length < most; j++) {
-      const gap = [0, 1].map((k) => merged[i].x[k] + merged[i].d[k] - merged[j].x[k] - merged[j].d[k]);
-      if (Math.hypot(...gap) <= SAME_PLACE * size) found.push([ids[i], ids[j]]);
+      const { x, d } = merged[j], gap = from - x[0] - d[0];
+      if (Math.abs(gap) <= near && Math.hypot(gap, to - x[1] - d[1]) <= near) found.push([ids[i], ids[j]]);
     }
   }
   return found;
