@@ -561,7 +561,8 @@ export class EditorView extends EditorDrawing {
    */
   #drawOverlay(fit, known) {
     const { layered, folds, isMoving } = this;
-    if (layered && (!folds || (folds.isRough && !isMoving))) this.folds = this.#measuredFolds(layered, known ?? layered);
+    const isDue = !folds || (folds.isRough && !isMoving);
+    if (layered && isDue) this.folds = this.#measuredFolds(layered, known ?? layered);
     this.overlay.draw(fit, known, this.folds, isMoving);
   }
 

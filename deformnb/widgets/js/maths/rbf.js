@@ -471,34 +471,36 @@ function rbfRotationOf(fit) {
 
 /**
  * The distances and indices of the neighbours of a point, nearest first, itself left out.
- * @param {Place[]} merged
+ * @param {Float64Array} x  targets, row by row
  * @param {number} k
  * @param {number} count
  */
-function rbfNeighbours(merged, k, count) {
-  const [a, b] = merged[k].x;
+function rbfNeighbours(x, k, count) {
+  const a = x[2 * k], b = x[2 * k + 1];
   /** @type {Vector2[]} */
   const best = [];
-  merged.forEach(({ x }, j) => {
+  let most = Infinity;
+  for (let j = 0; 2 * j < x.length; j++) {
     // Most are too far along an axis already, and hypot takes ten times as long as that look.
-    const most = best.length === count ? best[count - 1][0] : Infinity;
-    if (j === k || Math.abs(x[0] - a) >= most || Math.abs(x[1] - b) >= most) return;
-    const gap = Math.hypot(x[0] - a, x[1] - b);
-    if (gap >= most) return;
+    if (j === k || Math.abs(x[2 * j] - a) >= most || Math.abs(x[2 * j + 1] - b) >= most) continue;
+    const gap = Math.hypot(x[2 * j] - a, x[2 * j + 1] - b);
+    if (gap >= most) continue;
     let at = best.length;
     while (at > 0 && best[at - 1][0] > gap) at--;
     best.splice(at, 0, [gap, j]);
     if (best.length > count) best.pop();
-  });
+    if (best.length === count) most = best[count - 1][0];
+  }
   return best;
 }
 
 /** @param {Ready} ready */
 function rbfClosest(ready) {
   if (ready.n < 2) return "a single point";
+  const x = Float64Array.from(ready.merged.flatMap((q) => q.x));
   let found = [Infinity, 0, 0];
   for (let k = 0; k < ready.n; k++) {
-    const [[gap, j]] = rbfNeighbours(ready.merged, k, 1);
+    const [[gap, j]] = rbfNeighbours(x, k, 1);
     if (gap < found[0]) found = [gap, k, j];
   }
   return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
@@ -559,9 +561,9 @@ function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
   const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
-  const pairs = new Map();
+  const pairs = new Map(), x = Float64Array.from(merged.flatMap((q) => q.x));
   for (let i = 0; i < n; i++) {
-    for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
+    for (const [, j] of rbfNeighbours(x, i, Math.min(n, 5) - 1)) {
       const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
       const along = Math.max(COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
