@@ -118,8 +118,8 @@ def main(arguments: list[str]) -> int:
 
     here = Path(__file__).resolve().parents[1]
     checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
-    print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is the "
-          "main thread's time for one picture, whoever else is on the processor. An editor in space makes none.\n")
+    print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
+          "the main thread's time for one picture, whoever else is on the processor. An editor in space makes none.\n")
     measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms"
     columns = [f"{what}, {name}" for name in checkouts for what in measured]
     print(f"| case | {' | '.join(columns)} |\n|---{'|---' * len(columns)}|")

@@ -480,17 +480,22 @@ export class EditorView extends EditorDrawing {
   moving() {
     this.isMoving = true;
     clearTimeout(this.restTimer);
-    this.restTimer = setTimeout(() => {
-      this.isMoving = false;
-      this.isResting = true;
-      this.grid = null;
-      this.invalidate();
-    }, REST);
+    this.restTimer = 0;
+    this.invalidate();
+  }
+
+  #rest() {
+    this.restTimer = 0;
+    this.isMoving = false;
+    this.isResting = true;
+    this.grid = null;
     this.invalidate();
   }
 
   draw() {
     const { model, view, isMoving, pointTools } = this;
+    // From a picture on, not from a movement: a slow machine would draw full pictures in between.
+    if (isMoving && !this.restTimer) this.restTimer = setTimeout(() => this.#rest(), REST);
     this.isBefore = this.gridNodes.side === "before";
     if (this.isDirty) this.#refit();
     const fit = this.isComparing || this.isBefore ? null : this.layered;
