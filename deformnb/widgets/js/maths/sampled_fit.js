@@ -5,7 +5,7 @@
 
 /** @import { Fit, LayeredFit, Raster, Sampled, Vector2 } from "../types.d.ts" */
 
-const PLACE_COST = 8; // evaluations of a kernel that take as long as a place between the nodes
+const PLACE_COST = 20; // evaluations of a kernel that take as long as a place between the nodes
 const FEWEST_NODES = 4; // of a side
 
 /**
@@ -20,7 +20,8 @@ export function sampledFits(layered, raster, values) {
   /** @type {(one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number]} */
   const sampled = (one, k) => ({ ...one, fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } } });
   const fits = layered.fits.map(sampled);
-  return { ...layered, fits, fit: layered.fit && fits[0].fit, count: Math.min(layered.count, PLACE_COST * fits.length) };
+  const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // what is seen at a place, and its slope
+  return { ...layered, fits, fit: layered.fit && fits[0].fit, count: Math.min(layered.count, cost) };
 }
 
 /** Weights of four nodes, then those of the slope, along each side. */
