@@ -23,7 +23,7 @@ _CUT = "cuts=[dn.Cut(dn.Line(corner + size * np.array([[0.48, -0.05], [0.55, 0.4
 _PART = "parts=[dn.RigidPart(dn.Polygon(corner + size * np.array([[.61, .61], [.71, .6], [.72, .7], [.6, .71]])))]"
 
 # Points of the unit square with drags so small that nothing folds at first, none of them where the part lies.
-_PLANE = """
+_EDITOR = """
 picture = dn.project(volume, dn.Plane.along(volume.grid, "+z"), "mip")
 corner = np.array(picture.raster.origin)
 size = np.array(picture.raster.spacing) * (np.array(picture.raster.shape[::-1]) - 1)
@@ -33,16 +33,13 @@ source = target + 0.4 * (unit.source - unit.target)[:len(target)]
 points = dn.ControlPoints.from_arrays(corner + size * source, corner + size * target)
 editor = Editor(picture, points, height=450, {extra})
 """
-_SPACE = "editor = SpaceEditor(volume, problem.control_points({count}, 3, nx), height=450)"
 
-CASES: dict[str, tuple[tuple[int, int, int], int, str, str]] = {
-    "16 points": ((256, 256, 256), 16, _PLANE, ""), "64 points": ((256, 256, 256), 64, _PLANE, ""),
-    "200 points": ((256, 256, 256), 200, _PLANE, ""), "200 points, cut": ((256, 256, 256), 200, _PLANE, _CUT),
-    "200 points, part": ((256, 256, 256), 200, _PLANE, _PART),
-    "space, 64 points": ((256, 256, 256), 64, _SPACE, ""),
-    "512 x 512 x 200, 200 points": ((512, 512, 200), 200, _PLANE, ""),
+CASES: dict[str, tuple[tuple[int, int, int], int, str]] = {
+    "16 points": ((256, 256, 256), 16, ""), "64 points": ((256, 256, 256), 64, ""),
+    "200 points": ((256, 256, 256), 200, ""), "200 points, cut": ((256, 256, 256), 200, _CUT),
+    "200 points, part": ((256, 256, 256), 200, _PART), "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
 }
-"""Columns, rows and slices of the volume, number of points, the cell that makes the editor, and what else that gets."""
+"""Columns, rows and slices of the volume, number of points, and what else the editor is given."""
 
 _CELL = f"""
 import sys
@@ -50,7 +47,6 @@ sys.path.insert(0, {{checkout!r}})
 import numpy as np
 import deformnb as dn
 from deformnb.widgets import Editor, LiveView
-from deformnb.widgets.editor.space_editor import SpaceEditor
 from ipywidgets import HBox
 from benchmarks import problem
 assert dn.__file__.startswith({{checkout!r}}), dn.__file__
@@ -74,9 +70,9 @@ _WATCHED = """() => { const { observer, tasks } = window.deformnbTasks; observer
 
 def cells(case: str, checkout: Path) -> list[str]:
     """The notebook of a case, with the package of a checkout."""
-    size, count, editor, extra = CASES[case]
-    made = editor.format(count=count, extra=extra)
-    return [_CELL.format(checkout=str(checkout), size=size, editor=made), "HBox([editor, view])"]
+    size, count, extra = CASES[case]
+    editor = _EDITOR.format(count=count, extra=extra)
+    return [_CELL.format(checkout=str(checkout), size=size, editor=editor), "HBox([editor, view])"]
 
 
 def drag(seat: Seat, seconds: float) -> dict[str, float]:
@@ -119,7 +115,7 @@ def main(arguments: list[str]) -> int:
     here = Path(__file__).resolve().parents[1]
     checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
     print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
-          "the main thread's time for one picture, whoever else is on the processor. An editor in space makes none.\n")
+          "the main thread's time for one picture, whoever else is on the processor.\n")
     measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms"
     columns = [f"{what}, {name}" for name in checkouts for what in measured]
     print(f"| case | {' | '.join(columns)} |\n|---{'|---' * len(columns)}|")
