@@ -45,11 +45,14 @@ function points(isFree) {
 }
 
 const CUT = { region: { kind: "line", vertices: [[122, -10], [140, 115], [127, 266]] } };
+const SLITS = [["a cut that stops", [[120, -10], [140, 60], [127, 150]], [false, true]],
+  ["a slit", [[90, 118], [170, 140]], [true, true]]];
 const PART = { region: { kind: "polygon", vertices: [[100, 100], [140, 96], [144, 150], [98, 146]] } };
 const isFree = ([a, b]) => Math.hypot(a - 120, b - 122) > 52;
 
 for (const [name, settings, own] of [["many points", {}, points(() => true)],
-  ["a cut", { cuts: [CUT] }, points(() => true)], ["a rigid part", { parts: [PART] }, points(isFree)]]) {
+  ["a cut", { cuts: [CUT] }, points(() => true)], ...SLITS.map(([name, vertices, stops]) => (
+    [name, { cuts: [{ region: { kind: "line", vertices, stops } }] }, points(() => true)])), ["a rigid part", { parts: [PART] }, points(isFree)]]) {
   test(`lines traced between the nodes lie on those of the fit, with ${name}`, () => {
     const layered = layeredFit(own, settings), raster = rasterOf(PIXELS / SCALE);
     const sampled = sampledFits(layered, raster, layered.fits.map(({ fit }) => fieldOnRaster(fit, raster)));

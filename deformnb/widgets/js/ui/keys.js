@@ -68,6 +68,7 @@ export const EDITOR_KEYS = [
     ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
     ["G", "draw the ground", { command: "ground", keys: ["g"] }],
     ["Click a line", "reshape it"],
+    ["Double-click an end, Enter", "let the cut stop there, or go on"],
     ["Drag inside a part", "move it; its ring turns it"],
     ["(Shift +) arrows on it", "move it by 1 (10) pixels"],
     [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"], ["Home on a part", "put it back"],
