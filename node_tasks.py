@@ -91,9 +91,13 @@ def system_node() -> tuple[str, list[str] | None]:
 def need_package(name: str, *options: str) -> str:
     """Path of Node.js, with the packages of ``package-lock.json`` installed, of which this is one."""
     node, npm = find_node()
-    lock, installed = ROOT / "package-lock.json", ROOT / "node_modules" / ".package-lock.json"
+    modules = ROOT / "node_modules"
+    lock, installed = ROOT / "package-lock.json", modules / ".package-lock.json"
     is_old = not installed.exists() or installed.stat().st_mtime < lock.stat().st_mtime
-    if is_old or not (ROOT / "node_modules" / name).is_dir():
+    if is_old or not (modules / name).is_dir():
+        if modules.is_symlink():
+            raise NodeError(f"{modules} is a symbolic link, where {name} is missing or older than package-lock.json; "
+                            f"npm would empty {modules.resolve()}. Remove the link, or run this where that folder is.")
         if npm is None:
             raise MissingNodeError(f"npm is missing, which fetches {name}; {CURE}.")
         run(*npm, "ci", *options, "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error")

@@ -136,9 +136,11 @@ class Seat:
     ----------
     name : of :data:`~benchmarks.latency_cells.CASES`.
     size : edge of the volume in voxels.
+    cells : of another notebook than that of the name.
     """
 
-    def __init__(self, browser: Any, lab: Any, name: str, size: int, patience: float = 120.0) -> None:
+    def __init__(self, browser: Any, lab: Any, name: str, size: int, patience: float = 120.0, *,
+                 cells: list[str] | None = None) -> None:
         self.name, self.lab = name, lab
         self.page = browser.new_page(viewport={"width": 1440, "height": 860})
         self.errors: list[str] = []
@@ -148,7 +150,7 @@ class Seat:
         self.slowest = 400.0  # milliseconds of an edit so far
         own = f"{''.join(c for c in name.lower() if c.isalnum())}{size}"
         lab.place = f"{own}/"  # and a workspace of this name, else JupyterLab opens the others' notebooks as well
-        lab.open_notebook(self.page, CASES[name](size), f"{own}.ipynb")
+        lab.open_notebook(self.page, cells or CASES[name](size), f"{own}.ipynb")
         self.page.evaluate("""async () => {
             await jupyterapp.commands.execute("notebook:hide-all-cell-code");
             jupyterapp.shell.collapseLeft();

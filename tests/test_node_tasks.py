@@ -68,6 +68,18 @@ def test_without_node_a_sentence_says_what_to_install(monkeypatch: pytest.Monkey
     assert error.value.status == 3
 
 
+def test_npm_is_not_run_where_it_would_empty_the_folder_of_another_checkout(monkeypatch: pytest.MonkeyPatch,
+                                                                            tmp_path: Path) -> None:
+    monkeypatch.setattr(node_tasks, "ROOT", tmp_path)
+    (tmp_path / "package-lock.json").write_text("{}")
+    kept = tmp_path / "other" / "esbuild"
+    kept.mkdir(parents=True)
+    (tmp_path / "node_modules").symlink_to(kept.parent)
+    with pytest.raises(node_tasks.NodeError, match=r"esbuild is missing .* npm would empty .*/other\."):
+        node_tasks.need_package("esbuild")
+    assert kept.is_dir()
+
+
 def test_the_lock_file_names_no_registry_and_all_platforms() -> None:
     packages = json.loads((ROOT / "package-lock.json").read_text(encoding="utf-8"))["packages"]
     assert not [name for name, package in packages.items() if "resolved" in package]

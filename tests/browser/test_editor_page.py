@@ -124,6 +124,8 @@ def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, point
     off = np.abs(back - np.round(back)).min(axis=1)  # every place of the grid comes from a line of the grid
     assert off.max() < 0.01
     assert len(at) > 200
+    # At rest grid and folds are of the fit itself, and not of the nodes that the picture of a drag is warped with.
+    assert page.js(f"{PAGE}.grid.key[0] === {PAGE}.layered && !{PAGE}.folds.isRough")
 
 
 def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, points: ControlPoints) -> None:

@@ -181,6 +181,15 @@ export interface Fit extends RbfFit {
   rigid?: ReadyPart[];
   stages?: Fit[];
   blend?: TipBlend;
+  /** While something moves: the displacements that stand for those of the fit. */
+  sampled?: Sampled;
+}
+
+/** The displacements of a fit at the nodes of a raster, the component last. */
+export interface Sampled {
+  raster: Raster;
+  values: ArrayLike<number>;
+  fit: Fit;
 }
 
 /** Fits that cuts keep apart. */

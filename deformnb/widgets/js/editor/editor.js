@@ -32,7 +32,10 @@ import { WindowTool } from "./window_tool.js";
 /** @import { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.d.ts" */
 /** @import { Original, View } from "./painter.js" */
 /** @typedef {ReturnType<typeof deformedGrid>} GridLines */
-/** @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf> }} Folds */
+/**
+ * isRough: found while something moved.
+ * @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>, isRough: boolean }} Folds
+ */
 
 /** @typedef {object} Naming
  * @property {(text: string) => void} take
@@ -96,6 +99,8 @@ export class EditorView extends EditorDrawing {
   isFitted = true; // whether the view shows the whole picture
 
   isMoving = false; // whether something has moved within the last moments
+
+  isResting = false; // whether the next frame is the first after a movement: its full picture takes all of it
 
   isDirty = true; // whether the points are to be fitted again
 
@@ -431,11 +436,12 @@ export class EditorView extends EditorDrawing {
     const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;
     const [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
     Object.assign(v, { width, height, ratio });
-    this.painter.resize(width, height, ratio);
+    const isResized = this.painter.resize(width, height, ratio);
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     if (this.isFitted) this.fitView();
     else Object.assign(v, { x: v.x + dx, y: v.y + dy });
-    this.drawNow(); // at once: a canvas that was resized is empty
+    if (isResized) this.drawNow(); // at once: the canvas is empty
+    else this.invalidate(); // a remark of two lines comes and goes while a point is dragged
   }
 
   /**
@@ -517,25 +523,33 @@ export class EditorView extends EditorDrawing {
   moving() {
     this.isMoving = true;
     clearTimeout(this.restTimer);
-    this.restTimer = setTimeout(() => {
-      this.isMoving = false;
-      this.grid = this.folds = null;
-      this.invalidate();
-    }, REST);
+    this.restTimer = 0;
+    this.invalidate();
+  }
+
+  #rest() {
+    this.restTimer = 0;
+    this.isMoving = false;
+    this.isResting = true;
+    this.grid = null;
     this.invalidate();
   }
 
   draw() {
     const { model, view, isMoving, pointTools } = this;
+    // From a picture on, not from a movement: a slow machine would draw full pictures in between.
+    if (isMoving && !this.restTimer) this.restTimer = setTimeout(() => this.#rest(), REST);
     this.isBefore = this.gridNodes.side === "before";
     if (this.isDirty) this.#refit();
     const fit = this.isOriginal ? null : this.layered, { original } = this;
     this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet, original });
     this.painter.drawFrame(view, this.sheet);
-    if (model.get("show_grid") && model.get("density") > 0) this.#drawGrids(fit, original.share);
-    if (this.layered && !this.folds) this.folds = this.#measuredFolds(this.layered);
+    const known = fit ? this.painter.sampled ?? fit : null; // at the nodes of the picture while something moves
+    if (model.get("show_grid") && model.get("density") > 0) this.#drawGrids(known, original.share);
     this.ghost.draw();
-    this.overlay.draw(fit, this.folds, isMoving);
+    if (!this.isResting || !this.folds) this.#drawOverlay(fit, known);
+    else this.invalidate();
+    this.isResting = false;
     this.overlay.canvas.style.clipPath = original.share > 0 ? `inset(0 0 0 ${100 * original.share}%)` : "";
     const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
     this.handles.suspects = new Set(model.get("marked") ?? []);
@@ -612,12 +626,25 @@ export class EditorView extends EditorDrawing {
   }
 
   /**
+   * @param {LayeredFit | null} fit
+   * @param {LayeredFit | null} known the same, at the nodes of the picture while something moves
+   */
+  #drawOverlay(fit, known) {
+    const { layered, folds, isMoving } = this;
+    const isDue = !folds || (folds.isRough && !isMoving);
+    if (layered && isDue) this.folds = this.#measuredFolds(layered, known ?? layered);
+    this.overlay.draw(fit, known, this.folds, isMoving);
+  }
+
+  /**
    * The folds of the map; only at rest as finely as the status line reports them.
    * @param {LayeredFit} layered
+   * @param {LayeredFit} known the same, at the nodes of the picture while something moves
    */
-  #measuredFolds(layered) {
+  #measuredFolds(layered, known) {
     const { isMoving } = this, probes = probesOf(layered, isMoving ? 5e4 : 4e5);
-    return { ...foldsOf(layered, this.box, layered.count > 200 ? 9 : isMoving ? 17 : 33, probes), probes };
+    return { ...foldsOf(known, this.box, known.count > 200 ? 9 : isMoving ? 17 : 33, probes), probes,
+      isRough: isMoving };
   }
 
   /** The reach of a point in units of the picture; 0 where that is not known. */

@@ -158,10 +158,14 @@ export class Handles {
     points.forEach((p, k) => {
       const parts = this.byId.get(p.id) ?? this.make(p.id);
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
-      const hasRadius = radius > 0 && p.active && (selected.size === 0 || selected.has(p.id));
-      this.#place(parts, p, selected.has(p.id), view, hasRadius ? p.radius ?? radius : 0);
-      this.#mark(parts, markOf(p));
-      const isSuspect = this.suspects.has(p.id);
+      const hasRadius = radius > 0 && p.active && (selected.size === 0 || selected.has(p.id)), mark = markOf(p);
+      const isSelected = selected.has(p.id), isSuspect = this.suspects.has(p.id);
+      const drawn = [p, isSelected, isSuspect, hasRadius && radius, reach, mark, view.k, view.x, view.y, view.width,
+        view.height];
+      if (drawn.every((value, n) => value === parts.drawn[n])) return; // of two hundred points, a drag moves one
+      parts.drawn = drawn;
+      this.#place(parts, p, isSelected, view, hasRadius ? p.radius ?? radius : 0);
+      this.#mark(parts, mark);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
       setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
     });
@@ -221,7 +225,8 @@ export class Handles {
     const beyond = svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
     const text = svgElement("text", { class: "dnb-ed-name dnb-ed-number" }, target);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
-    const parts = { arrow, source, target, radius, tip, form, beyond, text, mark: /** @type {number | null} */ (null) };
+    const parts = { arrow, source, target, radius, tip, form, beyond, text, mark: /** @type {number | null} */ (null),
+      drawn: /** @type {unknown[]} */ ([]) };
     this.byId.set(id, parts);
     return parts;
   }

@@ -207,19 +207,26 @@ export class Overlay {
 
   /**
    * @param {LayeredFit | null} layered null for the picture as it was, over which nothing is laid
+   * @param {LayeredFit | null} known the same, at the nodes of the picture while something moves
    * @param {Folds | null} folds
    * @param {boolean} isMoving
    */
-  draw(layered, folds, isMoving) {
+  draw(layered, known, folds, isMoving) {
     const { kind } = this;
     this.#describe(layered ? kind : "none");
     this.#mark(layered && kind !== "none" ? folds : null);
-    this.#lay(layered, kind, folds, isMoving);
+    this.#lay(layered, known, kind, folds, isMoving);
     this.#placeKey(isMoving);
   }
 
-  /** @param {LayeredFit | null} layered @param {string} kind @param {Folds | null} folds @param {boolean} isMoving */
-  #lay(layered, kind, folds, isMoving) {
+  /**
+   * @param {LayeredFit | null} layered
+   * @param {LayeredFit | null} known
+   * @param {string} kind
+   * @param {Folds | null} folds
+   * @param {boolean} isMoving
+   */
+  #lay(layered, known, kind, folds, isMoving) {
     const { view, model, box, sheet } = this.editor;
     const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
       model.get("density"), model.get("show_grid"),
@@ -233,7 +240,7 @@ export class Overlay {
     if (kind === "uncertainty") this.#drawUncertainty(part);
     const isBent = layered.fits.some(({ fit }) => !isStill(fit));
     if (kind === "strain") this.key.hidden = !isBent;
-    if (isBent && folds) this.#drawMap(layered, part, folds, isMoving);
+    if (isBent && folds && known) this.#drawMap(layered, known, part, folds, isMoving);
   }
 
   #clear() {
@@ -253,21 +260,27 @@ export class Overlay {
     return right > left && bottom > top ? [left, right, top, bottom] : null;
   }
 
-  /** @param {LayeredFit} layered @param {number[]} part @param {Folds} folds @param {boolean} isMoving */
-  #drawMap(layered, part, folds, isMoving) {
-    const { kind, editor: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, layered.count);
+  /**
+   * @param {LayeredFit} layered
+   * @param {LayeredFit} known
+   * @param {number[]} part
+   * @param {Folds} folds
+   * @param {boolean} isMoving
+   */
+  #drawMap(layered, known, part, folds, isMoving) {
+    const { kind, editor: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, known.count);
     const pace = isMoving ? "moving" : "resting", work = OVERLAY_WORK[pace], size = OVERLAY_CELL[pace] / k;
     const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
     const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
     /** @type {Raster} */
     const raster = { shape: [rows, columns], origin: [a0, b0],
       spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)] };
-    const dets = detsOnRaster(layered, raster);
+    const dets = detsOnRaster(known, raster);
     if (kind === "area") this.#drawArea(dets, raster, part);
     if (kind === "strain") this.#drawStrain(layered);
     const { probes } = folds;
     if (folds.least > 0 && !probes.some(([,, det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
-    this.pieces = foldPieces(layered, raster, dets, probes, work);
+    this.pieces = foldPieces(known, raster, dets, probes, work);
     this.#drawFolds(this.pieces);
   }
 

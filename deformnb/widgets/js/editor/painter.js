@@ -2,6 +2,7 @@
 
 import { chosenPlace, coverage, marginOf } from "../maths/cuts.js";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
+import { sampledFits } from "../maths/sampled_fit.js";
 
 /** @import { LayeredFit, PictureRaster, Raster } from "../types.d.ts" */
 
@@ -29,6 +30,7 @@ import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
 const NO_ORIGINAL = { share: 0, opacity: 0 };
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
 const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the pointer has come to rest
+const MOVING_EVALUATIONS = 1.5e6; // the same while something moves: 6 ms
 const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
 const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs to fit, grid, handles and the browser
 
@@ -216,16 +218,22 @@ export class Painter {
     this.paper = [0, 0, 0]; // red, green and blue of what lies around the picture
     /** The places of the nodes under each fit, in pixels of a level. @type {Float32Array[]} */
     this.maps = [];
+    /** The fit that was painted, known at those nodes while something moves. @type {LayeredFit | null} */
+    this.sampled = null;
     this.cost = 15e-6; // milliseconds per pixel, measured from then on
   }
 
-  /** @param {number} width @param {number} height @param {number} ratio */
+  /**
+   * Give the canvas a size, which empties it; false if it has that size.
+   * @param {number} width
+   * @param {number} height
+   * @param {number} ratio
+   */
   resize(width, height, ratio) {
     const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
-    if (this.canvas.width !== w || this.canvas.height !== h) {
-      this.canvas.width = w;
-      this.canvas.height = h;
-    }
+    if (this.canvas.width === w && this.canvas.height === h) return false;
+    Object.assign(this.canvas, { width: w, height: h });
+    return true;
   }
 
   /**
@@ -239,18 +247,20 @@ export class Painter {
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
+    this.sampled = fit;
     const hex = String(c.fillStyle); // #rrggbb, whatever was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
     const whole = this.visible(view, sheet), isFaded = original.opacity > 0;
     if (whole.width <= 0 || whole.height <= 0) return;
-    const pixels = whole.width * whole.height * (isFaded ? 2 : 1);
-    const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
     const line = Math.round(original.share * canvas.width); // left of which the original is seen
     const cut = Math.max(0, Math.min(whole.width, line - whole.x));
-    if (cut > 0) this.#paintPart(source, view, null, { ...whole, width: cut }, step, isMoving, 1);
-    const rest = { ...whole, x: whole.x + cut, width: whole.width - cut };
+    const pixels = whole.height * (whole.width * (isFaded ? 2 : 1) + (isMoving ? cut : 0));
+    const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
+    // While something moves, grid and folds are found on the nodes of the whole picture, also below the original.
+    const rest = isMoving ? whole : { ...whole, x: whole.x + cut, width: whole.width - cut };
     if (rest.width > 0) this.#paintPart(source, view, fit, rest, step, isMoving, 1);
+    if (cut > 0) this.#paintPart(source, view, null, { ...whole, width: cut }, step, isMoving, 1);
     if (isFaded) this.#paintPart(source, view, null, whole, step, isMoving, original.opacity);
     if (isMoving) this.cost += 0.2 * ((performance.now() - start) * step * step / pixels - this.cost);
   }
@@ -296,15 +306,18 @@ export class Painter {
   }
 
   /**
-   * Pixels between the nodes at which the map is evaluated.
+   * Pixels that are looked up between the nodes at which the map is evaluated.
    * @param {LayeredFit | null} fit
    * @param {number} w
    * @param {number} h
+   * @param {number} step pixels of the canvas across one that is looked up
    * @param {boolean} isMoving
    */
-  latticeStep(fit, w, h, isMoving) {
+  latticeStep(fit, w, h, step, isMoving) {
     if (!fit || fit.fits.every((one) => isStill(one.fit))) return 32; // a linear map needs no more nodes than that
-    if (isMoving) return LATTICE_PIXELS * Math.max(1, Math.ceil(Math.sqrt(w * h / 64 * fit.count / 4e5)));
+    if (isMoving) {
+      return Math.max(Math.ceil(LATTICE_PIXELS / step), Math.ceil(Math.sqrt(w * h * fit.count / MOVING_EVALUATIONS)));
+    }
     return Math.max(fit.regions.length ? FINEST_LAYERS : 1, Math.ceil(Math.sqrt(w * h * fit.count / EVALUATIONS)));
   }
 
@@ -319,7 +332,7 @@ export class Painter {
    */
   #warp(source, { k, x, y, ratio }, fit, part, step, isMoving) {
     const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
-    const lattice = this.latticeStep(fit, w, h, isMoving);
+    const lattice = this.latticeStep(fit, w, h, step, isMoving);
     if (this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
     const { raster } = source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
     const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
@@ -330,12 +343,15 @@ export class Painter {
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
     const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
+    /** @type {Float32Array[]} */
+    const moves = [];
     const cutFit = fit && fit.regions.length > 0 ? fit : null, count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
       if (!(this.maps[m]?.length >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
       const map = this.maps[m], one = fit?.fits[m]?.fit;
       if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
       else map.fill(0, 0, rows * columns * 2);
+      if (isMoving && fit) moves.push(map.slice(0, rows * columns * 2));
       // From displacements to places in the pixels of that level: ((a + D - origin) / spacing + 1/2) / 2^level - 1/2.
       for (let i = 0, n = 0; i < rows; i++) {
         const b = b0 + i * lattice * size - raster.origin[1];
@@ -345,6 +361,7 @@ export class Painter {
         }
       }
     }
+    if (isMoving && fit) this.sampled = sampledFits(fit, nodes, moves);
     const pixels = source.level(level), { channels, fill } = source, rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
     const softness = Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2);

@@ -41,7 +41,7 @@ function detAt(layered, a, b) {
 export function detsOnRaster(layered, raster, out = null) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
-  if (one && !one.rigid && !one.stages) return rbfDetsOnRaster(one, raster, dets);
+  if (one && !one.rigid && !one.stages && !one.sampled) return rbfDetsOnRaster(one, raster, dets);
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
   }

@@ -77,9 +77,17 @@ function rbfCholeskySolve(matrix, rhs, n, m) {
   const l = Float64Array.from(matrix), out = Float64Array.from(rhs);
   for (let j = 0; j < n; j++) {
     for (let i = j; i < n; i++) {
-      let sum = l[i * n + j];
-      for (let k = 0; k < j; k++) sum -= l[i * n + k] * l[j * n + k];
-      l[i * n + j] = i === j ? Math.sqrt(sum) : sum / l[j * n + j];
+      const p = i * n, q = j * n;
+      let s = 0, t = 0, u = 0, v = 0, k = 0; // four sums: one would wait for itself at each term
+      for (; k + 3 < j; k += 4) {
+        s += l[p + k] * l[q + k];
+        t += l[p + k + 1] * l[q + k + 1];
+        u += l[p + k + 2] * l[q + k + 2];
+        v += l[p + k + 3] * l[q + k + 3];
+      }
+      for (; k < j; k++) s += l[p + k] * l[q + k];
+      const rest = l[p + j] - (s + t + (u + v));
+      l[p + j] = i === j ? Math.sqrt(rest) : rest / l[q + j];
     }
   }
   for (let c = 0; c < m; c++) {
@@ -463,33 +471,36 @@ function rbfRotationOf(fit) {
 
 /**
  * The distances and indices of the neighbours of a point, nearest first, itself left out.
- * @param {Place[]} merged
+ * @param {Float64Array} x  targets, row by row
  * @param {number} k
  * @param {number} count
  */
-function rbfNeighbours(merged, k, count) {
-  /** @type {(q: Place) => number} */
-  const distance = (q) => Math.hypot(q.x[0] - merged[k].x[0], q.x[1] - merged[k].x[1]);
+function rbfNeighbours(x, k, count) {
+  const a = x[2 * k], b = x[2 * k + 1];
   /** @type {Vector2[]} */
   const best = [];
-  merged.forEach((q, j) => {
-    if (j === k) return;
-    const gap = distance(q);
-    if (best.length === count && gap >= best[count - 1][0]) return;
+  let most = Infinity;
+  for (let j = 0; 2 * j < x.length; j++) {
+    // Most are too far along an axis already, and hypot takes ten times as long as that look.
+    if (j === k || Math.abs(x[2 * j] - a) >= most || Math.abs(x[2 * j + 1] - b) >= most) continue;
+    const gap = Math.hypot(x[2 * j] - a, x[2 * j + 1] - b);
+    if (gap >= most) continue;
     let at = best.length;
     while (at > 0 && best[at - 1][0] > gap) at--;
     best.splice(at, 0, [gap, j]);
     if (best.length > count) best.pop();
-  });
+    if (best.length === count) most = best[count - 1][0];
+  }
   return best;
 }
 
 /** @param {Ready} ready */
 function rbfClosest(ready) {
   if (ready.n < 2) return "a single point";
+  const x = Float64Array.from(ready.merged.flatMap((q) => q.x));
   let found = [Infinity, 0, 0];
   for (let k = 0; k < ready.n; k++) {
-    const [[gap, j]] = rbfNeighbours(ready.merged, k, 1);
+    const [[gap, j]] = rbfNeighbours(x, k, 1);
     if (gap < found[0]) found = [gap, k, j];
   }
   return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
@@ -527,13 +538,14 @@ function rbfWarnings(ready, kernel, map) {
 
 /** Ids of points that share a source and have different targets. @param {Ready} ready @param {number} [most] */
 function rbfTornPairs({ merged, n, ids }, most = 3) {
-  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0]))));
+  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0])))), near = SAME_PLACE * size;
   /** @type {Vector2[]} */
   const found = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
+    const { x: [a, b], d: [da, db] } = merged[i], from = a + da, to = b + db;
     for (let j = i + 1; j < n && found.length < most; j++) {
-      const gap = [0, 1].map((k) => merged[i].x[k] + merged[i].d[k] - merged[j].x[k] - merged[j].d[k]);
-      if (Math.hypot(...gap) <= SAME_PLACE * size) found.push([ids[i], ids[j]]);
+      const { x, d } = merged[j], gap = from - x[0] - d[0];
+      if (Math.abs(gap) <= near && Math.hypot(gap, to - x[1] - d[1]) <= near) found.push([ids[i], ids[j]]);
     }
   }
   return found;
@@ -549,9 +561,9 @@ function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
   const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
-  const pairs = new Map();
+  const pairs = new Map(), x = Float64Array.from(merged.flatMap((q) => q.x));
   for (let i = 0; i < n; i++) {
-    for (const [, j] of rbfNeighbours(merged, i, Math.min(n, 5) - 1)) {
+    for (const [, j] of rbfNeighbours(x, i, Math.min(n, 5) - 1)) {
       const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
       const along = Math.max(COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));

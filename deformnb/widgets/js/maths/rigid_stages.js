@@ -4,6 +4,7 @@
 import { MOST_STAGES, SAME_MOTION } from "./constants.js";
 import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
 import { regionDistance } from "./regions.js";
+import { sampledAt } from "./sampled_fit.js";
 import { placeMoved } from "./shapes.js";
 
 /** @import { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.d.ts" */
@@ -254,6 +255,7 @@ export function isStill(fit) {
  * @returns {Vector2}
  */
 export function fieldAt(fit, a, b) {
+  if (fit.sampled) return sampledAt(fit.sampled, a, b) ?? fieldAt(fit.sampled.fit, a, b);
   if (fit.blend) return blendAt(fit.blend, a, b);
   if (fit.stages) return stagedAt(fit.stages, a, b);
   const { base, rigid } = fit;

@@ -3,6 +3,7 @@
 import { marginOf, regionKey } from "./cuts.js";
 import { RBF_KERNELS } from "./rbf.js";
 import { fieldAt, partsAt } from "./rigid_stages.js";
+import { sampledWithSlope } from "./sampled_fit.js";
 
 /** @import { Fit, LayeredFit, RbfFit, TipBlend } from "../types.d.ts" */
 
@@ -21,6 +22,7 @@ const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at
  * @returns {Float64Array}
  */
 export function fieldWithSlope(fit, a, b, out) {
+  if (fit.sampled) return sampledWithSlope(fit.sampled, a, b, out) ? out : fieldWithSlope(fit.sampled.fit, a, b, out);
   if (fit.blend) return blendWithSlope(fit.blend, a, b, out);
   if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
   const { rigid, base } = fit;
@@ -140,7 +142,7 @@ function mapWithSlope(fit, a, b, out) {
  */
 export function mapInverse(fit, a, b, at, tolerance, work) {
   if (newtonInverse(fit, a, b, at, tolerance, work)) return true;
-  if (!fit.stages) return false;
+  if (!fit.stages || fit.sampled) return false;
   at[0] = a;
   at[1] = b;
   for (const stage of fit.stages) if (!newtonInverse(stage, at[0], at[1], at, 0.1 * tolerance)) return false;

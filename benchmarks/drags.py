@@ -1,0 +1,158 @@
+"""Drags of one point: ``python -m benchmarks drags [--against CHECKOUT]``.
+
+Each case is a notebook in a real JupyterLab and a real, headless Chromium, an editor beside its live view. A point is
+dragged in a circle by 60 events a second. With another checkout, bundled, both take turns in one run, so what else the
+machine does falls on both; the fastest round of each counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.latency import _chromium, _hosts
+from benchmarks.latency_cells import HEIGHT, WIDTH
+from benchmarks.latency_page import Seat
+
+_CUT = "cuts=[dn.Cut(dn.Line(corner + size * np.array([[0.48, -0.05], [0.55, 0.45], [0.5, 1.05]])))]"
+_PART = "parts=[dn.RigidPart(dn.Polygon(corner + size * np.array([[.61, .61], [.71, .6], [.72, .7], [.6, .71]])))]"
+
+# Points of the unit square with drags so small that nothing folds at first, none of them where the part lies.
+_EDITOR = """
+picture = dn.project(volume, dn.Plane.along(volume.grid, "+z"), "mip")
+corner = np.array(picture.raster.origin)
+size = np.array(picture.raster.spacing) * (np.array(picture.raster.shape[::-1]) - 1)
+unit = problem.control_points({count}, 2, 2)
+target = unit.target[np.abs(unit.target - 0.66).max(axis=1) > 0.09]
+source = target + 0.4 * (unit.source - unit.target)[:len(target)]
+points = dn.ControlPoints.from_arrays(corner + size * source, corner + size * target)
+editor = Editor(picture, points, height=450, {extra})
+"""
+
+CASES: dict[str, tuple[tuple[int, int, int], int, str]] = {
+    "16 points": ((256, 256, 256), 16, ""), "64 points": ((256, 256, 256), 64, ""),
+    "200 points": ((256, 256, 256), 200, ""), "200 points, cut": ((256, 256, 256), 200, _CUT),
+    "200 points, part": ((256, 256, 256), 200, _PART), "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
+}
+"""Columns, rows and slices of the volume, number of points, and what else the editor is given."""
+
+_CELL = f"""
+import sys
+sys.path.insert(0, {{checkout!r}})
+import numpy as np
+import deformnb as dn
+from deformnb.widgets import Editor, LiveView
+from ipywidgets import HBox
+from benchmarks import problem
+assert dn.__file__.startswith({{checkout!r}}), dn.__file__
+nx, ny, nz = {{size}}
+values = problem.volume(nx, "uint8").values[:nz]
+volume = dn.Volume(np.ascontiguousarray(values), dn.Grid((nz, ny, nx)))
+{{editor}}
+view = LiveView(volume, width={WIDTH}, height={HEIGHT})
+view.follow(editor, dn.Deformation((editor.step(),)).field(volume.grid))
+times = []
+"""
+
+# Tasks of more than 50 ms on the main thread.
+_WATCH = """() => {
+  const watch = (window.deformnbTasks = { tasks: [] });
+  watch.observer = new PerformanceObserver((list) => watch.tasks.push(...list.getEntries().map((e) => e.duration)));
+  watch.observer.observe({ type: "longtask" });
+}"""
+_WATCHED = """() => { const { observer, tasks } = window.deformnbTasks; observer.disconnect(); return tasks; }"""
+
+
+def cells(case: str, checkout: Path) -> list[str]:
+    """The notebook of a case, with the package of a checkout."""
+    size, count, extra = CASES[case]
+    editor = _EDITOR.format(count=count, extra=extra)
+    return [_CELL.format(checkout=str(checkout), size=size, editor=editor), "HBox([editor, view])"]
+
+
+def drag(seat: Seat, seconds: float) -> dict[str, float]:
+    """Pictures and grids a second, the longest task of the main thread, and its own time for a picture, in ms."""
+    seat.hand.move(0.0)
+    seat.rest(600)
+    seat.fresh()
+    session = seat.page.context.new_cdp_session(seat.page)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})  # what others take from the processor is left out
+    worked = _worked(session)
+    seat.page.evaluate(_WATCH)
+    seat.hand.drag(seconds, 60.0)
+    tasks = seat.page.evaluate(_WATCHED)
+    worked = _worked(session) - worked
+    session.detach()
+    seat.collect()
+    inputs, span = seat.seen.inputs, (max(seat.seen.inputs) - seat.seen.inputs[0]) / 1e3
+    rates = {kind: sum(inputs[0] < t <= max(inputs) for t in getattr(seat.seen, kind)) / span
+             for kind in ("picture", "grid", "view")}
+    seat.hand.release()
+    seat.rest(600)
+    return {**rates, "pause": max([50.0, *tasks]), "work": 1e3 * worked / max(1, len(seat.seen.picture))}
+
+
+def _worked(session: Any) -> float:
+    """Seconds for which the main thread has run."""
+    return float({m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}["TaskDuration"])
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks drags", description=__doc__.split("\n\n")[0])
+    parser.add_argument("--cases", nargs="+", help="only cases whose name contains one of these")
+    parser.add_argument("--against", type=Path, help="another checkout, bundled, that takes turns with this one")
+    parser.add_argument("--rounds", type=int, default=3, help="turns (default %(default)s)")
+    parser.add_argument("--seconds", type=float, default=4.0, help="of each drag (default %(default)s)")
+    parser.add_argument("--json", type=Path, help="file for all single figures")
+    options = parser.parse_args(arguments)
+    from benchmarks.run import machine
+
+    here = Path(__file__).resolve().parents[1]
+    checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
+    print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
+          "the main thread's time for one picture, whoever else is on the processor.\n")
+    measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms"
+    columns = [f"{what}, {name}" for name in checkouts for what in measured]
+    print(f"| case | {' | '.join(columns)} |\n|---{'|---' * len(columns)}|")
+    found: dict[str, dict[str, list[dict[str, float]]]] = {}
+    for case in CASES:
+        if not options.cases or any(part in case for part in options.cases):
+            found[case] = _measured(case, checkouts, options)
+            print(f"| {case} | {' | '.join(_row(found[case][name]) for name in checkouts)} |", flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(f"\nLoad of the machine after: {os.getloadavg()[0]:.1f}")
+    return 0
+
+
+def _row(rounds: list[dict[str, float]]) -> str:
+    best = [f"{max(r[kind] for r in rounds):.0f}" for kind in ("picture", "grid", "view")]
+    return " | ".join([*best, *(f"{min(r[kind] for r in rounds):.0f}" for kind in ("pause", "work"))])
+
+
+def _measured(case: str, checkouts: dict[str, Path], options: argparse.Namespace) -> dict[str, Any]:
+    from playwright.sync_api import sync_playwright
+
+    make_lab, browser_arguments = _hosts()
+    rounds: dict[str, list[dict[str, float]]] = {name: [] for name in checkouts}
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as p:
+        lab = make_lab(Path(folder))
+        browser = p.chromium.launch(executable_path=_chromium(), headless=True, args=browser_arguments)
+        try:
+            lab.started()
+            seats = {name: Seat(browser, lab, f"drags {name}", 0, cells=cells(case, checkout))
+                     for name, checkout in checkouts.items()}
+            for k in range(options.rounds):
+                for name, seat in seats.items():
+                    print(f"  {case}: {name}, round {k + 1}", file=sys.stderr, flush=True)
+                    seat.page.bring_to_front()
+                    rounds[name].append(drag(seat, options.seconds))
+        finally:
+            browser.close()
+            lab.close()
+    return rounds

@@ -1,0 +1,103 @@
+// Fits by their displacements at the nodes of a raster, cubic between them: while a point is dragged, the grid and the
+// folds are found on the raster that the picture is warped with, and a place costs the same with any number of points.
+// Keys, "Cubic Convolution Interpolation for Digital Image Processing", 1981: the error falls with the third power of
+// the distance of the nodes. What is shown at rest is of the fit itself.
+
+/** @import { Fit, LayeredFit, Raster, Sampled, Vector2 } from "../types.d.ts" */
+
+const PLACE_COST = 20; // evaluations of a kernel that take as long as a place between the nodes
+const FEWEST_NODES = 4; // of a side
+
+/**
+ * The fits with their displacements at the nodes of a raster; where there are too few nodes, the fits themselves.
+ * @param {LayeredFit} layered
+ * @param {Raster} raster
+ * @param {ArrayLike<number>[]} values  of each fit, nv * nu * 2 numbers as of fieldOnRaster
+ * @returns {LayeredFit}
+ */
+export function sampledFits(layered, raster, values) {
+  if (Math.min(...raster.shape) < FEWEST_NODES) return layered;
+  /** @type {(one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number]} */
+  const sampled = (one, k) => ({ ...one, fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } } });
+  const fits = layered.fits.map(sampled);
+  const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // what is seen at a place, and its slope
+  return { ...layered, fits, fit: layered.fit && fits[0].fit, count: Math.min(layered.count, cost) };
+}
+
+/** Weights of four nodes, then those of the slope, along each side. */
+const ACROSS = new Float64Array(8), DOWN = new Float64Array(8);
+
+/**
+ * The first of four nodes around a place, in units of the nodes, and their weights; -1 beyond the outermost nodes.
+ * @param {number} place
+ * @param {number} count of the nodes
+ * @param {Float64Array} w
+ */
+function nodesAround(place, count, w) {
+  if (!(place >= 0 && place <= count - 1)) return -1;
+  const cell = Math.min(count - 2, Math.floor(place)), t = place - cell;
+  w[0] = t * (-0.5 + t * (1 - 0.5 * t));
+  w[1] = 1 + t * t * (-2.5 + 1.5 * t);
+  w[2] = t * (0.5 + t * (2 - 1.5 * t));
+  w[3] = t * t * (-0.5 + 0.5 * t);
+  w[4] = -0.5 + t * (2 - 1.5 * t);
+  w[5] = t * (-5 + 4.5 * t);
+  w[6] = 0.5 + t * (4 - 4.5 * t);
+  w[7] = t * (-1 + 1.5 * t);
+  for (const at of [0, 4]) { // a node beyond the rim is 3 p - 3 q + r of those within
+    const [p, q, r, s] = [w[at], w[at + 1], w[at + 2], w[at + 3]];
+    if (cell === 0) { w[at] = q + 3 * p; w[at + 1] = r - 3 * p; w[at + 2] = s + p; w[at + 3] = 0; }
+    if (cell === count - 2) { w[at] = 0; w[at + 1] = p + s; w[at + 2] = q - 3 * s; w[at + 3] = r + 3 * s; }
+  }
+  return Math.max(0, Math.min(count - 4, cell - 1));
+}
+
+/**
+ * y + D(y) and its Jacobian at (a, b), as of fieldWithSlope; false beyond the raster.
+ * @param {Sampled} sampled
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} out
+ */
+export function sampledWithSlope({ raster: { shape: [nv, nu], spacing: [du, dv], origin }, values }, a, b, out) {
+  const j = nodesAround((a - origin[0]) / du, nu, ACROSS), i = nodesAround((b - origin[1]) / dv, nv, DOWN);
+  if (i < 0 || j < 0) return false;
+  let u = 0, v = 0, ua = 0, va = 0, ub = 0, vb = 0;
+  for (let row = 0; row < 4; row++) {
+    let p = 0, q = 0, pa = 0, qa = 0;
+    for (let column = 0, n = 2 * ((i + row) * nu + j); column < 4; column++, n += 2) {
+      const w = ACROSS[column], slope = ACROSS[4 + column];
+      p += w * values[n];
+      q += w * values[n + 1];
+      pa += slope * values[n];
+      qa += slope * values[n + 1];
+    }
+    const w = DOWN[row], slope = DOWN[4 + row];
+    u += w * p;
+    v += w * q;
+    ua += w * pa;
+    va += w * qa;
+    ub += slope * p;
+    vb += slope * q;
+  }
+  out[0] = a + u;
+  out[1] = b + v;
+  out[2] = 1 + ua / du;
+  out[3] = ub / dv;
+  out[4] = va / du;
+  out[5] = 1 + vb / dv;
+  return true;
+}
+
+const PLACE = new Float64Array(6);
+
+/**
+ * The displacement at (a, b), null beyond the raster.
+ * @param {Sampled} sampled
+ * @param {number} a
+ * @param {number} b
+ * @returns {Vector2 | null}
+ */
+export function sampledAt(sampled, a, b) {
+  return sampledWithSlope(sampled, a, b, PLACE) ? [PLACE[0] - a, PLACE[1] - b] : null;
+}
