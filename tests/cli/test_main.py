@@ -118,7 +118,7 @@ def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(("line", "match"), [
     ("demo --volume missing.nii.gz --out new", "no such file"),
     ("demo --volume . --out new", "neither a DICOM series nor TIFF"),
-    ("demo --volume notes.odt --out new", "no known kind of volume file"),
+    ("demo --volume notes.txt --out new", "no known kind of volume file"),
     ("demo --volume tiny.nrrd --out tiny.nrrd", "is a file"),
     ("demo --volume tiny.nrrd --out tiny.nrrd/sub", "Not a directory"),
     ("demo --volume tiny.nrrd --out new --species Cyprinus", "no figure of Thompson.*Antigonia"),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from deformnb import Volume
 from deformnb.io import FORMATS, write_volume
@@ -97,6 +98,8 @@ def seeds(folder: Path, suffix: str) -> str:
         tifffile = pytest.importorskip("tifffile")
         tifffile.imwrite(folder / name, values, compression=None if suffix == ".tif" else "zlib", metadata=None,
                          photometric="minisblack")
+    elif suffix in FORMATS["image"].suffixes:
+        Image.fromarray(values[0].astype(np.uint8)).save(folder / name)
     elif suffix in FORMATS["dicom"].suffixes:
         pytest.importorskip("pydicom")
         from dicom_series import write_slice
