@@ -138,6 +138,7 @@ class Session(traitlets.HasTraits):
         self._foreground: Foreground | None = None
         self._base: tuple[Deformation, Volume] | None = None
         self._picture: tuple[Any, Picture] | None = None
+        self._styled: tuple[Picture, Picture] | None = None  # in its automatic window, and as it is shown
         self._drawing, self._looking = threading.Lock(), threading.Lock()
         self._transfer: tuple[Any, TransferFunction] | None = None
         self.reference = LazyReference(volume)
@@ -690,12 +691,20 @@ class Session(traitlets.HasTraits):
             return Deformation(tuple(s for s in steps if s.enabled), mode=self.deformation.mode)
 
     def picture(self, progress: Callable[[float], None] | None = None) -> Picture:
-        """The picture that is being edited, before the step that is edited, in the window that was set by hand."""
-        return self.in_window(self.automatic_picture(progress))
+        """The picture that is being edited, before the step that is edited; kept until something else is requested.
 
-    def in_window(self, picture: Picture) -> Picture:
-        """A grey picture in the colour map of the session, and in the window that was set by hand, if one was."""
-        return replace(picture, window=self.window or picture.window, colour_map=self.colour_map)
+        A grey one is in the colour map of the session, and in the window that was set by hand, if one was.
+        """
+        picture = self.automatic_picture(progress)
+        with self._lock:
+            window, colour_map = self.window or picture.window, self.colour_map
+            if (picture.window, picture.colour_map) == (window, colour_map):
+                self._styled = None
+                return picture
+            kept = self._styled
+            if kept is None or kept[0] is not picture or (kept[1].window, kept[1].colour_map) != (window, colour_map):
+                kept = self._styled = (picture, replace(picture, window=window, colour_map=colour_map))
+            return kept[1]
 
     def automatic_picture(self, progress: Callable[[float], None] | None = None) -> Picture:
         """The picture that is being edited, in its automatic window; kept until something else is requested."""

@@ -294,6 +294,14 @@ def test_the_picture_is_made_once_for_each_question(session: Session) -> None:
     first = session.picture()
     session.edit_points(dragged(session))  # the picture shows what is before the step
     assert session.picture() is first
+    session.window, session.colour_map = (10, 30), "bone"
+    shown = session.picture()
+    assert (shown.window, shown.colour_map) == ((10, 30), "bone")
+    assert session.picture() is shown
+    session.window = (10, 40)
+    assert session.picture().window == (10, 40)
+    session.window, session.colour_map = None, "grey"
+    assert session.picture() is first
     session.method = "slice"
     middle = session.picture()
     session.depth = session.depth_range[0]

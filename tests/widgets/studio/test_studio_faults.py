@@ -163,7 +163,7 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         studio.wait()
         assert "FloatingPointError: of the status line" in notice_of(studio)
     with monkeypatch.context() as patched:
-        patched.setattr(type(studio._link), "_field_of", fails)
+        patched.setattr(type(studio._link), "field_of", fails)
         studio._words.show("")
         studio._link._moved(studio.session.points, "move")
         wait_for(lambda: "of the status line" in notice_of(studio))

@@ -43,7 +43,7 @@ class ComparePanel(Panel):
         self._wanted = NO_TARGET
         self._second: LiveView | None = None
         self._links: list[traitlets.link] = []
-        self._name = ipw.HTML()
+        self._name: ipw.HTML | None = None  # of the second volume, over its view
         self._line = ipw.HTML()
         chooser = menu("Show beside", self._chosen.choices(), "Another volume of the folder, or the result of another "
                        "session; both turn together")
@@ -86,8 +86,9 @@ class ComparePanel(Panel):
         if volume is None:
             self._remove()
             return
-        self._name.value = html.escape(volume.name or "second volume")
-        if self._second is not None:
+        name = html.escape(volume.name or "second volume")
+        if self._second is not None and self._name is not None:
+            self._name.value = name
             self._second.show(volume)
             self._follow_colours()
             return
@@ -97,19 +98,18 @@ class ComparePanel(Panel):
         made.layout.width = "100%"
         self._links = [view.link_camera(made), *(traitlets.link((view, name), (made, name)) for name in _SHARED
                                                  if view.has_trait(name))]
-        self._second = made
+        self._second, self._name = made, ipw.HTML(name)
         beside = ipw.VBox([self._name, made], layout=ipw.Layout(display=view.layout.display)).add_class("dnb-second")
         first, *others = self._place.children
         self._place.children = (first, beside, *others)
 
     def _remove(self) -> None:
         self.close()
-        second, self._second = self._second, None
+        second, self._second, self._name = self._second, None, None
         if second is None:
             return
         gone = [box for box in self._place.children if second in getattr(box, "children", ())]
         self._place.children = tuple(box for box in self._place.children if box not in gone)
-        self._name = ipw.HTML()  # closed with its box
         for box in gone:
             close_all(box)
 
