@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb.io.headers import Header, fail, shown
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".webp")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 _DEEP = {"I;16", "I;16B", "I;16L", "I;16N"}
 
 
@@ -45,7 +45,7 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the memory is checked by the caller
-            with Image.open(path, formats=("PNG", "JPEG", "BMP", "WEBP")) as picture:
+            with Image.open(path, formats=("PNG", "JPEG", "WEBP")) as picture:
                 yield picture
     except UnidentifiedImageError:
         raise fail(path, "it is cut short or no picture.") from None

@@ -19,7 +19,7 @@ GREY = np.random.default_rng(2).integers(0, 255, (12, 17), dtype=np.uint8)
     ("a.png", Image.fromarray(GREY), GREY),
     ("b.png", Image.fromarray(GREY.astype(np.uint16) * 257), GREY.astype(np.uint16) * 257),
     ("c.png", Image.fromarray(np.repeat(GREY[..., None], 3, axis=2)), GREY),
-    ("d.bmp", Image.fromarray(GREY > 99), np.where(GREY > 99, 255, 0)),
+    ("d.png", Image.fromarray(GREY > 99), np.where(GREY > 99, 255, 0)),
 ])
 def test_grey_values_are_kept(name: str, picture: Image.Image, wanted: np.ndarray, tmp_path: Path) -> None:
     picture.save(tmp_path / name)
