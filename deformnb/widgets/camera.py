@@ -37,9 +37,6 @@ SHOWS = {
 }
 """Display modes of a volume and its deformation, by name; the first is the default."""
 
-SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
-         "-z": "from above (-z)", "+z": "from below (+z)"}
-"""The six views in words, for a patient or an animal in LPS."""
 
 def wiped(original: Image, deformed: Image) -> Image:
     """A still of the display mode "wipe": the line stands in the middle.

@@ -19,7 +19,8 @@ from deformnb.rbf.fit_settings import SETTINGS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
-from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.volume.plane import SIDES
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.protocol import OVERLAYS
 
 
@@ -176,6 +177,8 @@ ACTIONS: dict[str, Action] = {
     "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),
     "hold_outline": Action("Hold outline", "Points that stay along the outline: a drag then bends only what lies "
                            "around it, and not the whole body"),
+    "thompson": Action("Grids", "Thompson's grids and your own: the picture on a regular grid beside the deformed one, "
+                       "whose nodes can be dragged"),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
     "unfold": Action("Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to "

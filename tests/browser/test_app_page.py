@@ -55,6 +55,15 @@ def tab(browser: Any, fresh: RunningApp) -> Iterator[Tab]:
     opened.close()
 
 
+DROP = """([name, text]) => {
+  const stage = document.querySelector('.dnb-ed-stage'), dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], name));
+  for (const type of ['dragenter', 'dragover', 'drop']) {
+    stage.dispatchEvent(new DragEvent(type, { bubbles: true, cancelable: true, dataTransfer }));
+  }
+}"""
+
+
 def _middle(image: NDArray[np.float64]) -> NDArray[np.float64]:
     """Where the cube is in a picture: column and row of its middle, as shares of the height."""
     bright = image > 150
@@ -236,10 +245,15 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         tab.page.keyboard.press("Control+z")
         tab.has(5, 0)
         with tab.page.expect_file_chooser() as choosing:
-            tab.page.get_by_role("button", name="Open session").click()
+            tab.page.get_by_role("button", name="Open", exact=True).click()
         choosing.value.set_files(saved)
         tab.has(5, 1)
         assert app.session.points == before
+        tab.page.evaluate(DROP, ["mark.fcsv", "# CoordinateSystem = LPS\n1,10,9,12,0,0,0,1,1,1,0,nose,,\n"])
+        tab.has(6, 1)
+        assert app.session.points.names[-1] == "nose"
+        tab.page.evaluate(DROP, ["scan.zip", "PK"])
+        tab.page.get_by_text("scan.zip is no file that can be opened here").wait_for()
         tab.close()
 
 

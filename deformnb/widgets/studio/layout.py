@@ -11,6 +11,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -35,6 +36,7 @@ from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
 from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
 from deformnb.widgets.studio.panels.examples import ExamplesPanel
 from deformnb.widgets.studio.panels.files import FilesPanel, ResultBox
+from deformnb.widgets.studio.panels.opening import OpenPanel
 from deformnb.widgets.studio.panels.points import PointsPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
@@ -101,6 +103,7 @@ class StudioPanels:
     menus : panels of the head's menus, by their class.
     picture, volume : stand over the panes.
     start : stands over the picture while nothing is deformed.
+    opening : takes files that are dropped on the studio.
     others : stand in another one.
     """
 
@@ -109,6 +112,7 @@ class StudioPanels:
     picture: Panel
     volume: Panel
     start: Panel
+    opening: Panel
     others: Sequence[Panel] = ()
 
     @property
@@ -120,7 +124,7 @@ class StudioPanels:
     def all(self) -> list[Panel]:
         """Every panel."""
         sections = [section for group in self.groups.values() for section in group]
-        return [self.picture, self.volume, self.start, *(section.panel for section in sections),
+        return [self.picture, self.volume, self.start, self.opening, *(section.panel for section in sections),
                 *self.menus.values(), *self.others]
 
 
@@ -129,14 +133,15 @@ def make_panels(s: PanelParts) -> StudioPanels:
     files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
     result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
     files.box.children = (result_box.box, *files.box.children)
+    points = PointsPanel(s.session, s.guard, s.editors, s.worker)
+    shapes = ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)
+    fit = FitPanel(s.session, s.guard, s.editors, s.folder, s.target)
+    thompson = ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)
     shape = [
         _alone(StrengthPanel(s.session, s.guard)),
         Section(StepsPanel(s.session, s.guard), is_open=True),
         Section(MapPanel(s.session, s.guard), is_open=True),
-        Section(PointsPanel(s.session, s.guard, s.editors, s.worker)),
-        Section(ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)),
-        Section(FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
-        Section(ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
+        *map(Section, (points, shapes, fit, thompson)),
     ]
     display = DisplayPanel(s.session, s.guard, s.view, s.opacity)
     groups = {
@@ -148,9 +153,10 @@ def make_panels(s: PanelParts) -> StudioPanels:
     }
     menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
              "export": files}
-    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane),
+    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
                         VolumePanel(s.session, s.guard, s.view),
-                        ExamplesPanel(s.session, s.guard, is_start=True), [result_box])
+                        ExamplesPanel(s.session, s.guard, is_start=True),
+                        OpenPanel(s.session, s.guard, points, shapes, fit), [result_box])
 
 
 def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,
@@ -172,7 +178,7 @@ def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels,
     body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
     body.layout.height = f"{height}px"
     menus = [_box([panel.box], f"dnb-menu-{name}").add_class("dnb-studio-menu") for name, panel in panels.menus.items()]
-    return [head, *menus, body]
+    return [head, *menus, body, panels.opening.box.add_class("dnb-studio-open")]
 
 
 def _box(children: Sequence[Any], name: str) -> ipw.Box:
@@ -197,6 +203,14 @@ def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
             if panel is not None:
                 panel.opened(tabs.selected_index == number and getattr(box, "selected_index", 0) is not None)
 
+    def show(number: int, box: Any) -> None:
+        tabs.selected_index = number
+        if isinstance(box, ipw.Accordion):
+            box.selected_index = 0
+
+    for number, box, reference in known:
+        if (panel := reference()) is not None:
+            panel.reveal = partial(show, number, box)
     notify()
     for widget in (tabs, *(box for _, box, _ in known if isinstance(box, ipw.Accordion))):
         widget.observe(notify, "selected_index")

@@ -22,9 +22,9 @@ from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
-from deformnb.volume.plane import VIEWS
+from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.widgets import Studio
-from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 
 

@@ -160,16 +160,17 @@ class ItemListView {
       if (!targetOf(event).closest("button, input")) this.act("choose", k);
     });
     const mark = pageElement("td", "dnb-il-mark", line);
-    const disc = pageElement("span", row.swatch ? "dnb-il-swatch" : "dnb-il-number", mark, { "aria-hidden": "true" });
+    const look = row.swatch && row.mark ? "dnb-il-badge" : row.swatch ? "dnb-il-swatch" : "dnb-il-number";
+    const disc = pageElement("span", look, mark, { "aria-hidden": "true" });
     if (row.swatch) disc.style.background = row.swatch;
-    else disc.textContent = row.mark ?? String(k + 1);
+    if (!row.swatch || row.mark) disc.textContent = row.mark ?? String(k + 1);
     const cell = pageElement("td", "dnb-il-name", line);
     const facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
     for (let depth = 0; depth < (row.indent || 0); depth += 1) {
       pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
     }
     const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
-      title: row.tip || name, "aria-label": `${row.swatch ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
+      title: row.tip || name, "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
       ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
     choose.textContent = name;
     choose.addEventListener("click", () => this.act("choose", k));

@@ -42,6 +42,7 @@ class StudioHead {
       pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }).textContent = "\u25be";
       return [key, button];
     }));
+    this.opener = this.#button("Open", () => this.open());
     this.saver = this.#button("Save", () => this.save());
     this.saver.classList.add("dnb-save");
     this.full = this.#icon("full", () => this.#fill(), "Whole screen");
@@ -68,6 +69,12 @@ class StudioHead {
     const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor") ?? [])];
     const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0);
     return /** @type {any} */ (shown)?.deformnb;
+  }
+
+  /** Choose files; what becomes of them is decided in Python. */
+  open() {
+    const chooser = this.studio?.querySelector(".dnb-studio-open .dnb-fi-chooser");
+    if (chooser instanceof HTMLInputElement) chooser.click();
   }
 
   save() { this.model.send({ type: "save" }); }
@@ -179,6 +186,7 @@ class StudioHead {
     const { model } = this, { undo = "", redo = "" } = model.get("history") ?? {};
     setText(this.name, model.get("name"));
     setText(this.facts, model.get("facts"));
+    this.opener.title = "Open landmarks, a session, labels or a volume; or drop the file on the studio";
     for (const [button, words, label] of /** @type {const} */ ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]])) {
       button.disabled = !words;
       button.title = words ? `${label}: ${words}` : `Nothing to ${label.toLowerCase()}`;
