@@ -122,6 +122,17 @@ class EditRefused(TypedDict):
     message: Annotated[str, "why"]
 
 
+class WandRequest(TypedDict):
+    """The wand was used; the trait wand has the answer."""
+
+    type: Literal["wand"]
+    what: Annotated[Literal["preview", "part", "cut", "stop"], "what becomes of it"]
+    place: Annotated[list[float], "that was clicked, of the original picture"]
+    tolerance: Annotated[float, "in the unit of the picture's values"]
+    rule: Annotated[Literal["near", "brighter", "darker"], "which values are selected"]
+    through: Annotated[bool, "whether in the volume instead of in the picture"]
+
+
 class DrawShape(TypedDict):
     """Start drawing a shape."""
 
@@ -587,6 +598,7 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind(PointsEdit, TO_PYTHON, _EDITORS),
     MessageKind(ShapesEdit, TO_PYTHON, "Editor"),
     MessageKind(ShapeChoice, TO_PYTHON, "Editor"),
+    MessageKind(WandRequest, TO_PYTHON, "Wand"),
     MessageKind(HistoryRequest, TO_PYTHON, _EDITORS),
     MessageKind(EditDone, TO_FRONT_END, _EDITORS),
     MessageKind(EditRefused, TO_FRONT_END, _EDITORS),

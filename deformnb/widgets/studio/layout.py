@@ -43,6 +43,7 @@ from deformnb.widgets.studio.panels.shapes import ShapesPanel
 from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
 from deformnb.widgets.studio.panels.thompson import ThompsonPanel
 from deformnb.widgets.studio.status import StudioStatus
+from deformnb.widgets.studio.wand import Wand
 from deformnb.widgets.worker import Worker
 
 
@@ -105,6 +106,7 @@ class StudioPanels:
     start : stands over the picture while nothing is deformed.
     opening : takes files that are dropped on the studio.
     others : stand in another one.
+    wand : the tool of the picture.
     """
 
     groups: Mapping[str, Sequence[Section]]
@@ -113,7 +115,8 @@ class StudioPanels:
     volume: Panel
     start: Panel
     opening: Panel
-    others: Sequence[Panel] = ()
+    others: Sequence[Panel]
+    wand: Wand
 
     @property
     def history(self) -> HistoryPanel:
@@ -143,6 +146,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
         Section(MapPanel(s.session, s.guard), is_open=True),
         *map(Section, (points, shapes, fit, thompson)),
     ]
+    wand = Wand(s.session, s.editors.plane, s.worker, s.guard, shapes.add_regions)
     display = DisplayPanel(s.session, s.guard, s.view, s.opacity)
     groups = {
         "Shape": shape,
@@ -156,7 +160,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
                         VolumePanel(s.session, s.guard, s.view),
                         ExamplesPanel(s.session, s.guard, is_start=True),
-                        OpenPanel(s.session, s.guard, points, shapes, fit), [result_box])
+                        OpenPanel(s.session, s.guard, points, shapes, fit), [result_box], wand)
 
 
 def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,
