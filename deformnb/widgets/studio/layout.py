@@ -230,4 +230,6 @@ def _fold(section: Section) -> Any:
         return _box([section.panel.box], "dnb-section-plain")
     made = ipw.Accordion([section.panel.box], titles=[section.panel.title],
                          selected_index=0 if section.is_open else None)
+    if section.is_open:
+        made.add_class("dnb-section-open")  # as it is made: see js/studio/side_panel.js
     return made.add_class("dnb-section")

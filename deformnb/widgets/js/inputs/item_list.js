@@ -114,6 +114,7 @@ class ItemListView {
     const held = this.#focused(), { rows } = this, chosen = this.model.get("chosen");
     this.current = Math.max(0, Math.min(this.current, rows.length - 1));
     this.table.setAttribute("aria-label", this.model.get("label") || "List");
+    this.table.classList.toggle("dnb-il-commanded", this.commands.length > 0);
     setText(this.empty, rows.length ? "" : this.model.get("empty") || "");
     this.empty.hidden = rows.length > 0;
     this.#drawHead(rows.length > 0);

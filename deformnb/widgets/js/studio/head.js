@@ -3,6 +3,7 @@
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+import { SidePanel } from "./side_panel.js";
 
 /** @import { Model } from "../types.d.ts" */
 /** @import { EditorView } from "../editor/editor.js" */
@@ -55,10 +56,17 @@ class StudioHead {
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
     window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
     window.addEventListener("click", (event) => this.#dismiss(event), { signal });
+    /** @type {SidePanel | null} */
+    this.side = null;
+    this.arrivals = new MutationObserver(() => this.#addSidePanel());
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
     this.#draw();
-    requestAnimationFrame(() => this.arrange());
+    requestAnimationFrame(() => {
+      this.arrange();
+      if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
+      this.#addSidePanel();
+    });
   }
 
   /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
@@ -87,6 +95,14 @@ class StudioHead {
       menu?.classList.toggle("dnb-menu-open", isOpen);
       button.setAttribute("aria-expanded", String(isOpen));
     }
+  }
+
+  /** The splitter and the memory of the panel, once it has come. */
+  #addSidePanel() {
+    const [body, panel] = [".dnb-studio-body", ".dnb-studio-panel"].map((name) => this.studio?.querySelector(name));
+    if (this.side || this.closing.signal.aborted || !(body instanceof HTMLElement) || !(panel instanceof HTMLElement)) return;
+    this.arrivals.disconnect();
+    this.side = new SidePanel(body, panel);
   }
 
   /** Picture and volume side by side or one above the other, whichever shows the object larger. */
@@ -129,6 +145,8 @@ class StudioHead {
   close() {
     for (const name of TRAITS) this.model.off(`change:${name}`, this.draw);
     this.closing.abort();
+    this.arrivals.disconnect();
+    this.side?.close();
     this.sizes.disconnect();
     this.root.remove();
   }
