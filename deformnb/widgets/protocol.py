@@ -327,8 +327,10 @@ def wand_from_page(content: dict[str, Any]) -> WandMessage:
         raise DeformError("the wand selects, makes a part or a cut, or stops.")
     if not isinstance(place, list) or len(place) != 2 or not all(_is_number(v) for v in place):
         raise DeformError("the wand needs a place of two numbers.")
-    if not _is_number(tolerance) or tolerance < 0 or not isinstance(through, bool):
-        raise DeformError("the wand needs a tolerance from 0, and whether it goes through the depth.")
+    if not isinstance(tolerance, int | float) or not _is_number(tolerance) or tolerance < 0:
+        raise DeformError("the wand needs a tolerance from 0.")
+    if not isinstance(through, bool):
+        raise DeformError("the wand needs to know whether it goes through the depth.")
     return WandMessage(what, (float(place[0]), float(place[1])), float(tolerance), rule, through)
 
 

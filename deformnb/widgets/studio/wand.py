@@ -1,5 +1,6 @@
-"""Wand of a studio: a click on the picture selects what hangs together within a range of values, in the picture or
-through the depth of the volume; the region becomes a rigid part or a cut.
+"""Wand of a studio: region growing from a click, in the picture or through the depth of the volume.
+
+What is selected becomes a rigid part or a cut.
 """
 
 from __future__ import annotations
