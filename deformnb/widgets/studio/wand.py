@@ -166,4 +166,5 @@ def _words(picture: Picture, low: float, high: float, area: float) -> str:
     of_range = (f"from {low:.4g}" if np.isinf(high) else f"up to {high:.4g}" if np.isinf(low)
                 else f"{low:.4g} to {high:.4g}")
     length = "" if picture.grid is None else unit_of(picture.grid)
-    return f"{of_range}{unit}, {area:.3g} {length}{chr(178) if length else 'pixels'}"
+    size = f"{area:.3g}" if area < 1000 else f"{area:.0f}"
+    return f"{of_range}{unit}, {size} {length}{chr(178)}" if length == "mm" else f"{of_range}{unit}, {size} pixels"

@@ -15,6 +15,7 @@ import pytest
 from driven_studio import a_drag, a_volume, act, box_of, controls, drag, notice_of, page_says, panel, wait_for
 from front_end import deliver
 from numpy.testing import assert_array_equal
+from uploads import uploaded
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
@@ -421,10 +422,10 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     saved = to_json(studio.session.document()).encode()
     studio.undo()
-    files = panel(studio, "Export")
-    files._open([{"name": "s.json", "content": memoryview(saved)}])
+    opening = panel(studio, "Open").box
+    uploaded(opening, "s.json", saved)
     assert studio.session.points.displacement.any()
-    files._open([{"name": "s.json", "content": b"{nonsense"}])
+    uploaded(opening, "s.json", b"{nonsense")
     assert "JSON" in notice_of(studio)
 
 
