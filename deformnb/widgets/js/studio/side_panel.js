@@ -24,6 +24,7 @@ function remembered() {
 /** @param {Remembered} changes */
 function remember(changes) {
   const before = remembered(), value = JSON.stringify({ ...before, ...changes });
+  // biome-ignore lint/suspicious/noDocumentCookie: not every browser has the Cookie Store API
   if (value !== JSON.stringify(before)) document.cookie = `${COOKIE}=${encodeURIComponent(value)}; ${KEPT}`;
 }
 
