@@ -32,6 +32,8 @@ from .io.landmarks import read_landmarks as read_landmarks
 from .io.landmarks import write_landmarks as write_landmarks
 from .io.meshes import read_mesh as read_mesh
 from .io.meshes import write_mesh as write_mesh
+from .io.transforms import read_transform as read_transform
+from .io.transforms import write_transform as write_transform
 from .rbf.cuts import CUT_RULES as CUT_RULES
 from .rbf.cuts import Cut as Cut
 from .rbf.extrusion import EXTRUSIONS as EXTRUSIONS

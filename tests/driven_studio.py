@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 from unittest import mock
 
 import numpy as np
 from front_end import deliver
+from waiting import PATIENCE, wait_for  # noqa: F401  (with the rest of what a studio's tests need)
 
 from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
@@ -78,15 +78,13 @@ def act(items: Any, what: str, index: int, value: Any = None) -> None:
     deliver(items, message)
 
 
-def wait_for(condition: Any, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.01)
-
-
 def crash(saving: Autosave) -> None:
     """Leave what a session has written as if its process had been killed."""
     with mock.patch("deformnb.session.autosave.mark"):  # nobody says that it was closed
-        saving.close()
-        assert saving._job.left(60)
+        closed(saving)
+
+
+def closed(saving: Autosave) -> None:
+    """Close it and wait for its last file: users wait a second for it at most, and a busy machine takes longer."""
+    saving.close()
+    assert saving._job.left(PATIENCE)

@@ -12,14 +12,13 @@ from typing import Any
 
 import aiohttp
 import msgpack
+from waiting import PATIENCE
 
 from deformnb.app.application import Application
 from deformnb.app.launch import app_server
 from deformnb.session.session import Session
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.web.server import PageServer
-
-PATIENCE = 30.0  # seconds, on a busy machine
 
 
 class RunningApp:

@@ -57,13 +57,13 @@ def usual() -> Any:
 
 
 def asked(server: Host, path: str, data: bytes | None = None) -> Any:
-    with urllib.request.urlopen(server.url(path), data=data, timeout=30) as answer:
+    with urllib.request.urlopen(server.url(path), data=data, timeout=120) as answer:
         return json.load(answer)
 
 
 def opened(server: Host, kernel: str) -> socket.socket:
     """A page's end of a kernel's websocket, as far as the handshake."""
-    page = socket.create_connection(("127.0.0.1", server.port), timeout=30)
+    page = socket.create_connection(("127.0.0.1", server.port), timeout=120)
     page.sendall(f"GET /api/kernels/{kernel}/channels?session_id=s&token={server.token} HTTP/1.1\r\n"
                  f"Host: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
                  "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())

@@ -31,7 +31,7 @@ TOPIC = "deformnb.comm"
 SETTABLE = {
     "BoundedFloatTextModel": {"value"}, "BoundedIntTextModel": {"value"}, "FloatTextModel": {"value"},
     "TextModel": {"value"}, "TextareaModel": {"value"}, "FloatSliderModel": {"value"}, "FloatLogSliderModel": {"value"},
-    "IntSliderModel": {"value"}, "CheckboxModel": {"value"}, "DropdownModel": {"index"},
+    "IntSliderModel": {"value"}, "CheckboxModel": {"value"}, "ToggleButtonModel": {"value"}, "DropdownModel": {"index"},
     "SelectMultipleModel": {"index"},
     "TabModel": {"selected_index"}, "AccordionModel": {"selected_index"},
 }

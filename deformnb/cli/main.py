@@ -1,4 +1,4 @@
-"""Command line ``deformnb``: demo, app, lab, warp, replay, info, datasets, doctor.
+"""Command line ``deformnb``: demo, app, lab, warp, transform, replay, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """
@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
+from deformnb.cli.transform import add_transform
 from deformnb.cli.warp import add_replay, add_spacing, add_warp, read_input, stages
 from deformnb.errors import Cancelled, DeformError, UnknownKindError
 
@@ -90,8 +91,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, add_replay, _add_info, _add_datasets,
-                _add_doctor):
+    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, add_transform, add_replay, _add_info,
+                _add_datasets, _add_doctor):
         add(commands)
     return parser
 

@@ -105,9 +105,9 @@ def add_warp(commands: Any) -> None:
         "warp", help="apply a session to a volume, a mesh or landmarks",
         description="Apply a session to a volume, or to labels, a mesh or landmarks of it: all end at the same place.",
         usage="deformnb warp SESSION INPUT OUTPUT [options]")
-    p.add_argument("session", help="a document written by deformnb (.json)")
+    p.add_argument("session", help="a document written by deformnb (.json), or a transform of ITK (.tfm .h5)")
     p.add_argument("input", help="the volume to deform, or a mesh (.ply .stl .obj .vtp) or landmarks (.mrk.json .fcsv "
-                   ".csv of BigWarp) in its space")
+                   ".csv .tps .nts .txt .prm) in its space")
     p.add_argument("output", help="the file to write; its suffix decides the format")
     add_spacing(p)
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
@@ -136,6 +136,7 @@ def _warp(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
     from deformnb.io.landmarks import is_landmarks
     from deformnb.io.meshes import is_mesh
+    from deformnb.io.transforms import is_transform
 
     given, target = Path(options.input), Path(options.output)
     follows = _follow_mesh if is_mesh(given) else _follow_landmarks if is_landmarks(given) else None
@@ -148,12 +149,31 @@ def _warp(options: argparse.Namespace) -> None:
     if Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
         raise DeformError(f"the session comes first: deformnb warp {given.name} {Path(options.session).name} "
                           f"{target.name}.")
+    if is_transform(options.session):
+        _apply_transform(options, follows)
+        print(target)
+        return
     document = read_deformation(options.session)
     with stages() as stage:
         if options.strength != 1:
             document = document.scaled(options.strength)
         (follows or _warp_volume)(document, options, stage)
     print(target)
+
+
+def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
+    """Deform a volume by the file of a transform in place of a session."""
+    from deformnb.io import read_transform, write_volume
+    from deformnb.warping.warper import warp
+
+    if follows is not None or options.strength != 1 or options.resolution or options.margin:
+        raise DeformError(f"{Path(options.session).name} is a transform and no session: it deforms volumes only, onto "
+                          "their own grid and as it is (without --strength, --resolution, --margin).")
+    with stages() as stage:
+        volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
+        field = read_transform(options.session, volume)
+        warped = warp(volume, field, fill=options.fill, method=options.method, progress=stage("deform"))
+        write_volume(warped, options.output, progress=stage(f"write {Path(options.output).name}"))
 
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:

@@ -27,6 +27,7 @@ from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.slits import TipBlend, check_slits
 from deformnb.rbf.stages import Fit, check_stages
 from deformnb.rbf.support import lone_support
 from deformnb.volume.known_spacings import KnownSpacing, older_document
@@ -138,6 +139,7 @@ class Step(AbstractFitSettings):
         check_stages(self.stages, self.parts)
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
+        check_slits(self.cut_regions, self.cut_rule)
 
     def __repr__(self) -> str:
         name = f" {self.name[:60]!r}" if self.name else ""
@@ -172,16 +174,16 @@ class Step(AbstractFitSettings):
         arguments = {"replicate": (), "modulate": (self.curve,), "interpolate": (self.knots,)}
         return EXTRUSIONS[self.extrusion](*arguments.get(self.extrusion, ()))
 
-    def fits(self, grid: Grid) -> tuple[Fit, ...]:
+    def fits(self, grid: Grid) -> tuple[Fit | TipBlend, ...]:
         """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
         return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
 
-    def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit], ...]:
+    def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit | TipBlend], ...]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region.
 
         They are solved once for a grid, and kept until another is requested: a step never changes.
         """
-        known: tuple[Grid, tuple[Mapping[Sides, Fit], ...]] | None = self.__dict__.get("_solved")
+        known: tuple[Grid, tuple[Mapping[Sides, Fit | TipBlend], ...]] | None = self.__dict__.get("_solved")
         if known is None or known[0] != grid:
             settings, lone = self.settings, lone_support(grid)
             fits = tuple(settings.fits(points, self.parts, self.cut_regions, lone=lone) for points in self.maps)

@@ -116,7 +116,8 @@ def region_to_data(region: AbstractRegion) -> dict[str, Any]:
     if isinstance(region, HalfSpace):
         return {"kind": region.kind, "point": list(region.point), "normal": list(region.normal)}
     if isinstance(region, Polygon | Line):
-        return {"kind": region.kind, "vertices": [list(v) for v in region.vertices]}
+        stops = {"stops": list(region.stops)} if isinstance(region, Line) and any(region.stops) else {}
+        return {"kind": region.kind, "vertices": [list(v) for v in region.vertices], **stops}
     if isinstance(region, Mask):
         lattice = region.lattice
         turned = {"direction": np.asarray(lattice.direction).ravel().tolist()} if isinstance(lattice, Grid) else {}
@@ -147,7 +148,9 @@ def read_region(r: Reader) -> AbstractRegion:
 def _drawn(r: Reader, kind: str) -> AbstractRegion:
     places = [Reader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
               for k, v in enumerate(r.value("vertices", (list, tuple), ...))]
-    return (Polygon if kind == "polygon" else Line)(tuple((a, b) for a, b in places))
+    if kind == "polygon":
+        return Polygon(tuple((a, b) for a, b in places))
+    return Line(tuple((a, b) for a, b in places), tuple(r.value("stops", (list, tuple), (False, False))))
 
 
 def _mask(r: Reader) -> Mask:
@@ -222,10 +225,11 @@ def read_part(r: Reader) -> RigidPart:
 
 
 FORMAT = "deformnb-deformation"
-VERSION = (2, 0)
+VERSION = (2, 1)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
 result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, pivots of
-rigid parts, and the trend "affine" shrinks across thin directions. Each is left out where a document has none."""
+rigid parts, and the trend "affine" shrinks across thin directions; 2.1: lines whose cut stops inside the body. Each is
+left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may request; what there is no memory for is refused when it is made."""

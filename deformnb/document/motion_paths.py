@@ -44,6 +44,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidMotion, RigidPart, scaled_points
+from deformnb.rbf.slits import is_slit
 from deformnb.rbf.stages import fit_points
 
 Points = NDArray[np.float64]
@@ -461,8 +462,14 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     result = places.copy()
     sides = sides_of(regions, places) if regions else np.zeros((len(places), 0), dtype=bool)
     own = sides_of(regions, chosen.source) if regions else np.zeros((len(chosen), 0), dtype=bool)
+    blended = step.settings.fits(points, step.parts, regions,
+                                 lone=_extent(points, places)) if any(map(is_slit, regions)) else None
     for side in np.unique(sides, axis=0):
         here = (sides == side).all(axis=1)
+        if blended is not None:
+            if tuple(side.tolist()) in blended:
+                result[here] = _forward(blended[tuple(side.tolist())], places[here], chosen)
+            continue
         some = chosen.take(np.flatnonzero((own == side).all(axis=1)))
         if some.active.any() and some.displacement[some.active].any():
             result[here] = _forward(_fit(some, places, step), places[here], some)
@@ -470,10 +477,13 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     return places + (result - places) / step.strength if step.strength else places
 
 
+def _extent(points: ControlPoints, places: Places) -> float | None:
+    return box_diagonal(ControlPoints.from_arrays(np.concatenate([points.source, places])))
+
+
 def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
-    every = ControlPoints.from_arrays(np.concatenate([points.source, places]))
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
-    return fit_points(points, parts, stages=step.stages, **step.settings.arguments(points, box_diagonal(every)))
+    return fit_points(points, parts, stages=step.stages, **step.settings.arguments(points, _extent(points, places)))
 
 
 def _forward(field: AbstractField, places: Places, points: ControlPoints) -> Places:

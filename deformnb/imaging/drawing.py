@@ -183,7 +183,7 @@ def show_picture(axes: Axes, picture: Picture, colours: Style) -> None:
     """Draw the pixels of a picture in a style, where they lie."""
     from matplotlib.colors import LinearSegmentedColormap, to_rgb
 
-    if picture.values.ndim == 3:
+    if picture.values.ndim == 3 or picture.colour_map != "grey":
         axes.imshow(picture.rgb8(to_rgb(colours.dark)), extent=picture.extent, interpolation="bilinear")
         return
     inks = LinearSegmentedColormap.from_list("inks", [colours.dark, colours.bright])

@@ -16,7 +16,7 @@ from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_fi
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.regions import AbstractRegion
+from deformnb.rbf.regions import AbstractRegion, Line
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture
@@ -180,7 +180,10 @@ def _outline(axes: Axes, region: AbstractRegion, box: Box, color: str, *, fill: 
     """Zero contour of the signed distance of a region, whatever kind of region it is."""
     step = max(box[1] - box[0], box[3] - box[2]) / _FINE
     a, b = (np.linspace(low, high, max(2, round((high - low) / step))) for low, high in (box[:2], box[2:]))
-    distance = region.signed_distance(np.stack(np.meshgrid(a, b), axis=-1))
+    places = np.stack(np.meshgrid(a, b), axis=-1)
+    distance = region.signed_distance(places)
+    if isinstance(region, Line) and any(region.stops):  # nothing is drawn beyond a tip
+        distance = np.ma.masked_where(region.opening(places) == 0, distance)
     if fill and distance.min() < 0:
         axes.contourf(a, b, distance, levels=[distance.min(), 0.0], colors=[color], alpha=0.35)
     if distance.min() < 0 < distance.max():

@@ -32,6 +32,8 @@ _LAYERS = 32
 _FEW = 64
 # Of the pixels are black, and as many of those brighter than black white: noise and a few bright spots.
 _SATURATED = 0.005
+# Hounsfield units beyond enamel and cortical bone: metal, at which scanners of 12 bits end (3071).
+_METAL = 3000.0
 # Beyond this a float32 has no square.
 _LARGEST = 1e18
 
@@ -159,10 +161,13 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
 
     Black is the 0.5 percentile of the pixels, white the 99.5 percentile of those brighter than black: where much of a
     picture is background, white follows the subject alone. What lies outside of the volume's
-    :func:`~deformnb.volume.transfer.typical_range` does not count: metal, and the padding of a scanner. Of labels, and
+    :func:`~deformnb.volume.transfer.typical_range` does not count, such as the padding of a scanner, nor in Hounsfield
+    units what is brighter than any tissue: an implant covers more of a projection than it has voxels. Of labels, and
     where all pixels are alike, black is the smallest value of the volume.
     """
     lowest, highest = typical_range(volume)
+    if is_hounsfield(volume):
+        highest = min(highest, _METAL)
     shown = values[(values >= lowest) & (values <= highest)].astype(np.float64)
     is_even = volume.is_labels or not shown.size or shown.min() == shown.max()
     low = volume.background if is_even else float(np.quantile(shown, _SATURATED))

@@ -7,6 +7,7 @@ from .formats import Format as Format
 from .formats import describe_file as describe_file
 from .formats import read_volume as read_volume
 from .formats import write_volume as write_volume
+from .label_names import read_label_names as read_label_names
 from .landmarks import LANDMARK_FORMATS as LANDMARK_FORMATS
 from .landmarks import points_from_csv as points_from_csv
 from .landmarks import read_landmarks as read_landmarks
@@ -15,3 +16,6 @@ from .memory import available_memory as available_memory
 from .meshes import MESH_FORMATS as MESH_FORMATS
 from .meshes import read_mesh as read_mesh
 from .meshes import write_mesh as write_mesh
+from .transforms import TRANSFORM_SUFFIXES as TRANSFORM_SUFFIXES
+from .transforms import read_transform as read_transform
+from .transforms import write_transform as write_transform

@@ -76,7 +76,7 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
     Traceback (most recent call last):
     ...
     deformnb.errors.VolumeFileError: drag.tfm: a deformation is written as JSON, and .tfm is another kind of file;
-    name it drag.json.
+    name it drag.json (write_transform(deformation, path, volume) writes a transform of ITK).
     """
     check_json_target(path, "a deformation")
     data = to_json(deformation).encode("utf-8")
@@ -107,6 +107,8 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     stem = name[:len(name) - len(ending)].removesuffix(".json")
     volume = (" (write_volume(deformation.apply(volume), path) writes the deformed volume)"
               if any(name.lower().endswith(row.suffixes) for row in FORMATS.values()) else "")
+    if place.suffix.lower() in (".tfm", ".h5"):
+        volume = " (write_transform(deformation, path, volume) writes a transform of ITK)"
     raise fail(place, f"{what} is written as JSON, and {ending} is another kind of file; "
                       f"name it {shown(stem)}.json{volume}.")
 

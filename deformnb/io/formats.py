@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Float3, Progress
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
-from deformnb.io import dicom, metaimage, nifti, nrrd, raw, tiff, vti
+from deformnb.io import dicom, images, metaimage, nifti, nrrd, raw, tiff, vti
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
@@ -51,13 +51,14 @@ FORMATS: dict[str, Format] = {
     "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json"),
     "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json"),
     "tiff": Format(tiff.SUFFIXES, tiff.read_header, None, "TIFF stack, or a folder of slices"),
+    "image": Format(images.SUFFIXES, images.read_header, None, "picture, as a volume of one slice"),
     "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
 }
 """All formats by name. A new one is one row: suffixes, a header reader, a writer or None."""
 
 # First bytes of formats, to recognise a file with another suffix.
 _MARKS = {b"NRRD000": "nrrd", b"\x93NUMPY": "numpy", b"II*\0": "tiff", b"MM\0*": "tiff", b"ObjectType": "metaimage",
-          b"<VTKFile": "vti", b"\x1f\x8b": "nifti"}
+          b"<VTKFile": "vti", b"\x1f\x8b": "nifti", b"\x89PNG": "image", b"\xff\xd8\xff": "image"}
 
 _LESS = "read fewer voxels with stride=2"
 

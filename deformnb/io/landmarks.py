@@ -1,4 +1,4 @@
-"""Landmark files: BigWarp's CSV, the markups of 3D Slicer (.fcsv and .mrk.json), and point tables as text.
+"""Landmark files: BigWarp's CSV, the markups of 3D Slicer (.fcsv and .mrk.json), plain texts, and point tables.
 
 Slicer states whether its places are LPS or RAS; here they are LPS always, and both are read. BigWarp's are physical
 lengths of the image, taken as they are; its moving points are the places, its fixed ones their counterparts.
@@ -24,6 +24,17 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import Damage, as_path, fail, regular_file, shown
+from deformnb.io.landmark_texts import (
+    coordinates,
+    read_nts,
+    read_prm,
+    read_tps,
+    read_txt,
+    write_nts,
+    write_prm,
+    write_tps,
+    write_txt,
+)
 from deformnb.rbf.points import ControlPoints
 from deformnb.warping.points import Landmarks
 
@@ -43,12 +54,16 @@ class LandmarkFormat:
     read : landmarks of a file's text.
     write : text of landmarks.
     description : for people.
+    dimensions : of the places that it can hold; has_names, has_fixed : whether it holds names, and fixed places too.
     """
 
     suffix: str
     read: Callable[[Path, str], Landmarks]
     write: Callable[[Landmarks], str]
     description: str
+    dimensions: tuple[int, ...] = (3,)
+    has_names: bool = False
+    has_fixed: bool = False
 
 
 def is_landmarks(path: str | os.PathLike[str]) -> bool:
@@ -104,11 +119,11 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
 def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write landmarks, whole or not at all; the end of the name chooses the format.
 
-    Slicer's files hold places in space (LPS is written) without the fixed ones; BigWarp's file holds both.
+    What a format has no room for is left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS.
     """
     place = as_path(path)
     row = check_landmark_target(place)
-    if row.suffix != ".csv" and landmarks.points.shape[1] != 3:
+    if landmarks.points.shape[1] not in row.dimensions:
         raise fail(place, f"a {row.description} holds places in space, and these landmarks have two coordinates.")
     with atomic_write(place, overwrite=overwrite) as file:
         file.write(row.write(landmarks).encode("utf-8"))
@@ -129,16 +144,6 @@ def landmark_suffixes() -> str:
 
 def _row(path: Path) -> LandmarkFormat | None:
     return next((row for row in LANDMARK_FORMATS.values() if path.name.lower().endswith(row.suffix)), None)
-
-
-def _coordinates(path: Path, words: Sequence[Any], which: str) -> list[float]:
-    try:
-        values = [float(word) for word in words]
-    except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
-        raise fail(path, f"the coordinates of {which} are no numbers.") from None
-    if not all(map(math.isfinite, values)):
-        raise fail(path, f"the coordinates of {which} are not finite.")
-    return values
 
 
 # ---- BigWarp ---------------------------------------------------------------------------------------------------------
@@ -206,7 +211,7 @@ def _read_fcsv(path: Path, text: str) -> Landmarks:
             continue
         found = dict(zip(columns, row, strict=False))
         which = f"landmark {len(names) + 1}"
-        places.append(_coordinates(path, [found.get(axis) for axis in "xyz"], which))
+        places.append(coordinates(path, [found.get(axis) for axis in "xyz"], which))
         names.append(found.get("label", ""))
         active.append(found.get("sel", "1").strip() != "0")
     return _from_slicer(path, names, places, active, [ras] * len(names))
@@ -256,7 +261,7 @@ def _read_markups(path: Path, text: str) -> Landmarks:
             position = point.get("position")
             if not isinstance(position, list) or len(position) != 3:
                 raise fail(path, f"{which} has no position of three numbers.")
-            places.append(_coordinates(path, position, which))
+            places.append(coordinates(path, position, which))
             names.append(str(point.get("label", "")))
             active.append(point.get("selected") is not False)
             ras.append(system)
@@ -276,9 +281,14 @@ def _write_markups(landmarks: Landmarks) -> str:
 
 
 LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
-    "markups": LandmarkFormat(".mrk.json", _read_markups, _write_markups, "file of Slicer's markups"),
-    "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials"),
-    "bigwarp": LandmarkFormat(".csv", _read_bigwarp, _write_bigwarp, "file of BigWarp's landmarks"),
+    "markups": LandmarkFormat(".mrk.json", _read_markups, _write_markups, "file of Slicer's markups", has_names=True),
+    "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True),
+    "bigwarp": LandmarkFormat(".csv", _read_bigwarp, _write_bigwarp, "file of BigWarp's landmarks", (2, 3),
+                              has_names=True, has_fixed=True),
+    "tps": LandmarkFormat(".tps", read_tps, write_tps, "TPS file", (2, 3), has_fixed=True),
+    "nts": LandmarkFormat(".nts", read_nts, write_nts, "NTS file", (2, 3), has_fixed=True),
+    "elastix": LandmarkFormat(".txt", read_txt, write_txt, "list of points of elastix, or Morphologika's", (2, 3)),
+    "pygem": LandmarkFormat(".prm", read_prm, write_prm, "parameter file of PyGeM", has_fixed=True),
 }
 """All kinds of landmark files by name."""
 

@@ -25,6 +25,7 @@ from .regions import Polygon as Polygon
 from .rigid import RigidMotion as RigidMotion
 from .rigid import RigidPart as RigidPart
 from .rigid import fit_rigid as fit_rigid
+from .slits import TipBlend as TipBlend
 from .stages import Staged as Staged
 from .stages import fit_points as fit_points
 from .trends import TRENDS as TRENDS

@@ -53,10 +53,15 @@ class Cut:
 
     Parameters
     ----------
-    region : what lies on one side: a :class:`Line` (which goes on straight beyond its ends, since a
-        cut has no end inside the picture), a polygon, a mask, or a half space.
+    region : what lies on one side: a :class:`Line` (which goes on straight to the border, or ``stops`` at an end or
+        both: see :mod:`deformnb.rbf.slits`), a polygon, a mask, or a half space.
     name : shown to people.
     enabled : a cut that is switched off stays in the list.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Line
+    >>> incision = Cut(Line([(50, 20), (50, 80)], stops=(True, True)), "incision")
     """
 
     region: AbstractRegion

@@ -313,6 +313,41 @@ class Identity(AbstractField):
         return np.zeros((*np.shape(points), self.dim))
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=["matrix", "offset"], meta_fields=[])
+@dataclass(frozen=True, eq=False, repr=False)
+class Affine(AbstractField):
+    """The affine map ``x -> A x + t`` of space or a plane as displacements.
+
+    Parameters
+    ----------
+    matrix : A, (dim, dim).
+    offset : t, (dim,), in physical units.
+
+    Examples
+    --------
+    >>> Affine(2 * np.eye(3), np.zeros(3)).displacement([1.0, 2.0, 3.0]).tolist()
+    [1.0, 2.0, 3.0]
+    """
+
+    matrix: Any
+    offset: Any
+
+    @property
+    def dim(self) -> int:
+        return len(self.offset)
+
+    def __call__(self, points: Any) -> Any:
+        x = jnp.asarray(points)
+        return x @ jnp.asarray(self.matrix, x.dtype).T + jnp.asarray(self.offset, x.dtype) - x
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        x = np.asarray(points, dtype=np.float64)
+        return x @ (np.asarray(self.matrix, dtype=np.float64).T - np.eye(self.dim)) + np.asarray(self.offset)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.broadcast_to(np.asarray(self.matrix) - np.eye(self.dim), (*np.shape(points), self.dim)).copy()
+
+
 @partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class Composed(AbstractField):

@@ -19,6 +19,7 @@ from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, scaled_points
+from deformnb.rbf.slits import TipBlend, check_slits, fits_beside_slits, is_slit
 from deformnb.rbf.stages import Fit, check_stages, fit_points
 from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
 from deformnb.rbf.trends import trend_named
@@ -144,8 +145,10 @@ class FitSettings(AbstractFitSettings):
                 "smoothing": self.smoothing}
 
     def fits(self, points: ControlPoints, parts: Sequence[RigidPart] = (), cuts: Sequence[AbstractRegion] = (), *,
-             lone: float | None = None, previous: Mapping[Sides, Fit] | None = None) -> dict[Sides, Fit]:
+             lone: float | None = None, previous: Mapping[Sides, Any] | None = None) -> dict[Sides, Fit | TipBlend]:
         """Fit control points in each region between cuts that has some; without cuts there is one region.
+
+        Beside cuts that stop inside the body every region has a :class:`~deformnb.rbf.slits.TipBlend`.
 
         Parameters
         ----------
@@ -163,13 +166,14 @@ class FitSettings(AbstractFitSettings):
         moved = [part.scaled(self.strength) for part in parts if part.enabled]
         before = dict(previous or {})
 
-        def fit(sides: Sides, own: ControlPoints) -> Fit:
+        def fit(_sides: Sides, own: ControlPoints, last: Any) -> Fit:
             dragged = scaled_points(own, parts, self.strength)
-            return fit_points(dragged, moved, stages=self.stages, previous=before.get(sides),
-                              **self.arguments(own, lone))
+            return fit_points(dragged, moved, stages=self.stages, previous=last, **self.arguments(own, lone))
 
+        if any(map(is_slit, cuts)):
+            return dict(fits_beside_slits(points, cuts, fit, before))
         every = points_of_regions(points, cuts) if cuts else {(): points}
-        return {sides: fit(sides, own) for sides, own in every.items()}
+        return {sides: fit(sides, own, before.get(sides)) for sides, own in every.items()}
 
     def fit(self, points: ControlPoints, parts: Sequence[RigidPart] = (), cuts: Sequence[AbstractRegion] = (), *,
             cut_rule: str = "source", softness: float = 0.0, lone: float | None = None,
@@ -185,6 +189,7 @@ class FitSettings(AbstractFitSettings):
         -------
         The only fit, or with cuts a :class:`~deformnb.rbf.cuts.Decoupled`.
         """
+        check_slits(cuts, cut_rule)
         before: Any = (dict(zip(previous.sides, previous.fields, strict=True)) if isinstance(previous, Decoupled)
                        else {(): previous})
         found = self.fits(points, parts, cuts, lone=lone, previous=before)

@@ -187,12 +187,12 @@ class _Outline(AbstractRegion):
         corner = v[(nearest + is_end) % len(v)]
         return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
 
-    def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
+    def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
         """The arrays that JAX traces, and the constants that it keeps."""
         return (np.asarray(self.vertices),), None
 
     @classmethod
-    def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> Any:
+    def tree_unflatten(cls, _aux: Any, leaves: tuple[Any, ...]) -> Any:
         """The object rebuilt from the leaves that JAX returns; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "vertices", leaves[0])
@@ -239,6 +239,9 @@ class Line(_Outline):
     ----------
     vertices : two or more places (a, b). Inside is the left side of the line, followed from its first vertex to its
         last, on a picture whose b points down.
+    stops : whether a cut along the line stops at its first vertex, and at its last; else it goes on to the border of
+        the picture. The two sides are the same either way; see :meth:`opening`. What of a line turns back beyond the
+        level of its own tip stays shut: an arc of up to half a circle opens as a whole.
 
     Raises
     ------
@@ -253,13 +256,71 @@ class Line(_Outline):
     """
 
     vertices: tuple[tuple[float, float], ...]
+    stops: tuple[bool, bool] = (False, False)
     kind: ClassVar[str] = "line"
     is_closed: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         v = _array_of(self.vertices, "places of a line", 2, (2,))
         object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
+        stops = np.asarray(self.stops)
+        if stops.shape != (2,) or stops.dtype != np.bool_:
+            raise DeformError("the stops of a line are two of True and False, for its first vertex and its last, got "
+                              f"{self.stops!r:.60}.")
+        object.__setattr__(self, "stops", tuple(stops.tolist()))
         _refuse_crossing(v, "line (its ends go on straight)", is_closed=False)
+
+    def opening(self, points: Any, xp: Any = np) -> Any:
+        """How far a cut along the line is open, by places (..., 2) before the deformation: from 0, shut, to 1.
+
+        The product over the tips, the vertices at which it stops, of ``S(t) = t^2 (3 - 2 t)`` with
+        ``t = clamp((tip - x) . e / L, 0, 1)``; e is the unit direction in which the line would go on, and L half the
+        length of the line. It has a continuous derivative and is 0 from the tip onwards, and 1 where no tip is near.
+
+        Examples
+        --------
+        >>> slit = Line([(5, 0), (5, 8)], stops=(False, True))
+        >>> slit.opening([[5, 2], [9, 6], [5, 8], [5, 20]]).tolist()
+        [1.0, 0.5, 0.0, 0.0]
+        """
+        ends = [self._along(end, points, xp) for end in self._tips(xp)]
+        total = xp.ones(xp.asarray(points).shape[:-1])
+        for t in ends:
+            total = total * t * t * (3.0 - 2.0 * t)
+        return total
+
+    def opening_gradient(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The derivative (..., 2) of :meth:`opening` at places (..., 2)."""
+        tips = self._tips(np)
+        ends = [self._along(end, points, np) for end in tips]
+        total = np.zeros(points.shape)
+        for k, (t, (_, outward)) in enumerate(zip(ends, tips, strict=True)):
+            others = np.prod([s * s * (3.0 - 2.0 * s) for j, s in enumerate(ends) if j != k], axis=0)
+            total -= (others * 6.0 * t * (1.0 - t))[..., None] * outward
+        return total
+
+    def _tips(self, xp: Any) -> list[tuple[Any, Any]]:
+        """The places where a cut stops, each with the direction in which the line would go on, divided by L."""
+        v = xp.asarray(self.vertices, dtype=float) if xp is np else xp.asarray(self.vertices)
+        edges = v[1:] - v[:-1]
+        lengths = xp.sqrt((edges ** 2).sum(-1))
+        ends = ((v[0], -edges[0] / lengths[0]), (v[-1], edges[-1] / lengths[-1]))
+        return [(tip, 2.0 * e / lengths.sum()) for (tip, e), is_tip in zip(ends, self.stops, strict=True) if is_tip]
+
+    def _along(self, end: tuple[Any, Any], points: Any, xp: Any) -> Any:
+        tip, outward = end
+        return xp.clip(((tip - xp.asarray(points)) * outward).sum(-1), 0.0, 1.0)
+
+    def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
+        """The arrays that JAX traces, and the constants that it keeps."""
+        return (np.asarray(self.vertices),), self.stops
+
+    @classmethod
+    def tree_unflatten(cls, aux: Any, leaves: tuple[Any, ...]) -> Line:
+        """The object rebuilt from the leaves that JAX returns; nothing is checked."""
+        made: Line = super().tree_unflatten(None, leaves)
+        object.__setattr__(made, "stops", aux)
+        return made
 
 
 def _refuse_crossing(v: NDArray[np.float64], what: str, *, is_closed: bool) -> None:

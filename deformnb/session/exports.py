@@ -109,6 +109,7 @@ class Frozen:
     method: str
     depth: float | None
     window: tuple[float, float] | None
+    colour_map: str
     transfer: TransferFunction
     seen: Seen
     save: Callable[..., None]
@@ -130,8 +131,8 @@ class Frozen:
         """
         depth = session.depth if session.method == "slice" else None
         return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
-                   session.window, session.transfer_function, Seen.of(seen), session.save, session.files,
-                   session.source, _checked_size(size), _checked_rate(fps))
+                   session.window, session.colour_map, session.transfer_function, Seen.of(seen), session.save,
+                   session.files, session.source, _checked_size(size), _checked_rate(fps))
 
     @property
     def output(self) -> Grid | None:
@@ -243,7 +244,7 @@ def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
 def _projected(it: Frozen, volume: Volume) -> Picture:
     colours = it.transfer if it.method in ("composite", "shaded") else None
     made = project(volume, it.plane, it.method, transfer=colours, depth=it.depth)
-    return made if it.window is None else replace(made, window=it.window)
+    return replace(made, window=it.window or made.window, colour_map=it.colour_map)
 
 
 def _movie(it: Frozen, path: Path, progress: Progress) -> None:

@@ -85,7 +85,7 @@ def as_deformation(given: Any) -> Deformation | None:
 
 
 def best_view(volume: Volume) -> str:
-    """The side that shows most of the subject: the one with the largest silhouette.
+    """The side that shows most of the subject: the one with the largest silhouette; that of a picture for one slice.
 
     Examples
     --------
@@ -94,6 +94,8 @@ def best_view(volume: Volume) -> str:
     >>> best_view(Volume.from_array(flat))
     '-x'
     """
+    if volume.shape[0] == 1:
+        return "+z"  # its rows run down and its columns to the right; from the other side it is mirrored
     _, air, _, _ = levels(volume)
     subject = volume.finite_values > air
     dx, dy, dz = volume.grid.spacing

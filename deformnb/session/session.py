@@ -29,7 +29,7 @@ from deformnb.analysis.extent import (
     padded,
     reached_places,
 )
-from deformnb.checks import checked_window
+from deformnb.checks import checked_window, one_of
 from deformnb.document.deformation import STEP_LABELS, Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python
@@ -45,6 +45,7 @@ from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts
 from deformnb.registration.outlines import HELD, hold_outline, outline
 from deformnb.session.history import History, HistoryNode
 from deformnb.session.view_state import ViewState, without_view_state
+from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import SIDES, VIEWS, Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
@@ -78,6 +79,7 @@ class Session(traitlets.HasTraits):
     method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
     depth : where a "slice" lies along the normal, from the middle of the volume.
     window : values shown as black and white in grey pictures, set by hand; None for the automatic window of each.
+    colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
     transfer : colours and opacities, a :class:`~deformnb.volume.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
     notice : the last message to the user, such as a trend that was changed along with a kernel; first the notes of the
@@ -116,6 +118,7 @@ class Session(traitlets.HasTraits):
     method = traitlets.Enum(list(PROJECTIONS), "mip")
     depth = traitlets.Float(0.0)
     window = traitlets.Any(None)
+    colour_map = traitlets.Unicode(COLOUR_MAPS[0])
     transfer = traitlets.Any("specimen")
     saved = traitlets.Instance(Deformation, allow_none=True)
     file = traitlets.Instance(Path, allow_none=True)
@@ -671,11 +674,16 @@ class Session(traitlets.HasTraits):
     def _valid_window(self, proposal: Any) -> tuple[float, float]:
         return checked_window(proposal["value"])  # traitlets validates no None
 
+    @traitlets.validate("colour_map")
+    def _valid_colour_map(self, proposal: Any) -> str:
+        return one_of(proposal["value"], COLOUR_MAPS, "colour map")
+
     @property
     def view_state(self) -> ViewState:
         """View state at this moment; the depth only where it is the slice of the last step."""
         is_slice = self.method == "slice" and self.index == len(self.deformation.steps) - 1
-        return ViewState(self.transfer, self.method, self.depth if is_slice else None, self.window)
+        return ViewState(self.transfer, self.method, self.depth if is_slice else None, self.window,
+                         self.colour_map)
 
     def _restore_view_state(self, stored: ViewState, *, besides: Container[str] = (), is_other: bool = False) -> None:
         """Take over the view state of a document, as far as it is stored."""
@@ -710,8 +718,8 @@ class Session(traitlets.HasTraits):
         return self.in_window(self.automatic_picture(progress))
 
     def in_window(self, picture: Picture) -> Picture:
-        """A grey picture in the window that was set by hand, if one was."""
-        return picture if self.window is None else replace(picture, window=self.window)
+        """A grey picture in the colour map of the session, and in the window that was set by hand, if one was."""
+        return replace(picture, window=self.window or picture.window, colour_map=self.colour_map)
 
     def automatic_picture(self, progress: Callable[[float], None] | None = None) -> Picture:
         """The picture that is being edited, in its automatic window; kept until something else is requested."""

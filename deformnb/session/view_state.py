@@ -14,6 +14,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import Reader
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
+from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.transfer import PRESETS, TransferFunction
 
 FIELD = "look"
@@ -31,12 +32,15 @@ class ViewState:
     method : projection of the picture.
     depth : where a slice lies along the normal, from the middle of the volume.
     window : values shown as black and white, where they were chosen by hand.
+    colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`; the default, which is the
+        first, is not stored.
     """
 
     transfer: str | TransferFunction | None = None
     method: str | None = None
     depth: float | None = None
     window: tuple[float, float] | None = None
+    colour_map: str | None = None
 
     def added_to(self, deformation: Deformation) -> Deformation:
         """A document with this view state."""
@@ -45,7 +49,8 @@ class ViewState:
             transfer = {"colors": [list(row) for row in transfer.colors], "unit": transfer.unit,
                         "opacities": [list(row) for row in transfer.opacities]}
         settings = {"transfer": transfer, "method": self.method, "depth": self.depth,
-                    "window": None if self.window is None else list(self.window)}
+                    "window": None if self.window is None else list(self.window),
+                    "colour_map": None if self.colour_map == COLOUR_MAPS[0] else self.colour_map}
         data = {key: value for key, value in settings.items() if value is not None}
         return replace(deformation, extra={**deformation.extra, FIELD: data})
 
@@ -53,7 +58,7 @@ class ViewState:
     def split(cls, deformation: Deformation) -> tuple[Deformation, ViewState]:
         """A document without its view state, and that.
 
-        Names of presets and projections that a later version may have are passed over.
+        Names of presets, projections and colour maps that a later version may have are passed over.
 
         Raises
         ------
@@ -65,14 +70,16 @@ class ViewState:
         r = Reader(deformation.extra[FIELD], f"document.{FIELD}")
         method = r.text("method", "")
         depth = r.number("depth") if "depth" in r.data else None
-        state = cls(_transfer(r), method if method in PROJECTIONS else None, depth, _window(r))
+        colours = r.text("colour_map", "")
+        state = cls(_transfer(r), method if method in PROJECTIONS else None, depth, _window(r),
+                    colours if colours in COLOUR_MAPS else None)
         return without_view_state(deformation), state
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
         """Settings that a session takes over; colours and window at the values of another volume would not fit."""
         settings = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
                 "method": self.method, "depth": None if is_other else self.depth,
-                "window": None if is_other else self.window}
+                "window": None if is_other else self.window, "colour_map": self.colour_map}
         return {key: value for key, value in settings.items() if value is not None}
 
 

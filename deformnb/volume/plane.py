@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._typing import Float3
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
+from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_grid
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -277,6 +278,7 @@ class Picture:
     window : values shown as black and white.
     grid : of the volume that is seen; None if the picture is of none.
     unit : of the grey values, such as "HU"; empty if that is not known.
+    colour_map : colours of the grey values, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
     """
 
     values: NDArray[Any]
@@ -286,6 +288,7 @@ class Picture:
     window: tuple[float, float]
     grid: Grid | None = None
     unit: str = ""
+    colour_map: str = "grey"
 
     def __repr__(self) -> str:
         high, wide = self.values.shape[:2]
@@ -305,10 +308,9 @@ class Picture:
 
     def rgb8(self, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> NDArray[np.uint8]:
         """(nv, nu, 3) uint8 over a background colour."""
-        if self.values.ndim == 3:
-            color = self.values[..., :3] + (1 - self.values[..., 3:]) * np.asarray(background, dtype=np.float32)
-        else:
-            color = np.repeat(self.grey()[..., None], 3, axis=2)
+        if self.values.ndim == 2:
+            return colour_table(self.colour_map)[(self.grey() * 255 + 0.5).astype(np.uint8)]
+        color = self.values[..., :3] + (1 - self.values[..., 3:]) * np.asarray(background, dtype=np.float32)
         return (np.clip(color, 0, 1) * 255 + 0.5).astype(np.uint8)
 
     @property

@@ -25,6 +25,7 @@ from deformnb.rbf.extrusion import CURVE_KNOTS, Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, Identity, raster_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.rigid import RigidInterpolant
+from deformnb.rbf.slits import TipBlend
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.cut_tiles import look_up
@@ -240,6 +241,8 @@ def _trials(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
     rng = np.random.default_rng(0)
     last = np.asarray(raster.shape) - 1.0
     everywhere: NDArray[np.float64] = rng.integers(0, last.astype(int), (_TRIALS, 2)).astype(np.float64) + 0.5
+    if isinstance(field, TipBlend):
+        return np.concatenate([_trials(fit, raster) for fit in field.fits])
     fit = field.base if isinstance(field, RigidInterpolant) else field
     if not isinstance(fit, RBFInterpolant) or not int(fit.count):
         return everywhere

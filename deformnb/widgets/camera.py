@@ -34,19 +34,42 @@ SHOWS = {
     "side_by_side": "original on the left and deformed on the right, turned together",
     "flicker": "original and deformed in turn, at the same place",
     "wipe": "original left of a line that can be dragged, deformed right of it",
+    "fade": "original laid over the deformed volume, with an opacity that can be changed",
 }
 """Display modes of a volume and its deformation, by name; the first is the default."""
 
 
-def wiped(original: Image, deformed: Image) -> Image:
-    """A still of the display mode "wipe": the line stands in the middle.
+COMPARISONS = ("wipe", "fade")
+"""Display modes that show original and deformed at one place."""
+
+PICTURE_SHOWS = ("deformed", "original", *COMPARISONS)
+"""Those of them that a picture has, the default first."""
+
+
+def on_picture(shows: str) -> str:
+    """The display mode of a picture beside a view in this one.
+
+    Examples
+    --------
+    >>> on_picture("wipe"), on_picture("side_by_side")
+    ('wipe', 'deformed')
+    """
+    return shows if shows in PICTURE_SHOWS else PICTURE_SHOWS[0]
+
+
+def compared(shows: str, original: Image, deformed: Image) -> Image:
+    """A still of a display mode: the line of "wipe" stands in the middle, "fade" has half of each.
 
     Parameters
     ----------
+    shows : "side_by_side", or a name of :data:`COMPARISONS`.
     original, deformed : pictures (height, width, 3) from one camera.
     """
+    if shows == "fade":
+        return ((original.astype(np.uint16) + deformed + 1) // 2).astype(np.uint8)
     middle = original.shape[1] // 2
-    return np.concatenate([original[:, :middle], deformed[:, middle:]], axis=1)
+    parts = [original[:, :middle], deformed[:, middle:]] if shows == "wipe" else [original, deformed]
+    return np.concatenate(parts, axis=1)
 
 
 HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}

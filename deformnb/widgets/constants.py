@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 
 from deformnb import checks
-from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, stages, trends
+from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, trends
 from deformnb.widgets import protocol
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
@@ -20,6 +20,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "trends": (trends, ("NO_ANGLE", "THIN", "SOFTNESS", "LEAST_SPREAD")),
     "regions": (regions, ("LARGEST_SHAPE",)),
     "rigid": (rigid, ("SAME_MOTION",)),
+    "slits": (slits, ("MOST_SLITS",)),
     "stages": (stages, ("MOST_STAGES",)),
     "protocol": (protocol, ("LONGEST_EDIT",)),
 }

@@ -19,6 +19,7 @@ from deformnb.rbf.fit_settings import SETTINGS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
+from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import SIDES
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.protocol import OVERLAYS
@@ -131,6 +132,8 @@ PARAMETERS: dict[str, AbstractParameter] = {
                    "begins a new step", SIDES, SIDES),
     "method": Choice("Projection", "How depth becomes a picture", PROJECTIONS),
     "depth": Number("Slice", "Where the slice lies: 0 in front, 1 at the back", 0.0, 1.0, 0.005),
+    "colour_map": Choice("Colour map", "Colours of the grey values from black to white of the window; the bar beside "
+                         "the picture has the values, and handles that change the window", COLOUR_MAPS),
     "density": Number("Grid", "Cells of the grid along the longer side of the picture; 0 for none", 0, 64, 1, "cells",
                       0),
     "show_grid": Switch("Grid", "A grid that bends with the picture"),
@@ -165,7 +168,10 @@ PARAMETERS: dict[str, AbstractParameter] = {
     # Volume
     "projection": Choice("Rendering", "How the volume is drawn", ("shaded", "composite", "mip"),
                          {"mip": "Maximum (MIP)"}),
-    "shows": Choice("Show", "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items()), SHOWS),
+    "shows": Choice("Compare", "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items())
+                    + "; the picture does the same, but for two side by side or in turn", SHOWS),
+    "slices": Switch("Slices", "Three linked slices of the deformed volume in the place of the view; drag the "
+                     "cross-hair"),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""
@@ -179,6 +185,8 @@ ACTIONS: dict[str, Action] = {
                            "around it, and not the whole body"),
     "thompson": Action("Grids", "Thompson's grids and your own: the picture on a regular grid beside the deformed one, "
                        "whose nodes can be dragged"),
+    "auto_window": Action("Automatic window", "Black and white of the picture as its values suggest, instead of those "
+                          "set by hand"),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
     "unfold": Action("Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to "

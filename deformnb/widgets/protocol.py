@@ -390,7 +390,7 @@ def checked_shapes(what: str, given: Any) -> tuple[Any, ...]:
     Examples
     --------
     >>> checked_shapes("cuts", [{"region": {"kind": "line", "vertices": [[0, 1], [9, 1]]}}])
-    (Cut(region=Line(vertices=((0.0, 1.0), (9.0, 1.0))), name='', enabled=True),)
+    (Cut(region=Line(vertices=((0.0, 1.0), (9.0, 1.0)), stops=(False, False)), name='', enabled=True),)
     """
     kind, _, _, most = _SORTS[what]
     if not isinstance(given, list | tuple) or len(given) > most:

@@ -33,6 +33,7 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.messages import StoredFieldMaps
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
@@ -98,7 +99,8 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
         "field": part.field if part else None, "still_background": part.background if part else None,
         "kernels": {k.name: k.order for k in KERNELS.values()}, "trends": {t.name: t.order for t in TRENDS.values()},
-        "parameters": as_json(("strength", "kernel", "shows", "density")), "document": _document(editor, part, name),
+        "parameters": as_json(("strength", "kernel", "shows", "density")),
+        "picture_shows": PICTURE_SHOWS, "document": _document(editor, part, name),
     }
     scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
                bundle("standalone.js")]

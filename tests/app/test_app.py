@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running_app import PATIENCE, RunningApp, connected, edit_of, heard
+from running_app import RunningApp, connected, edit_of, heard
+from waiting import PATIENCE
 
 from deformnb.app.application import Application
 from deformnb.app.bridge import SETTABLE
@@ -154,6 +155,7 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
                 m.get("result", {}).get("data", {}).get("state", {}).get("value", "")))
 
     asyncio.run(talk())
+    running.settled()  # the reason is told before the points go back
     assert running.session.points == before
     assert running.studio.editor.points == before
 

@@ -18,7 +18,7 @@ from deformnb.app.application import Application
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.live_view import LiveView
 
-PATIENCE = 30_000  # milliseconds, on a busy machine
+PATIENCE = 60_000  # milliseconds, on a busy machine
 
 _DRAWN = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb, live = document.querySelector('.dnb-view')?.deformnb;

@@ -54,8 +54,9 @@ class EditorOnPage(LivePage):
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def settled(self) -> None:
+        """Until the picture is there, and all views of the editor are drawn as they will stay."""
         self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
-                  f"!{PAGE}.isMoving && !{PAGE}.frame")
+                  "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: e }) => !e.isMoving && !e.frame)")
 
     @property
     def points(self) -> ControlPoints:

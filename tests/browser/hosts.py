@@ -78,7 +78,7 @@ class Host:
                   if importlib.util.find_spec(module) is None]
         return f"{absent[0]} is not installed: pip install deformnb[test]" if absent else ""
 
-    def started(self, timeout: float = 60.0) -> None:
+    def started(self, timeout: float = 180.0) -> None:
         """Until the server answers."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:

@@ -6,11 +6,14 @@ import base64
 import io
 import json
 import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from front_end import deliver
 from numpy.typing import NDArray
+from waiting import PATIENCE
 
 _PAGE = """<!doctype html><meta charset="utf-8"><style>body { margin: 0; background: #888 }</style><div id="root"></div>
 <script>
@@ -155,7 +158,7 @@ class LivePage:
             text = [base64.b64encode(b).decode() for b in buffers]
             self.page.evaluate("([m, c, b]) => { models[m].receive(c, b); }", [name, content, text])
 
-    def wait(self, condition: str, timeout: float = 30.0, *, passing: bool = False) -> None:
+    def wait(self, condition: str, timeout: float = PATIENCE, *, passing: bool = False) -> None:
         """Until a JavaScript expression holds and no message is underway, to either side.
 
         What may hold for a moment only is ``passing``: messages may then be underway.
@@ -167,6 +170,17 @@ class LivePage:
                 return
             self.page.wait_for_timeout(30)
         raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
+
+    def until(self, condition: Callable[[], Any], timeout: float = PATIENCE) -> None:
+        """Until what Python has, or what it reads of the page, is so; widgets and page go on telling each other."""
+        end = time.monotonic() + timeout
+        while True:
+            self.flush()
+            if condition():
+                return
+            if time.monotonic() > end:
+                raise TimeoutError(f"it did not come true in {timeout} s; the page said {self.errors}")
+            self.page.wait_for_timeout(30)
 
     @property
     def _is_busy(self) -> bool:

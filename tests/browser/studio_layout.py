@@ -61,7 +61,7 @@ BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb
 GROUPS = {
     "Shape": ["Steps", "Interpolation", "Points", "Rigid parts and cuts", "Match to another picture",
               "Thompson's grids and your own"],
-    "Depth": [], "View": ["Colours and opacity", "Grid"], "Animate": [], "Check": [],
+    "Depth": [], "View": ["Colours and opacity", "Picture", "Second volume"], "Animate": [], "Check": [],
 }
 """Sections with a heading, by the title of their group."""
 
@@ -69,7 +69,8 @@ HEADING = ".dnb-section .jupyter-widget-Collapse-header"
 
 
 def tabs_of(page: Any) -> list[str]:
-    """The titles of the studio's groups."""
+    """The titles of the studio's groups, once the last is there."""
+    page.locator(".dnb-studio .lm-TabBar-tab").nth(len(GROUPS) - 1).wait_for()
     return [text.strip() for text in page.locator(".dnb-studio .lm-TabBar-tab").all_inner_texts()]
 
 

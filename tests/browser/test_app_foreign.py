@@ -48,7 +48,7 @@ def test_the_command_ends_at_once_although_a_foreign_page_was_there(browser: Any
             page.locator(".dnb-ed-target").first.wait_for(timeout=2 * PATIENCE)  # its own user is let in
             assert ask_for_sockets(browser, origin, url.split("/")[2]) == _REFUSED
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=8.0)
+        process.communicate(timeout=40.0)
         assert process.returncode == 0
     finally:
         process.kill()

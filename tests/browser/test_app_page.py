@@ -281,7 +281,11 @@ def _channels(page: Any, part: str) -> list[float]:
     return [float(n) for n in colour.strip("rgba()").split(",")[:3]]
 
 
-def test_everything_is_reached_by_tab(tab: Tab) -> None:
+_OPERATED = {"button", "checkbox", "combobox", "img", "image", "link", "listbox", "menuitem", "radio", "searchbox",
+             "slider", "spinbutton", "switch", "tab", "textbox"}
+
+
+def test_everything_is_reached_by_tab_and_has_a_name(tab: Tab) -> None:
     names = set()
     tab.page.evaluate("document.activeElement.blur()")
     for _ in range(70):
@@ -293,6 +297,15 @@ def test_everything_is_reached_by_tab(tab: Tab) -> None:
     for wanted in ("Save", "History", "Export", "Light or dark", "Add points", "control points", "Side", "Kernel",
                    "Strength"):
         assert wanted in text, wanted
+    reader = tab.page.context.new_cdp_session(tab.page)
+    for title in ("Shape", "Depth", "View", "Animate", "Check"):
+        tab.page.get_by_role("tab", name=title, exact=True).click()
+        tab.page.wait_for_function("document.querySelectorAll('.noUi-handle:not([aria-label])').length === 0")
+        nodes = [node for node in reader.send("Accessibility.getFullAXTree")["nodes"] if not node["ignored"]]
+        names = [(node["role"]["value"], node.get("name", {}).get("value", "").strip()) for node in nodes]
+        operated = [(role, name) for role, name in names if role in _OPERATED]
+        assert len(operated) > 40, title
+        assert not [role for role, name in operated if not name], title
 
 
 def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> None:

@@ -59,20 +59,11 @@ class Depth:
 
     def differ(self, before: Any, least: int = 150) -> Any:
         """The picture, once it is another one."""
-        for _ in range(150):
-            now = self.pixels()
-            if (np.abs(now - before).sum(axis=-1) > 40).sum() > least:
-                return now
-            self.page.page.wait_for_timeout(50)
-        raise AssertionError("the volume has not moved")
+        self.page.until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum() > least)
+        return self.pixels()
 
     def alike(self, before: Any) -> None:
-        for _ in range(150):
-            count = (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum()
-            if count < 20:
-                return
-            self.page.page.wait_for_timeout(50)
-        raise AssertionError(f"{count} pixels are still different")
+        self.page.until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum() < 20)
 
     def press(self, selector: str) -> tuple[float, float]:
         box = self.page.page.locator(selector).bounding_box()

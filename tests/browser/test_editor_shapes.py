@@ -253,6 +253,33 @@ def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> 
     assert page.editor.cuts[0].region.vertices == pytest.approx(np.array(start))
 
 
+def test_a_double_click_on_an_end_lets_a_cut_stop_there(opened: Any, picture: Picture) -> None:
+    """Its tip is dragged like a corner; the picture is that of the core, with no gap beyond the tip."""
+    line = Line([(71, -20), (71, 15)], stops=(False, False))
+    page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(line)]))
+    page.page.mouse.click(*page.on_screen((71, 0)))
+    page.page.mouse.dblclick(*page.on_screen((71, 15)))
+    page.answered()
+    assert page.editor.cuts == (Cut(Line(line.vertices, stops=(False, True))),)
+    assert page.page.locator(".dnb-ed-tip").count() == 1
+    page.drag((71, 15), (0, 30))
+    page.answered()
+    (cut,) = page.editor.cuts
+    tip = cut.region.vertices[1]
+    assert tip == pytest.approx((71, 15 + 30 / page.js(f"{PAGE}.view.k")), abs=1e-6)
+    pull(page, two_sides(), [0], (-40, 0))
+    pull(page, two_sides(), [3], (50, 0))
+    page.answered()
+    opacity, at = assert_as_the_core(page, picture, 100_000), page.raster().points()
+    assert (opacity[at[..., 1] < tip[1] - 12] == 0).sum() > 500
+    assert (opacity[at[..., 1] > tip[1] + 4] < 1).sum() == 0
+    page.page.mouse.click(*page.on_screen((71, 0)))  # the points were chosen last
+    page.page.locator(".dnb-ed-tip").focus()
+    page.page.keyboard.press("Enter")
+    page.answered()
+    assert page.editor.cuts[0].region.stops == (False, False)
+
+
 def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Picture) -> None:
     start = [(50.0, -20.0), (50.0, 20.0), (90.0, 20.0), (90.0, 70.0)]
     page = opened(Editor(picture, ControlPoints.empty(), cuts=[Cut(Line(start))]))

@@ -210,7 +210,7 @@ def test_a_busy_kernel_is_said_until_it_answers(opened: Any, picture: Picture, p
     page.wait(f"{PAGE}.sender.isAnswered")
     pressed(page, points.target[4], (20, 10))
     page.page.mouse.up()  # the answer stays in the outbox
-    page.page.wait_for_selector(TIP, timeout=15_000)
+    page.page.wait_for_selector(TIP, timeout=60_000)
     assert page.page.locator(TIP).inner_text() == "The kernel is busy; the volume in Python follows later"
     page.wait("document.querySelector('.dnb-ed-hint').hidden")
     page.drag(points.target[1], (10, 5))

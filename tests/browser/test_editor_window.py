@@ -12,6 +12,7 @@ from browser.editor_page import PAGE, EditorOnPage
 from deformnb.document.json_format import region_to_data
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
+from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import Grid
 from deformnb.widgets.editor.editor import Editor
@@ -90,6 +91,69 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
     assert page.js(f"{PAGE}.windowTool.isOn") is False
     page.page.keyboard.press("w")
     assert page.js(f"{PAGE}.windowTool.isOn") is True
+
+
+def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
+        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, show_grid=False))
+    bar = page.page.locator(".dnb-ed-colours")
+    assert bar.is_hidden()
+    page.editor.colour_map = "viridis"
+    page.wait(f"{PAGE}.hasColours")
+    page.settled()
+    table = {tuple(colour) for colour in colour_table("viridis").tolist()}
+    seen = np.unique(page.canvas()[200:400, 300:500].reshape(-1, page.canvas().shape[-1])[:, :3], axis=0)
+    assert {tuple(colour) for colour in seen.tolist()} <= table
+    handles, (low, high) = page.page.locator(".dnb-ed-colours-handle"), picture.window
+    box = handles.nth(0).bounding_box()
+    page.page.mouse.move(box["x"] + 10, box["y"] + 11)
+    page.page.mouse.down()
+    page.page.mouse.move(box["x"] + 10, box["y"] - 29, steps=2)
+    page.page.mouse.up()
+    page.wait(f"{PAGE}.model.saved.some((state) => 'window' in state)")
+    black, white = page.editor.window
+    assert (black > low + 10, white) == (True, high)
+    assert handles.nth(0).inner_text() == handles.nth(0).get_attribute("aria-valuenow") == f"{black:g}"
+    handles.nth(1).press("ArrowDown")
+    page.settled()
+    assert page.editor.window[1] < high
+    handles.nth(1).press("Home")
+    page.settled()
+    assert page.editor.window == []
+    assert page.points == points
+    page.editor.colour_map = "grey"
+    bar.wait_for(state="hidden")
+
+
+def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
+        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points.move(4, points.target[4] + [9, -5]), show_grid=False, overlay="none"))
+
+    def shown(shows: str) -> Any:
+        page.editor.shows = shows
+        page.wait(f"{PAGE}.compare.shows === '{shows}'")
+        page.settled()
+        return page.canvas().astype(float)
+
+    deformed, original = shown("deformed"), shown("original")
+    assert np.abs(deformed - original).max() > 20
+    wipe, width = shown("wipe"), deformed.shape[1]
+    near = slice(width // 2 - 2, width // 2 + 2)
+    for image, part in ((original, slice(0, width // 2)), (deformed, slice(width // 2, None))):
+        difference = np.abs(wipe - image)[:, part]
+        assert difference.max() <= 8  # the lattice of the map begins at the line
+        assert difference.mean() < 0.2
+    assert np.abs(deformed - original)[:, near].max() > 8
+    assert page.js(f"{PAGE}.fitAt([10, 10])") is None
+    page.page.locator(".dnb-wipe").press("Home")
+    page.settled()
+    np.testing.assert_array_equal(page.canvas(), deformed)
+    shown("fade")
+    page.page.locator(".dnb-fade input").fill("0.25")
+    page.wait(f"!{PAGE}.isMoving")
+    page.settled()
+    assert np.abs(page.canvas() - (0.25 * original + 0.75 * deformed)).max() <= 2
+    assert page.points == page.editor.points
 
 
 def test_escape_gives_a_drag_of_the_window_up(opened: Any, picture: Picture, points: ControlPoints) -> None:

@@ -54,12 +54,7 @@ def texts(page: LivePage) -> list[str]:
 
 def until(page: LivePage, count: int) -> None:
     page.wait("true")
-    for _ in range(200):
-        page.flush()
-        if len(page.heard) >= count:  # type: ignore[attr-defined]
-            break
-        page.page.wait_for_timeout(20)
-    page.flush()
+    page.until(lambda: len(page.heard) >= count)  # type: ignore[attr-defined]
     page.wait("document.querySelector('.dnb-il-table').ariaBusy !== 'true'")
 
 

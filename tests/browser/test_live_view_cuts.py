@@ -51,6 +51,16 @@ def pulled(gap: float, rule: str = "source", *, shift: float = 0.0, plane: Plane
                 cut_rule=rule, **options)
 
 
+def slit(gap: float) -> Step:
+    """The same bar with a cut along it that stops at both ends, opened in the middle."""
+    a, b = MIDDLE
+    source = np.array([[a - 20, b - 12], [a + 20, b - 12], [a - 20, b + 12], [a + 20, b + 12], [a, b - 3], [a, b + 3]])
+    move = np.array([[0.0, 0.0]] * 4 + [[0.0, -gap / 2], [0.0, gap / 2]])
+    cut = Cut(Line(((a - 10.0, b - 0.5), (a + 10.0, b + 0.5)), stops=(True, True)))
+    return Step((ControlPoints.from_arrays(source, source + move),), PLANE, cuts=(cut,), extrusion="modulate",
+                curve="1-z/4")
+
+
 def opened(page: LivePage, **options: Any) -> LiveView:
     view = LiveView(bar(), **{"transfer": WHITE, "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000,
                               "background": "dark", **options})
@@ -92,11 +102,12 @@ CASES = {
     "source": pulled(9.0), "paper": pulled(9.0, "paper"), "moved on": pulled(4.0, shift=6.0),
     "moved on, paper": pulled(4.0, "paper", shift=6.0),
     "modulate": pulled(10.0, extrusion="modulate", curve="z"), "pushed together": pulled(-6.0),
+    "stops inside": slit(10.0),
 }
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("name", but({"source", "moved on, paper", "modulate"}, *CASES))
+@pytest.mark.parametrize("name", but({"source", "moved on, paper", "stops inside"}, *CASES))
 def test_a_cut_is_as_open_as_in_the_core(drawn: tuple[LivePage, LiveView], name: str) -> None:
     page, view = drawn
     view.projection, view.show_folds = "shaded", True

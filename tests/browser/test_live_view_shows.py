@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.live_page import LivePage
+from PIL import Image
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.points import ControlPoints
@@ -117,7 +118,7 @@ CHANGES = """(window.turned ??= (() => { const seen = { count: 0 };
     return seen; })()).count"""
 
 
-def test_a_line_wipes_from_the_original_to_the_deformed_volume(page: LivePage) -> None:
+def test_a_line_and_an_opacity_lead_from_the_original_to_the_deformed_volume(page: LivePage) -> None:
     view = opened(page)
     view.show_deformation(extrusion(5.0))
     images = {}
@@ -146,8 +147,26 @@ def test_a_line_wipes_from_the_original_to_the_deformed_volume(page: LivePage) -
     assert line.get_attribute("aria-valuenow") == "60"
     line.press("Home")
     assert is_cut_at(page.pixels(), 0)
-    view.shows = "deformed"
+    view.shows = "fade"
     line.wait_for(state="hidden")
+    slider = page.page.locator(".dnb-fade input")
+    for opacity in (0.25, 1.0, 0.0):
+        slider.fill(str(opacity))
+        mixed = opacity * images["original"].astype(float) + (1 - opacity) * images["deformed"]
+        assert np.abs(page.pixels() - mixed).max() <= 3, opacity
+    view.shows = "deformed"
+    slider.wait_for(state="hidden")
+
+
+def test_a_button_saves_the_picture_that_is_seen(page: LivePage) -> None:
+    opened(page)
+    seen = page.pixels()
+    with page.page.expect_download() as download:
+        page.page.get_by_role("button", name="Save a picture").click()
+    assert download.value.suggested_filename == "Volume_block.png"
+    with Image.open(download.value.path()) as saved:
+        np.testing.assert_array_equal(np.asarray(saved.convert("RGB")), seen)
+    assert page.page.get_by_role("button", name="Whole screen").is_visible()
 
 
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:

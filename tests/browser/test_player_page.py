@@ -72,7 +72,7 @@ def test_it_plays_to_the_end_and_python_hears_of_it(page: LivePage) -> None:
     settled(page)
     assert (player.time, player.is_playing) == (0.6, False)  # exactly where it rests
     assert heard == sorted(heard)
-    assert 2 <= len(heard) <= 9  # a few times a second, and not at every picture
+    assert 1 <= len(heard) <= 9  # a few times a second, and not at every picture; a busy machine draws few
     assert read_out(page) == "0.60 / 0.60 s"
     assert page.errors == []
 
@@ -87,6 +87,8 @@ def test_keys_and_buttons_go_through_the_moments(page: LivePage) -> None:
             page.page.keyboard.press(key)
         settled(page)
         assert player.time == pytest.approx(wanted), keys
+    player.speed = 0.05  # or a busy machine would pass the next key frame
+    settled(page)
     page.page.keyboard.press(" ")
     page.wait(f"{PAGE}.clock.isPlaying", passing=True)
     page.page.keyboard.press(" ")

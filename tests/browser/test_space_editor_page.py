@@ -118,6 +118,21 @@ def test_a_double_click_adds_a_point_on_the_slice(opened: Callable[..., Opened],
     assert here.page.page.locator(".dnb-ed-target").count() == 3
 
 
+def test_without_points_to_edit_it_is_a_viewer_of_linked_slices(opened: Callable[..., Opened]) -> None:
+    here = opened(read_only=True, before=fit_rbf(four().move(0, [12.0, 40.0, 30.0])))
+    assert not here.page.page.locator(".dnb-ed-bar").is_visible()
+    center = np.asarray(waves().grid.center)
+    here.drag(0, center, (24, -12))
+    here.page.flush()
+    wanted = center + np.array([24, -12, 0]) / here.scale(0)
+    np.testing.assert_allclose(here.editor.cursor, wanted, atol=1.01 / here.scale(0))
+    made = SpacePictures(waves(), preset("specimen", waves()))
+    assert here.shows(1, made.slice(1, here.editor.before, here.editor.cursor, 512).values)
+    assert len(here.editor.points) == 0
+    here.editor.fill = True  # as large as the box around it
+    here.page.wait("document.querySelector('.dnb-sp-row').style.gridTemplateColumns !== ''")
+
+
 @pytest.mark.parametrize("pane", range(3))
 def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(opened: Callable[..., Opened], pane: int) -> None:
     here = opened(four())
@@ -288,4 +303,5 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opene
         assert middle == pytest.approx(editor.on_screen(pane, found.place), abs=1.0)
     editor.editor.points = points.reset()
     editor.page.wait(f"{PAGE}.facts.folds[0] > 0")
+    editor.settled()
     assert editor.js(rings) == ["hidden"] * 3

@@ -42,7 +42,6 @@ def window(browser: Any) -> Iterator[Any]:
 
 def look(page: Any, name: str, may_scroll: str = "") -> None:
     """Go through all groups and sections; each is as its user needs it."""
-    page.locator(".dnb-studio .lm-TabBar-tab").nth(len(GROUPS) - 1).wait_for()
     assert tabs_of(page) == list(GROUPS)
     found = {}
     titles = [title for group, sections in GROUPS.items() for title in (group, *sections)]

@@ -104,12 +104,12 @@ def test_demo_protects_what_is_not_its_own(small: Path, capsys: pytest.CaptureFi
 
 def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture[str],
                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    (small / "notes.txt").write_text("no volume")
-    code = run(small, "info notes.txt", monkeypatch)
+    (small / "notes.odt").write_text("no volume")
+    code = run(small, "info notes.odt", monkeypatch)
     said = refused(capsys.readouterr(), code)
     for kind in (".nii.gz", "folders of slices", ".stl", ".fcsv", ".mrk.json", "sessions (.json)"):
         assert kind in said
-    code = run(small, "demo --volume notes.txt --out new", monkeypatch)
+    code = run(small, "demo --volume notes.odt --out new", monkeypatch)
     said = refused(capsys.readouterr(), code)
     assert "no known kind of volume file" in said
     assert "sessions" not in said  # of which no demo is made
@@ -118,7 +118,7 @@ def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(("line", "match"), [
     ("demo --volume missing.nii.gz --out new", "no such file"),
     ("demo --volume . --out new", "neither a DICOM series nor TIFF"),
-    ("demo --volume notes.txt --out new", "no known kind of volume file"),
+    ("demo --volume notes.odt --out new", "no known kind of volume file"),
     ("demo --volume tiny.nrrd --out tiny.nrrd", "is a file"),
     ("demo --volume tiny.nrrd --out tiny.nrrd/sub", "Not a directory"),
     ("demo --volume tiny.nrrd --out new --species Cyprinus", "no figure of Thompson.*Antigonia"),

@@ -95,10 +95,10 @@ def test_progress_reaches_one_and_may_cancel(name):
 
 
 def test_the_largest_usual_grid_takes_a_second_or_two():
-    start = time.perf_counter()
+    start = time.thread_time()  # of the processor: others on the machine do not count
     PHANTOMS["fish"].make((128, 128, 128))
     # About 0.25 s on a laptop; ten times that still shows an accidental loop over the whole volume per part.
-    assert time.perf_counter() - start < 2.5
+    assert time.thread_time() - start < 2.5
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 40, 40), (3, 50, 2)])

@@ -229,7 +229,7 @@ def test_importing_asks_nobody_and_loads_no_downloader():
             "socket.socket.connect = refuse\n"
             "import deformnb.datasets\n"
             "assert not {'pooch', 'requests', 'tqdm', 'platformdirs'} & set(sys.modules), 'heavy import'\n")
-    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=300)
 
 
 def test_load_corrects_the_spacing(real_data, isolated_folders, monkeypatch):

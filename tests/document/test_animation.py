@@ -113,6 +113,19 @@ def test_a_point_that_was_added_later_changes_nothing_before() -> None:
     np.testing.assert_allclose(end.field(GRID).displacement(x), moving.at(1).field(GRID).displacement(x), atol=1e-3)
 
 
+def test_a_point_that_is_added_beside_a_cut_that_stops_begins_on_its_tissue() -> None:
+    slit = {"cuts": (Cut(Line([(20, 31), (70, 33)], stops=(True, True))),)}
+    first = bent(20)
+    later = first.add([60.0, 20.0], [60.0, 5.0])
+    moving = animation((0, step(first, **slit)), (1, step(later, **slit)))
+    begun = moving.at(1e-9).steps[0].points
+    (fits,) = moving.at(0).steps[0].fits_of_regions(GRID)
+    at = begun.target[-1]
+    assert np.linalg.norm(at - [60, 20]) > 0.3
+    moves = [fit.displacement(at) for fit in fits.values()]
+    assert min(np.linalg.norm(at + d - [60, 20]) for d in moves) < 1e-4
+
+
 def test_a_point_that_is_switched_off_at_one_key_only_is_there_between() -> None:
     off = bent(50).edit(5, active=False)
     moving = animation((0, step(bent(50))), (1, step(off)))

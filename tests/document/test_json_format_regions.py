@@ -46,7 +46,7 @@ def regions(draw: Any) -> AbstractRegion:
         n = draw(st.integers(3, 9))
         corners = [(a + size * math.cos(2 * math.pi * k / (n + 4)), b + size * math.sin(2 * math.pi * k / (n + 4)))
                    for k in range(n)]
-        return Polygon(corners) if kind == "polygon" else Line(corners[:2])
+        return Polygon(corners) if kind == "polygon" else Line(corners[:2], stops=draw(st.tuples(*[st.booleans()] * 2)))
     rng = np.random.default_rng(draw(st.integers(0, 999)))
     shape = draw(st.tuples(*[st.integers(1, 11)] * (2 if kind == "mask" else 3)))
     values = rng.random(shape) < 0.5

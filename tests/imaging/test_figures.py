@@ -119,6 +119,16 @@ def test_the_line_of_a_cut_is_yellow_through_the_whole_panel() -> None:
         assert not yellow[row, column + 5 :].any()
 
 
+def test_the_line_of_a_cut_that_stops_is_drawn_to_its_tip() -> None:
+    cut = Cut(Line([(10, 15), (10, 2)], stops=(False, True)))
+    figure = draw_figure([[Panel(cuts=(cut,), box=(0, 20, -5, 15))]], lettered=False)
+    image, (axes,) = pixels(figure), figure.axes
+    yellow = near(image, CUT)
+    for b, is_drawn in ((14, True), (3, True), (1, False), (-4, False)):
+        row, column = at(figure, axes, (10, b))
+        assert yellow[row, column - 1 : column + 2].any() == is_drawn
+
+
 def test_rigid_parts_are_shaded() -> None:
     part = RigidPart(Polygon([(2, 1), (6, 1), (6, 4), (2, 4)]))
     figure = draw_figure([[Panel(parts=(part,), box=(0, 20, -1, 5))]], lettered=False)

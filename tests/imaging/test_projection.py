@@ -362,6 +362,10 @@ def test_metal_and_the_padding_of_a_scanner_do_not_darken_the_window() -> None:
     spoiled[:, :6] = -3024
     spoiled[11:13, 30, 30:32] = 30000
     assert project(volume_of(spoiled), "+z", "slice").window == pytest.approx(plain.window, abs=5)
+    implant = values.copy()
+    implant[:, 20:24, 20:24] = 3071  # too many voxels for outliers, and more of the pixels than are made white
+    seen, wanted = (project(volume_of(v), "+z", "mip").window for v in (implant, values))
+    assert seen == pytest.approx(wanted, abs=5)
 
 
 def test_labels_keep_the_background_black() -> None:

@@ -78,7 +78,7 @@ MARKUP = '{"markups": [{"coordinateSystem": "LPS", "controlPoints": [%s]}]}'
     ("a.mrk.json", '{"markups": [3]}', "no list controlPoints"), ("a.mrk.json", MARKUP % "3", "not an object"),
     ("a.mrk.json", MARKUP % '{"position": [1, 2]}', "landmark 1 has no position"),
     ("a.mrk.json", MARKUP % '{"position": [1, 2, NaN]}', "not finite"), ("a.mrk.json", MARKUP % "", "no landmark"),
-    ("a.mrk.json", "[" * 100000, "cannot be read"), ("a.txt", "", "no kind of landmark file"),
+    ("a.mrk.json", "[" * 100000, "cannot be read"), ("a.odt", "", "no kind of landmark file"),
 ])
 def test_mistakes_are_one_sentence(name: str, text: str, match: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)

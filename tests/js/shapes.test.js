@@ -5,7 +5,8 @@ import test from "node:test";
 import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
 import {
   cornersOf, groundThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, partTurned,
-  placeBefore, placeMoved, removedCorner, simplified, turnAndShift, turnedRegion, wayBefore,
+  placeBefore, placeMoved, removedCorner, shapeLabel, simplified, stopsAt, turnAndShift, turnedRegion, wayBefore,
+  withStop,
 } from "../../deformnb/widgets/js/maths/shapes.js";
 
 const line = { kind: "line", vertices: [[0, 0], [5, 5], [9, 0]] }, polygon = { ...line, kind: "polygon" };
@@ -71,4 +72,17 @@ test("a part is turned about its pivot, and what is done is read back", () => {
 test("the middle of a region is that of its area, and of a half plane the place on its boundary", () => {
   assert.deepEqual(middleOfRegion({ kind: "polygon", vertices: [[0, 0], [0, 6], [3, 0]] }), [1, 2]);
   assert.deepEqual(middleOfRegion({ kind: "half_space", point: [3, 4], normal: [0, 1] }), [3, 4]);
+});
+
+test("a cut stops at the ends of a line, and nowhere else", () => {
+  assert.deepEqual([0, 1, 2].map((k) => stopsAt(line, k)), [false, null, false]);
+  assert.deepEqual([stopsAt(polygon, 0), withStop(polygon, 0, true), withStop(line, 1, true)], [null, null, null]);
+  const last = withStop(line, 2, true), both = withStop(last, 0, true);
+  assert.deepEqual([last.stops, both.stops], [[false, true], [true, true]]);
+  assert.deepEqual(turnedRegion(last).stops, [true, false]); // the same end of the line
+  assert.deepEqual(withStop(last, 2, false), line);
+  const [cut] = cleanShapes([{ region: { ...last, more: 1 } }], "cuts");
+  assert.deepEqual(cut.region, last);
+  assert.ok(sameShapes(cleanShapes([{ region: { ...line, stops: [false, false] } }], "cuts")[0].region, line));
+  assert.match(shapeLabel(cut, "cuts", 0), /stops at its last end/);
 });

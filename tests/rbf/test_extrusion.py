@@ -244,12 +244,16 @@ def test_curves_that_are_none_are_refused(curve: Any) -> None:
         modulate(curve)
 
 
-def test_a_slow_curve_is_refused() -> None:
+def test_a_slow_curve_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def slow(z: np.ndarray) -> np.ndarray:
-        time.sleep(1.05)
+        begun = time.thread_time()
+        while time.thread_time() < begun + 0.06:
+            pass
         return z
 
-    with pytest.raises(DeformError, match="took longer than 1 s"):
+    modulate(slow)
+    monkeypatch.setattr("deformnb.rbf.extrusion._SLOWEST_CURVE", 0.05)
+    with pytest.raises(DeformError, match=r"took longer than 0\.05 s"):
         modulate(slow)
 
 

@@ -131,7 +131,7 @@ def test_a_text_of_the_greatest_length_is_read() -> None:
     "1" + "0" * 196 + "^64",
 ])
 def test_long_and_deep_texts_are_refused_at_once(text: str) -> None:
-    start = time.perf_counter()
+    start = time.thread_time()
     try:
         result = evaluate(text, np.linspace(0, 1, 1025))
     except DeformError as error:
@@ -139,7 +139,7 @@ def test_long_and_deep_texts_are_refused_at_once(text: str) -> None:
     else:
         assert np.isfinite(result).all()
         assert text.count("(") == 99
-    assert time.perf_counter() - start < 1  # measured: 2 ms
+    assert time.thread_time() - start < 1  # measured: 2 ms
 
 
 def test_depth_is_bounded_where_it_says() -> None:

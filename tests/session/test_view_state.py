@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from document.test_json_format import as_of_1, written_in_1
 from hypothesis import given
@@ -21,6 +22,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.exports import Frozen
 from deformnb.session.session import Session
 from deformnb.session.view_state import MOST_NODES, ViewState, without_view_state
+from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import PRESETS, TransferFunction
 from deformnb.volume.volume import Volume
@@ -42,10 +44,12 @@ def transfers(draw: st.DrawFn) -> TransferFunction:
 
 @given(transfer=st.none() | st.sampled_from(list(PRESETS)) | transfers(),
        method=st.none() | st.sampled_from(list(PROJECTIONS)), depth=st.none() | _value,
-       window=st.none() | st.tuples(st.floats(-1e6, 0), st.floats(1e-3, 1e6)))
+       window=st.none() | st.tuples(st.floats(-1e6, 0), st.floats(1e-3, 1e6)),
+       colour_map=st.none() | st.sampled_from(COLOUR_MAPS[1:]))
 def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None,
-                                        window: tuple[float, float] | None) -> None:
-    look, document = ViewState(transfer, method, depth, window), Deformation(name="bent", extra={"later": [1]})
+                                        window: tuple[float, float] | None, colour_map: str | None) -> None:
+    look = ViewState(transfer, method, depth, window, colour_map)
+    document = Deformation(name="bent", extra={"later": [1]})
     assert ViewState.split(from_json(to_json(look.added_to(document)))) == (document, look)
 
 
@@ -99,6 +103,21 @@ def test_a_window_set_by_hand_is_kept_exported_and_no_edit(tmp_path: Path) -> No
     other = Session(PHANTOMS["bar"].make((12, 12, 20)))
     other.take(opened.document(), allow_other_volume=True)
     assert other.window is None
+
+
+def test_a_colour_map_is_kept_and_colours_every_picture(tmp_path: Path) -> None:
+    session = Session(BAR, method="slice", colour_map="magma")
+    session.save(tmp_path / "bar.json")
+    opened = Session(BAR)
+    opened.open(tmp_path / "bar.json")
+    assert opened.colour_map == opened.picture().colour_map == Frozen.of(opened).colour_map == "magma"
+    drawn = opened.picture()
+    np.testing.assert_array_equal(drawn.rgb8(), colour_table("magma")[(drawn.grey() * 255 + 0.5).astype(np.uint8)])
+    with pytest.raises(DeformError, match="colour map"):
+        opened.colour_map = "jet"
+    assert opened.colour_map == "magma"
+    newer = Deformation(extra={"look": {"colour_map": "of a later version"}})
+    assert ViewState.split(newer)[1].colour_map is None
 
 
 @pytest.mark.parametrize("window", [[3, 3], [1], "wide", [0, float("inf")], 5])

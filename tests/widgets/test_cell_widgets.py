@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gc
-import threading
-import time
 import weakref
 from collections import defaultdict
 from collections.abc import Callable
@@ -13,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from waiting import PATIENCE, Threads, wait_for
 
 from deformnb.errors import DeformError
 from deformnb.session.autosave import restore, saved_sessions
@@ -28,13 +27,6 @@ GRID = Grid((8, 10, 12))
 
 def a_volume() -> Volume:
     return Volume(np.indices(GRID.shape, np.uint8).sum(axis=0, dtype=np.uint8), GRID, "ramp")
-
-
-def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 class Cell:
@@ -70,7 +62,7 @@ def a_live_view() -> LiveView:
 
 def a_space_editor() -> SpaceEditor:
     made = SpaceEditor(a_volume())
-    made._worker.call(lambda: None).result(60)
+    made._worker.call(lambda: None).result(PATIENCE)
     return made
 
 
@@ -80,18 +72,17 @@ MAKERS = (a_volume_view, a_live_view, a_space_editor)
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 def test_ten_runs_leave_one_widget_and_its_threads(cell: Cell, make: Callable[[], Any]) -> None:
-    first = make()
-    one = threading.active_count()
-    made = [first]
+    threads, first = Threads(), make()
+    one, made = len(threads.begun), [first]
     for _ in range(9):
         cell.again()
         made.append(make())
-    until(lambda: threading.active_count() <= one)
+    wait_for(lambda: len(threads.begun) <= one)
     assert [widget.comm is None for widget in made] == [True] * 9 + [False]
     gone = [weakref.ref(widget) for widget in made[:-1]]
     last = made[-1]
     del made, first
-    until(lambda: gc.collect() >= 0 and not any(reference() for reference in gone))
+    wait_for(lambda: gc.collect() >= 0 and not any(reference() for reference in gone))
     last.close()
 
 
@@ -146,14 +137,14 @@ def test_a_view_that_a_studio_shows_stays_when_its_own_cell_runs_again(cell: Cel
 
 @pytest.mark.parametrize("view", ["live", "vtk"])
 def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path, view: str) -> None:
-    before = threading.active_count()
+    threads = Threads()
     studio = Studio(a_volume(), folder=tmp_path, view=view)
     for _ in range(3):
         cell.again()
         studio = Studio(a_volume(), folder=tmp_path, view=view)
-    until(lambda: threading.active_count() <= before + 2)  # its own and that which writes sessions
+    wait_for(lambda: len(threads.begun) <= 2)  # its own and that which writes sessions
     studio.close()
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
 
 
 @pytest.mark.sampled(2)
@@ -161,20 +152,20 @@ def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path
 def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written(
         tmp_path: Path, view: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
-    volume, before = a_volume(), threading.active_count()
+    volume, threads = a_volume(), Threads()
     studio = Studio(volume, folder=tmp_path, view=view)
     left = weakref.ref(studio)
     studio.session.change(strength=0.5)
     del studio
-    until(lambda: gc.collect() >= 0 and threading.active_count() <= before)
+    wait_for(lambda: gc.collect() >= 0 and not threads.begun)
     (entry,) = saved_sessions(volume, every=True)
     assert (entry.state, restore(entry).steps[0].strength) == ("open", 0.5)
     kept = left()  # by ipywidgets: a page may show it
     assert kept is not None
     kept.session.change(strength=0.25)
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
     assert restore(entry).steps[0].strength == 0.25
     kept.close()
     del kept
-    until(lambda: gc.collect() >= 0 and left() is None)
-    until(lambda: threading.active_count() <= before)
+    wait_for(lambda: gc.collect() >= 0 and left() is None)
+    threads.wait()

@@ -229,13 +229,15 @@ _FILES = ("maths/cuts.js", "maths/regions.js", "maths/rigid_stages.js", "view/fo
           "view/volume_loader.js", "webgl/region_bits.js")
 
 
-def test_the_page_builds_the_layers_that_python_sends() -> None:
-    maps = told(step(cuts=(CUT, BESIDE), support=9.0).field(GRID))
+@pytest.mark.parametrize("stops", [(False, False), (True, False)])
+def test_the_page_builds_the_layers_that_python_sends(stops: tuple[bool, bool]) -> None:
+    cut = replace(CUT, region=replace(CUT.region, stops=stops))
+    maps = told(step(cuts=(cut, BESIDE), support=9.0).field(GRID))
     plain = told(step(cuts=(), support=9.0).field(GRID)).content["planar"]
     points = [{"id": int(POINTS.ids[k]), "source": POINTS.source[k].tolist(), "target": POINTS.target[k].tolist(),
                "active": True, "weight": 1.0} for k in range(len(POINTS))]
     settings = {"kernel": "wendland_c2", "support": 9.0, "trend": "translation", "smoothing": 0, "strength": 1,
-                "lone_support": 9.0, "cuts": [cut_to_data(CUT), cut_to_data(BESIDE)], "cut_rule": "source", "parts": []}
+                "lone_support": 9.0, "cuts": [cut_to_data(cut), cut_to_data(BESIDE)], "cut_rule": "source", "parts": []}
     main = """({ base, points, settings, mapSize }) => {
       base.maps = new Float32Array(base.shape[0] * base.shape[1] * base.shape[2] * 2);
       const layered = layeredFit(points, settings), made = withLayers(base, layered, settings, 0);

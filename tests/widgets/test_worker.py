@@ -7,26 +7,19 @@ import logging
 import threading
 import time
 import weakref
-from collections.abc import Callable
 
 import pytest
+from waiting import PATIENCE, Threads, wait_for
 
 from deformnb.errors import DeformError
 from deformnb.widgets.worker import Worker
-
-
-def until(condition: Callable[[], bool], timeout: float = 20.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def test_everything_is_done_by_one_thread_in_the_order_in_which_it_came() -> None:
     thread, done = Worker(), []
     futures = [thread.call(lambda k=k: done.append((k, threading.current_thread()))) for k in range(20)]
     for future in futures:
-        future.result(20)
+        future.result(PATIENCE)
     assert [k for k, _ in done] == list(range(20))
     assert {t for _, t in done} == {done[0][1]} != {threading.current_thread()}
     thread.close()
@@ -40,7 +33,7 @@ def test_the_newest_job_of_a_name_is_done_and_those_before_it_are_not() -> None:
         thread.latest("b", lambda k=k: done.append(("b", k)))
     assert thread.is_wanted
     gate.set()
-    until(lambda: len(done) == 2)
+    wait_for(lambda: len(done) == 2)
     assert done == [("a", 4), ("b", 4)]
     assert not thread.is_wanted
     thread.close()
@@ -49,12 +42,12 @@ def test_the_newest_job_of_a_name_is_done_and_those_before_it_are_not() -> None:
 def test_what_waits_for_a_rest_is_dropped_by_whatever_comes_first() -> None:
     thread, done = Worker(), []
     thread.at_rest(0.02, lambda: done.append("rest"))
-    until(lambda: done == ["rest"])
+    wait_for(lambda: done == ["rest"])
     thread.at_rest(30.0, lambda: done.append("never"))
     thread.latest("a", lambda: done.append("job"))
-    until(lambda: done == ["rest", "job"])
+    wait_for(lambda: done == ["rest", "job"])
     thread.at_rest(0.0, lambda: done.append("again"))
-    until(lambda: done == ["rest", "job", "again"])
+    wait_for(lambda: done == ["rest", "job", "again"])
     thread.close()
 
 
@@ -62,12 +55,12 @@ def test_a_job_drops_what_waits_for_a_rest(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
     begun, may_end, done = threading.Event(), threading.Event(), list[str]()
     worker = Worker(at_end=lambda: done.append("end"))
-    worker.latest("first", lambda: (begun.set(), may_end.wait(20), done.append("first"))[0])
-    assert begun.wait(20)
+    worker.latest("first", lambda: (begun.set(), may_end.wait(PATIENCE), done.append("first"))[0])
+    assert begun.wait(PATIENCE)
     worker.at_rest(0.0, lambda: done.append("rest"))
     worker.latest("next", lambda: done.append("next"))
     may_end.set()
-    until(lambda: "end" in done)  # idle: what waits still would have been done by now
+    wait_for(lambda: "end" in done)  # idle: what waits still would have been done by now
     assert done == ["first", "next", "end"]
     worker.close()
 
@@ -77,27 +70,27 @@ def test_a_job_that_is_done_while_the_worker_is_closed_may_ask_for_a_rest(caplog
 
     def job() -> None:
         begun.set()
-        gate.wait(20)
+        gate.wait(PATIENCE)
         thread.at_rest(0.0, lambda: None)  # the worker was closed meanwhile
         done.set()
 
     thread.latest("a", job)
-    assert begun.wait(20)
+    assert begun.wait(PATIENCE)
     thread.close(wait=0.0)
     gate.set()
-    assert done.wait(20)
+    assert done.wait(PATIENCE)
     assert caplog.records == []
 
 
 def test_an_exception_goes_to_who_waits_and_the_thread_goes_on(caplog: pytest.LogCaptureFixture) -> None:
     thread = Worker()
     with pytest.raises(ZeroDivisionError):
-        thread.call(lambda: 1 // 0).result(20)
+        thread.call(lambda: 1 // 0).result(PATIENCE)
     with caplog.at_level(logging.ERROR):
         thread.latest("a", lambda: 1 // 0)  # type: ignore[arg-type, return-value]
-        assert thread.call(lambda: 5).result(20) == 5
-        assert thread.call(lambda: 6).result(20) == 6
-        until(lambda: "a job of a worker failed" in caplog.text)
+        assert thread.call(lambda: 5).result(PATIENCE) == 5
+        assert thread.call(lambda: 6).result(PATIENCE) == 6
+        wait_for(lambda: "a job of a worker failed" in caplog.text)
     thread.close()
 
 
@@ -105,15 +98,15 @@ def test_the_end_cancels_what_waits_and_comes_behind_the_work_of_now() -> None:
     gate, ended = threading.Event(), threading.Event()
     thread = Worker(at_end=ended.set)
     under_way, waiting = thread.call(gate.wait), thread.call(lambda: 1)
-    until(under_way.running)
+    wait_for(under_way.running)
     start = time.monotonic()
     thread.close()
-    assert time.monotonic() - start < 5  # it does not wait for the work
+    assert time.monotonic() - start < 30  # it does not wait for the work
     assert waiting.cancelled()
     assert thread.is_closed
     assert not ended.is_set()
     gate.set()
-    assert ended.wait(20)
+    assert ended.wait(PATIENCE)
     with pytest.raises(DeformError, match="closed"):
         thread.call(lambda: 1)
     thread.close()
@@ -124,21 +117,21 @@ def test_without_its_owner_the_thread_ends_and_holds_nothing_of_its_last_job() -
         def work(self) -> None:
             """A job."""
 
-    before, owner = threading.active_count(), Owner()
+    threads, owner = Threads(), Owner()
     thread = Worker()
-    thread.call(owner.work).result(20)
+    thread.call(owner.work).result(PATIENCE)
     held = weakref.ref(owner)
     del owner
-    until(lambda: gc.collect() >= 0 and held() is None)
-    assert threading.active_count() == before + 1
+    wait_for(lambda: gc.collect() >= 0 and held() is None)
+    assert len(threads.begun) == 1
     del thread
-    until(lambda: gc.collect() >= 0 and threading.active_count() == before)
+    wait_for(lambda: gc.collect() >= 0 and not threads.begun)
 
 
 def test_a_thread_that_never_worked_was_never_started() -> None:
-    before = threading.active_count()
+    threads = Threads()
     thread = Worker(at_end=lambda: pytest.fail("nothing was begun"))
-    assert threading.active_count() == before
+    assert threads.begun == []
     thread.close()
 
 
@@ -148,12 +141,12 @@ def test_a_thread_without_work_ends_and_another_takes_its_place(monkeypatch: pyt
     worker = Worker(at_end=lambda: ended.append(threading.current_thread()))
     threads = []
     for _ in range(3):
-        threads.append(worker.call(threading.current_thread).result(20))
-        until(lambda: not threads[-1].is_alive())
+        threads.append(worker.call(threading.current_thread).result(PATIENCE))
+        wait_for(lambda: not threads[-1].is_alive())
     assert len(set(threads)) == 3
     assert ended == threads  # each puts away what it alone may touch
     worker.at_rest(0.05, lambda: threads.append(threading.current_thread()))  # longer than it takes to be idle
-    until(lambda: len(threads) == 4)
+    wait_for(lambda: len(threads) == 4)
     worker.close()
     with pytest.raises(DeformError, match="is closed"):
         worker.call(lambda: None)
@@ -168,8 +161,8 @@ def test_a_thread_that_is_kept_stays(monkeypatch: pytest.MonkeyPatch) -> None:
         return asked[-1]
 
     worker = Worker(is_kept=is_kept)
-    thread = worker.call(threading.current_thread).result(20)
-    until(lambda: not thread.is_alive())
+    thread = worker.call(threading.current_thread).result(PATIENCE)
+    wait_for(lambda: not thread.is_alive())
     assert asked == [True] * 5 + [False]
     worker.close()
 
@@ -190,11 +183,12 @@ def test_nothing_is_lost_while_threads_end_and_begin(monkeypatch: pytest.MonkeyP
 
     worker = Worker(at_end=put_away)
     askers = [threading.Thread(target=lambda first=first: [
-        worker.call(lambda k=k: work(k)).result(20) for k in range(first, first + 200)]) for first in (0, 1000, 2000)]
+        worker.call(lambda k=k: work(k)).result(PATIENCE) for k in range(first, first + 200)])
+        for first in (0, 1000, 2000)]
     for asker in askers:
         asker.start()
     for asker in askers:
-        asker.join(60)
-    worker.close(20)
+        asker.join(PATIENCE)
+    worker.close(PATIENCE)
     assert sorted(done) == [first + k for first in (0, 1000, 2000) for k in range(200)]
     assert not any(clashes)

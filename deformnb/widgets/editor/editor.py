@@ -29,10 +29,12 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.support import lone_support
+from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.points import FRONT_END_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.messages import DrawShape, EditRefused, ProposedParts, ShowPoint
 from deformnb.widgets.packed_volume import unit_of
@@ -219,7 +221,9 @@ class Editor(EditedPoints):
     takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
     editor in its front end, where other widgets find its live points without the kernel (see js/sync/bus.js).
     ``window`` holds the values shown as black and white in a picture of grey values, as they were set by hand;
-    empty for the picture's own. ``slices`` is {} or, where the picture is one of several slices, ``{"count": 128,
+    empty for the picture's own. ``colour_map`` is a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
+    ``shows`` is "deformed", "original", or compares the two: "wipe" by a line that is dragged, "fade" by an opacity.
+    ``slices`` is {} or, where the picture is one of several slices, ``{"count": 128,
     "first": -32.0, "spacing": 0.5}``, the depth of the first one and the distance of neighbours; the front end then
     sets ``slice``, the number from 0 of the one that is wanted, and whoever observes it sets ``picture``.
     ``wand`` is {} or what the wand of the front end has selected, see :meth:`on_wand`.
@@ -265,6 +269,9 @@ class Editor(EditedPoints):
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set by hand").tag(sync=True)
+    colour_map = traitlets.Enum(list(COLOUR_MAPS), COLOUR_MAPS[0])
+    colours = traitlets.Bytes(b"", help="256 colours of the map, red, green, blue; empty for grey").tag(sync=True)
+    shows = traitlets.Enum(list(PICTURE_SHOWS), PICTURE_SHOWS[0]).tag(sync=True)
     slices = traitlets.Dict(help="number, first depth and spacing of the slices").tag(sync=True)
     wand = traitlets.Dict(help="what the wand has selected; {} where nobody answers it").tag(sync=True)
     slice = traitlets.Int(0, min=0, help="the slice that is shown, counted from 0").tag(sync=True)
@@ -283,9 +290,12 @@ class Editor(EditedPoints):
     @property
     def picture(self) -> Picture | None:
         """Picture behind the points, in the window that was set by hand; setting another one keeps both."""
-        if self._picture is None or not self.window or self._picture.values.ndim == 3:
+        if self._picture is None or self._picture.values.ndim == 3:
             return self._picture
-        return replace(self._picture, window=checked_window(self.window))
+        if not self.window and self.colour_map == self._picture.colour_map:
+            return self._picture
+        window = checked_window(self.window) if self.window else self._picture.window
+        return replace(self._picture, window=window, colour_map=self.colour_map)
 
     @picture.setter
     def picture(self, picture: Picture | None) -> None:
@@ -473,6 +483,11 @@ class Editor(EditedPoints):
     def _a_window(self, proposal: Any) -> list[float]:
         FRONT_END_TRAITS["window"](proposal["value"])
         return [float(value) for value in proposal["value"]]
+
+    @traitlets.observe("colour_map")
+    def _send_colours(self, _change: Any) -> None:
+        is_grey = self.colour_map == COLOUR_MAPS[0]
+        self.colours = b"" if is_grey else colour_table(self.colour_map).tobytes()
 
     @traitlets.validate("slice")
     def _a_slice(self, proposal: Any) -> int:

@@ -72,6 +72,8 @@ class SpaceEditor(EditedPoints):
     ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what the pointer does in the
     pictures on one side of that plane is done on the other side too; the plane is one of the volume's own, the next to
     that axis, None its middle. ``snap`` is the step of a lattice to which targets keep, 0 for none.
+    One that is ``read_only`` and has no points is a viewer of three linked slices: ``SpaceEditor(volume, before=field,
+    read_only=True)`` shows the deformed volume.
 
     Examples
     --------
@@ -148,6 +150,19 @@ class SpaceEditor(EditedPoints):
     @before.setter
     def before(self, field: AbstractField | None) -> None:
         self._before = field
+        self.revision += 1
+
+    def preview(self, field: AbstractField | None) -> None:
+        """Show the deformation before this step as it is on its way: with fewer pixels, until it rests."""
+        self._is_moving = True
+        self.before = field
+
+    def set_look(self, window: tuple[float, float] | None, colour_map: str) -> None:
+        """Show other values as black and white, None for the default, and slices in a colour map."""
+        with self._lock:
+            made = self._pictures
+            self._pictures = SpacePictures(made.volume, made.transfer, window, colour_map)
+            self._window, self._sent = window, {}
         self.revision += 1
 
     @property

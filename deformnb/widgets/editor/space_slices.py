@@ -18,6 +18,7 @@ from deformnb.checks import checked_window
 from deformnb.document.deformation import Step
 from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
@@ -132,9 +133,12 @@ class SpacePictures:
     ----------
     window : values that are black and white; default is from the background to the densest tissue.
     transfer : colours and opacities of composite pictures.
+    colour_map : of slices, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
     """
 
-    def __init__(self, volume: Volume, transfer: TransferFunction, window: tuple[float, float] | None = None) -> None:
+    def __init__(self, volume: Volume, transfer: TransferFunction, window: tuple[float, float] | None = None,
+                 colour_map: str = COLOUR_MAPS[0]) -> None:
+        self._colours = None if colour_map == COLOUR_MAPS[0] else colour_table(colour_map)
         self.volume, self.transfer = volume, transfer
         self.panes = tuple(Pane.of(volume.grid, view) for view in PANES)
         self.window = _window(volume) if window is None else checked_window(window)
@@ -146,7 +150,8 @@ class SpacePictures:
         pane = self.panes[index]
         lattice = pane.lattice(pane.depth_of(place), most)
         values = warp(self.volume, Identity(3) if field is None else field, output=lattice).values[0]
-        return Shown(_grey(values, *self.window), pane.raster(most))
+        greys = _grey(values, *self.window)
+        return Shown(greys if self._colours is None else self._colours[greys], pane.raster(most))
 
     def projection(self, index: int, field: AbstractField | None, method: str, *, is_quick: bool) -> Shown:
         """All of the deformed volume seen from one side; from fewer voxels if it is to be quick."""

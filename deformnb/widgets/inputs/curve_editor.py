@@ -112,7 +112,8 @@ def _height(y: NDArray[np.float64]) -> float:
 Curve = str | tuple[float, ...]
 
 CURVES = {
-    "constant 1": "1", "z": "z", "1 - z": "1-z", "sin(\u03c0 z)": "sin(pi*z)", "smoothstep": "z*z*(3-2*z)",
+    "constant 1": "1", "z": "z", "1 - z": "1-z", "front only": "max(0,min(1,2-4*z))",
+    "sin(\u03c0 z)": "sin(pi*z)", "smoothstep": "z*z*(3-2*z)",
 }
 """Formulas that the front end offers, by the name it shows."""
 

@@ -10,6 +10,7 @@ over time. Any other view, and a document whose moments are no maps, is shown mo
 
 from __future__ import annotations
 
+import threading
 import uuid
 from collections.abc import Callable
 from typing import Any
@@ -179,7 +180,11 @@ class Playback:
 
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the moment of the player is shown. For scripts and tests."""
-        self._worker.call(lambda: self._guard(self._show)).result(timeout)
+        done = threading.Event()
+        self.show()
+        self._worker.latest("wait", done.set)  # behind the moment
+        if not done.wait(timeout):
+            raise TimeoutError(f"the moment is still not shown after {timeout:g} seconds.")
 
     def close(self) -> None:
         """End the link and its thread."""

@@ -12,12 +12,13 @@ import { build } from "esbuild";
 const here = dirname(fileURLToPath(import.meta.url)), outdir = join(here, "..", "static");
 const isDebug = process.argv.includes("--debug");
 
-const VIEW = ["view/live_view.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css",
+const VIEW = ["view/live_view.css", "ui/compare.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css",
   "view/space_points.css"];
 
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
-  editor: ["editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css", "editor/grid_nodes.css"],
+  editor: ["editor/editor.js", "ui/theme.css", "ui/compare.css", "editor/editor.css", "editor/tools.css",
+    "editor/grid_nodes.css"],
   space_editor: ["space_editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css",
     "space_editor/editor.css"],
   live_view: ["view/live_view.js", ...VIEW],
@@ -40,7 +41,7 @@ const WIDGETS = {
 const PAGES = {
   app: ["app/app.js", "app/app.css"],
   access: ["app/access.js"],
-  remote: ["app/remote.js", "view/live_view.css", "view/volume_view.css", "app/remote.css"],
+  remote: ["app/remote.js", "view/live_view.css", "ui/compare.css", "view/volume_view.css", "app/remote.css"],
   standalone: ["standalone.js", "inputs/clip_sliders.css", "standalone.css"],
 };
 

@@ -5,7 +5,7 @@
 import { ClipSliders } from "./inputs/clip_sliders.js";
 import { clipOf, isClipped } from "./maths/clipping.js";
 import { PlainModel } from "./sync/host_model.js";
-import { OWN_KEYS, pageElement } from "./ui/dom.js";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
 
 /** @import { Point } from "./types.d.ts" */
 /** @import { Attributes } from "./ui/dom.js" */
@@ -22,6 +22,7 @@ import { OWN_KEYS, pageElement } from "./ui/dom.js";
  * @property {string} still_background
  * @property {Record<string, number>} kernels their orders by their names
  * @property {Record<string, number>} trends likewise
+ * @property {string[]} picture_shows display modes of the picture
  * @property {Record<string, Open>} parameters of the controls, as deformnb/widgets/parameters.py has them
  * @property {Open | null} document
  */
@@ -193,7 +194,7 @@ class StandalonePage {
     const bar = pagePart("controls");
     this.#slider(bar, setting(this.editor, "strength"), (value) => `${Math.round(value * 100)} %`);
     this.#kernels(bar);
-    if (this.view?.get("shows") !== undefined) this.#shows(bar, this.view);
+    this.#shows(bar);
     this.#slider(bar, trait(this.editor, "density"), (value) => (value ? `${value} cells` : "none"));
     const buttons = pageElement("div", "dnb-page-buttons", bar);
     this.#button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
@@ -279,17 +280,17 @@ class StandalonePage {
     box.addEventListener("toggle", () => this.fit());
   }
 
-  /**
-   * @param {Element} bar
-   * @param {PlainModel} view
-   */
-  #shows(bar, view) {
-    this.#menu(bar, trait(view, "shows"));
+  /** Adds the menu of the comparison, of picture and volume. @param {Element} bar */
+  #shows(bar) {
+    const { editor, view } = this, modes = this.data.picture_shows;
+    const select = this.#menu(bar, trait(view ?? editor, "shows"));
+    if (view) view.on("change:shows", () => editor.update({ shows: modes.includes(view.get("shows")) ? view.get("shows") : modes[0] }));
+    else for (const option of [...select.options]) if (!modes.includes(option.value)) option.remove();
   }
 
   reset() {
-    const { points, settings, density, show_grid } = this.data.editor;
-    this.editor.update({ points, selected: [], settings, density, show_grid });
+    const { points, settings, density, show_grid, shows: picture } = this.data.editor;
+    this.editor.update({ points, selected: [], settings, density, show_grid, shows: picture });
     const { camera, shows, clip } = this.data.view ?? {};
     this.view?.update({ camera: { ...camera }, shows, clip });
   }
@@ -321,10 +322,7 @@ class StandalonePage {
 
   download() {
     const text = `${JSON.stringify(this.document(), null, 1)}\n`;
-    const link = pageElement("a", "", null, { download: "deformation.json" });
-    link.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    saveFile(new Blob([text], { type: "application/json" }), "deformation.json");
   }
 }
 

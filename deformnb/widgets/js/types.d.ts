@@ -39,6 +39,8 @@ export interface PolygonData {
 export interface LineData {
   kind: "line";
   vertices: number[][];
+  /** Whether a cut along it stops at its first and at its last vertex; left out where it stops at neither. */
+  stops?: boolean[];
 }
 
 /** A half plane; the normal points out of it. */
@@ -128,6 +130,8 @@ export interface Region {
   isSet?: Uint8Array;
   /** The number of edges of an outline. */
   edges?: number;
+  /** Of a line that stops: how far a cut is open at a place before the deformation, and its slopes: [w, wa, wb]. */
+  opening?: (a: number, b: number, out: Float64Array) => Float64Array;
 }
 
 /** A fit of control points; coordinates in it are relative to `origin`, in units of `support`. */
@@ -164,11 +168,19 @@ export interface ReadyPart {
   d: number;
 }
 
-/** Any fit: a plain one, one beside rigid parts (`base` and `rigid`), or one in stages. */
+/** The fits of a region with and without each cut that stops; bit k of a place is set where cut k parts the points. */
+export interface TipBlend {
+  /** null where there are no points. */
+  fits: (Fit | null)[];
+  openings: NonNullable<Region["opening"]>[];
+}
+
+/** Any fit: a plain one, one beside rigid parts (`base` and `rigid`), one in stages, or one blended at tips of cuts. */
 export interface Fit extends RbfFit {
   base?: RbfFit;
   rigid?: ReadyPart[];
   stages?: Fit[];
+  blend?: TipBlend;
 }
 
 /** Fits that cuts keep apart. */

@@ -285,16 +285,23 @@ def step_badge(session: Session) -> str:
             f'style="background: {STEP_COLOURS[k % len(STEP_COLOURS)]}">{k + 1}</span>')
 
 
-class GridPanel(Panel):
-    """Grid panel: the number of lines of the grid over the picture."""
+class PictureLookPanel(Panel):
+    """Picture panel: colour map, the automatic window, and the number of lines of the grid."""
 
-    title = "Grid"
+    title = "Picture"
 
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
+        colours = self.add(widget_of("colour_map"), lambda: session.colour_map,
+                           lambda value: session.set_trait("colour_map", value))
+        self._auto = action_button("auto_window", lambda: guard(lambda: session.set_trait("window", None)))
         density = widget_of("density")
         traitlets.link((editor, "density"), (density, "value"))
-        self.box = row(density)
+        self.box = row(colours, self._auto, density)
+        self.refresh()
+
+    def arrange(self) -> None:
+        self._auto.disabled = self.session.window is None
 
 
 class MapPanel(Panel):
@@ -362,9 +369,9 @@ class StrengthPanel(Panel):
 
 
 class VolumePanel(Panel):
-    """Row over the volume: whether the deformed volume is shown, the original, or both."""
+    """Row over the volume: whether the deformed volume is shown, the original, or both; or three slices instead."""
 
-    def __init__(self, session: Session, guard: Guard, view: Any) -> None:
+    def __init__(self, session: Session, guard: Guard, view: Any, slices: Any) -> None:
         super().__init__(session, guard)
         shows = self.add(widget_of("shows", layout=ipw.Layout(width="auto")), lambda: view.shows,
                          lambda value: setattr(view, "shows", value))
@@ -372,4 +379,12 @@ class VolumePanel(Panel):
         if view.has_trait("projection"):
             menus.append(self.add(widget_of("projection", layout=ipw.Layout(width="auto")), lambda: view.projection,
                                   lambda value: view.set_trait("projection", value)))
-        self.box = row(*menus)
+        parameter = PARAMETERS["slices"]
+        button = ipw.ToggleButton(False, description=parameter.label, tooltip=parameter.tooltip,
+                                  layout=ipw.Layout(width="auto"))
+        self._of_view, self._slices = menus, slices
+        self.box = row(*menus, self.add(button, lambda: slices.is_shown, slices.show))
+
+    def arrange(self) -> None:
+        for widget in self._of_view:  # which is not seen meanwhile
+            widget.disabled = self._slices.is_shown

@@ -60,9 +60,10 @@ def show_step(editor: Any, session: Session) -> None:
 
 
 def show_view_state(editor: Any, session: Session) -> None:
-    """Show the window and the number of the slice that a session has."""
+    """Show the window, the colour map and the number of the slice that a session has."""
     if isinstance(editor, Editor):
         editor.window = list(session.window or ())
+        editor.colour_map = session.colour_map
         slices = session.slices if session.method == "slice" and session.step.plane is not None else None
         editor.slices = {} if slices is None else vars(slices)
         editor.slice = 0 if slices is None else slices.index(session.depth)
@@ -155,7 +156,7 @@ class StudioEditors:
         show_step(self.current, self._session)
 
     def show_view_state(self) -> None:
-        """Show the window and the number of the slice."""
+        """Show the window, the colour map and the number of the slice."""
         show_view_state(self.current, self._session)
 
     def set_traits(self, **traits: Any) -> None:

@@ -22,16 +22,17 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
     DisplayPanel,
-    GridPanel,
     Guard,
     MapPanel,
     Panel,
+    PictureLookPanel,
     PicturePanel,
     StrengthPanel,
     VolumePanel,
 )
 from deformnb.widgets.studio.editors import StudioEditors
 from deformnb.widgets.studio.panels.animation import AnimationPanel
+from deformnb.widgets.studio.panels.compare import ComparePanel
 from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
 from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
 from deformnb.widgets.studio.panels.examples import ExamplesPanel
@@ -42,6 +43,7 @@ from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
 from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
 from deformnb.widgets.studio.panels.thompson import ThompsonPanel
+from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.wand import Wand
 from deformnb.widgets.worker import Worker
@@ -56,6 +58,7 @@ class PanelParts:
     guard : does what a user requested and shows errors in the front end.
     editors : ``editors.plane`` is the editor on pictures, ``editors.current`` that of the step being edited.
     worker : the studio's thread, ``worker.latest(name, work)``.
+    slices : three slices in the place of the view.
     opacity : the editor of the opacity curve.
     folder : where files are saved and opened.
     export_html : writes the page that deforms without a kernel.
@@ -69,6 +72,7 @@ class PanelParts:
     view: Any
     editors: StudioEditors
     worker: Worker
+    slices: StudioSlices
     opacity: TransferEditor
     folder: str | PathLike[str]
     export_html: Callable[..., None]
@@ -151,14 +155,16 @@ def make_panels(s: PanelParts) -> StudioPanels:
     groups = {
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
-        "View": [Section(display, is_open=True), Section(GridPanel(s.session, s.guard, s.editors.plane), is_open=True)],
+        "View": [Section(display, is_open=True),
+                 Section(PictureLookPanel(s.session, s.guard, s.editors.plane), is_open=True),
+                 Section(ComparePanel(s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target))],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
         "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
     }
     menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
              "export": files}
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
-                        VolumePanel(s.session, s.guard, s.view),
+                        VolumePanel(s.session, s.guard, s.view, s.slices),
                         ExamplesPanel(s.session, s.guard, is_start=True),
                         OpenPanel(s.session, s.guard, points, shapes, fit), [result_box], wand)
 

@@ -30,6 +30,7 @@ from deformnb.session.inputs import as_deformation, best_view, source_of, volume
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.camera import on_picture
 from deformnb.widgets.cell_widgets import (
     close_all,
     close_earlier_of_this_cell,
@@ -44,6 +45,7 @@ from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPi
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
+from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
@@ -104,10 +106,10 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     last = followed_step(session.deformation)
     deformed = None if last is not None else session.result()
     whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane)
-    whole.method, whole.window = session.method, session.window
+    whole.method, whole.window, whole.colour_map = session.method, session.window, session.colour_map
     whole.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
-    shown.density, shown.theme = editor.density, editor.theme
+    shown.density, shown.theme, shown.shows = editor.density, editor.theme, on_picture(view.shows)
     with parts_of_another():
         live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
@@ -264,6 +266,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
                                       self._weakly(Studio.undo))
         self._edits.take_edits_from(self._editors, self._picture)
+        self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
         panels = self._make_panels(folder, labels, label_names, target)
         self._panels, self._wand = panels.all, panels.wand
         head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
@@ -286,7 +289,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                      names: Mapping[int, str] | None, target: Volume | None) -> StudioPanels:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
-                                      self._opacity, folder, self.export_html, labels, names, target,
+                                      self._slices, self._opacity, folder, self.export_html, labels, names, target,
                                       self._link.preview))
 
     # -- what happens --------------------------------------------------------------------------------------------------
@@ -295,14 +298,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session = self.session
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
-        session.observe(self._weakly(Studio._window_changed), "window")
+        session.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
         session.observe(self._weakly(Studio._send_history), "history")
         session.observe(self._weakly(Studio._show_notice), "notice")
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
-        for name in ("shows", "projection"):
-            if self.view.has_trait(name):
-                self.view.observe(self._weakly(Studio._refresh_panels), name)
+        if self.view.has_trait("projection"):
+            self.view.observe(self._weakly(Studio._refresh_panels), "projection")
+        if self.view.has_trait("shows"):
+            self.view.observe(self._weakly(Studio._comparison_changed), "shows")
+            self._comparison_changed(None)
 
     def _listen_to(self, editor: Any) -> None:
         editor.observe(self._weakly(Studio._points_changed), "points")
@@ -332,6 +337,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _window_changed(self, _change: Any) -> None:
         self._editors.show_view_state()
+        self._slices.follow()
+        self._refresh_panels()
+
+    def _comparison_changed(self, _change: Any) -> None:
+        self._editors.plane.shows = on_picture(self.view.shows)
+        self._refresh_panels()
 
     def _travel(self, way: str) -> None:
         self._edits.travel(way)
@@ -345,6 +356,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
+        self._slices.follow()
         self._refresh_panels()
         self._request_status()
         self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
@@ -483,7 +495,14 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
         done = threading.Event()
-        self._worker.latest("wait", done.set)  # behind all that waits now
+
+        def look() -> None:
+            if self._worker.is_wanted and not self._worker.is_closed:
+                self._worker.latest("wait", look)  # behind what the work itself has requested
+            else:
+                done.set()
+
+        self._worker.latest("wait", look)
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
@@ -508,7 +527,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _end(self) -> None:
         """End what runs, whatever there is of it by now."""
         self._worker.close()
-        for part in ("_link", "_editors"):
+        for part in ("_link", "_slices", "_editors"):
             if hasattr(self, part):
                 getattr(self, part).close()
         for panel in self._panels:

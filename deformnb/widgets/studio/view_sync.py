@@ -62,7 +62,7 @@ class StudioLink:
         in_space = editor if session.step.plane is None and hasattr(self._view, "edit_points") else None
         if in_space is not self._in_space:
             self._in_space = in_space
-            self._view.edit_points(in_space, self._field_of)
+            self._view.edit_points(in_space, self.field_of)
         self._observe_editor(None if follows or in_space is not None else editor)
 
     def preview(self, step: Step | None) -> None:
@@ -109,7 +109,7 @@ class StudioLink:
 
     def _moved(self, points: ControlPoints, phase: str) -> None:
         if phase == "move":
-            self._latest(lambda: self._field_of(points))
+            self._latest(lambda: self.field_of(points))
 
     def _latest(self, make: Callable[[], AbstractField]) -> None:
         if not self._worker.is_closed:
@@ -126,7 +126,7 @@ class StudioLink:
                 self._view.show_deformation(field, output=self._session.output)
                 self.previews += 1
 
-    def _field_of(self, points: ControlPoints) -> AbstractField:
+    def field_of(self, points: ControlPoints) -> AbstractField:
         """The displacement of the whole document, had the step that is edited these points."""
         session = self._session
         if points == session.points:

@@ -17,6 +17,7 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
+from deformnb.checks import shown_value
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut, Decoupled
@@ -120,6 +121,37 @@ class AbstractView(ABC):
         up : what points up; default is +z, or -y for a view along z.
         zoom : 1 shows the whole box, 2 half of it; None keeps it.
         """
+
+    def link_camera(self, other: AbstractView) -> traitlets.link:
+        """Turn, move and zoom another view along with this one, and this one along with it.
+
+        Parameters
+        ----------
+        other : takes this one's camera at once.
+
+        Returns
+        -------
+        traitlets.link
+            Its ``unlink()`` ends it.
+
+        Raises
+        ------
+        DeformError
+            If the other one has no camera.
+
+        Examples
+        --------
+        >>> from deformnb.datasets import PHANTOMS
+        >>> from deformnb.widgets import LiveView
+        >>> before, after = (LiveView(PHANTOMS["bar"].make((8, 8, 16))) for _ in range(2))
+        >>> link = before.link_camera(after)
+        >>> after.set_camera(zoom=2.0)
+        >>> before.camera["zoom"]
+        2.0
+        """
+        if not (isinstance(other, traitlets.HasTraits) and other.has_trait("camera")) or other is self:
+            raise DeformError(f"cameras link two views, got {shown_value(other)} for the other one.")
+        return traitlets.link((self, "camera"), (other, "camera"))
 
     def set_clip(self, x: Sequence[float] | None = None, y: Sequence[float] | None = None,
                  z: Sequence[float] | None = None) -> None:

@@ -25,7 +25,7 @@ from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-from deformnb.widgets.camera import BACKGROUNDS, INKS, camera_of, checked_camera, wiped, within
+from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, camera_of, checked_camera, compared, within
 from deformnb.widgets.packed_volume import PackedVolume, coarser, factors_of, packed_volume
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
@@ -84,13 +84,13 @@ def render_scene(scene: SceneDescription, size: tuple[int, int], most: int | Non
     most : voxels of the deformed volume at most; default is as many as there are.
     progress : called with the finished share from 0 to 1.
     """
-    if scene.shows not in ("side_by_side", "wipe"):
+    if scene.shows not in ("side_by_side", *COMPARISONS):
         return _render(scene, size, scene.shows == "original", most, progress)
-    (width, height), is_wipe = size, scene.shows == "wipe"
-    left = width if is_wipe else width // 2
+    (width, height), is_whole = size, scene.shows in COMPARISONS
+    left = width if is_whole else width // 2
     halves = (_render(scene, (left, height), True, most, within(progress, 0.0, 0.5)),
-              _render(scene, (width if is_wipe else width - left, height), False, most, within(progress, 0.5, 1.0)))
-    return wiped(*halves) if is_wipe else np.concatenate(halves, axis=1)
+              _render(scene, (width if is_whole else width - left, height), False, most, within(progress, 0.5, 1.0)))
+    return compared(scene.shows, *halves)
 
 
 def _render(scene: SceneDescription, size: tuple[int, int], is_original: bool, most: int | None,
@@ -122,7 +122,8 @@ def preview_png(scene: SceneDescription) -> bytes:
     few = (round(_PREVIEW_SHARE * width), round(_PREVIEW_SHARE * height))
     canvas = Pillow.fromarray(render_scene(scene, few, _PREVIEW_VOXELS)).resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)
     both = ["original", "deformed"]
-    captions = {"original": both[:1], "side_by_side": both, "wipe": both}.get(scene.shows, [])
+    captions = {"original": both[:1], "side_by_side": both, "wipe": both,
+                "fade": ["original over deformed"]}.get(scene.shows, [])
     draw, ink = ImageDraw.Draw(canvas), bytes_of(INKS[scene.background])
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))

@@ -32,7 +32,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned, wiped
+from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.messages import Badge, Notice, TrameAddress
 from deformnb.widgets.packed_volume import PackedVolume
@@ -417,9 +417,9 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _deliver(self, frame: Frame) -> None:
         view, number = self._shown_camera
-        if self._carrier is not None and self.shows == "wipe" and len(frame.images) == 2:
+        if self._carrier is not None and self.shows in COMPARISONS and len(frame.images) == 2:
             deformed, original = frame.images  # its page has no line to drag: it stands in the middle
-            frame = replace(frame, images=(wiped(original, deformed),))
+            frame = replace(frame, images=(compared(self.shows, original, deformed),))
         message, pictures = self._frames.pack(frame, camera=number, by=view)
         if self._carrier is None:
             self.send(message, pictures)

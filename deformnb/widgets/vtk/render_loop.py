@@ -22,6 +22,7 @@ import numpy as np
 
 from deformnb._typing import Image
 from deformnb.errors import DeformError
+from deformnb.widgets.camera import COMPARISONS
 from deformnb.widgets.worker import Worker
 
 _LOG = logging.getLogger(__name__)
@@ -117,7 +118,7 @@ class SceneLoop:
     def set_shows(self, shows: str) -> None:
         """Set the mode, a name of :data:`~deformnb.widgets.camera.SHOWS`, and draw nothing.
 
-        "flicker" and "wipe" deliver two pictures of one place.
+        "flicker", "wipe" and "fade" deliver two pictures of one place.
         """
         self._shows = shows
 
@@ -209,7 +210,7 @@ class SceneLoop:
             self._say(error)
 
     def _images(self, scene: LoopScene, **options: Any) -> tuple[Image, ...] | None:
-        both = ("deformed", "original") if self._shows in ("flicker", "wipe") else (self._shows,)
+        both = ("deformed", "original") if self._shows in ("flicker", *COMPARISONS) else (self._shows,)
         images = []
         for shows in both:
             image = scene.render(shows=shows, **options)

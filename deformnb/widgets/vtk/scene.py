@@ -38,7 +38,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
-from deformnb.widgets.camera import BACKGROUNDS, INKS, SHOWS, camera_of, checked_camera, wiped, within
+from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, SHOWS, camera_of, checked_camera, compared, within
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import FieldTextures, field_textures
 from deformnb.widgets.vtk.folds import Folding, pressed
@@ -422,16 +422,16 @@ class VtkScene:
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
         kind = self._shows if shows is None else one_of(shows, SHOWS, "kind of picture")
-        if kind not in ("side_by_side", "wipe"):
+        if kind not in ("side_by_side", *COMPARISONS):
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
-        widths = (width, width) if kind == "wipe" else (width // 2, width - width // 2)
+        widths = (width, width) if kind in COMPARISONS else (width // 2, width - width // 2)
         first, second = (within(progress, start, start + 0.5) for start in (0.0, 0.5))
         left = self._picture((widths[0], height), False, coarseness, bands, interrupted, first)
         right = left if left is None else self._picture((widths[1], height), True, coarseness, bands, interrupted,
                                                         second)
         if left is None or right is None:
             return None
-        return wiped(left, right) if kind == "wipe" else np.concatenate([left, right], axis=1)
+        return compared(kind, left, right)
 
     def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
                  interrupted: Callable[[], bool] | None, progress: Callable[[float], None] | None) -> Image | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -15,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 from scripts import run_script
+from waiting import PATIENCE, wait_for
 
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -67,15 +67,13 @@ def edit(points: Any, seq: int = 1, phase: str = "end", kind: str = "move") -> d
     return {"type": "edit", "sender": "w1", "seq": seq, "phase": phase, "kind": kind, "points": given}
 
 
-def pictures(editor: SpaceEditor, since: int = 0, timeout: float = 30.0) -> tuple[dict[str, Any], list[bytes]]:
+def pictures(editor: SpaceEditor, since: int = 0) -> tuple[dict[str, Any], list[bytes]]:
     """The next message with pictures after so many messages."""
-    until = time.monotonic() + timeout
-    while time.monotonic() < until:
-        for content, buffers in editor.messages[since:]:
-            if content["type"] == "pictures":
-                return content, buffers
-        time.sleep(0.01)
-    raise TimeoutError("no pictures came")
+    def come() -> list[tuple[dict[str, Any], list[bytes]]]:
+        return [message for message in editor.messages[since:] if message[0]["type"] == "pictures"]
+
+    wait_for(come)
+    return come()[0]
 
 
 # ---- the pictures ----------------------------------------------------------------------------------------------------
@@ -204,7 +202,7 @@ def test_a_new_point_counts_strength(volume: Volume, points: ControlPoints) -> N
 def test_pictures_come_when_a_page_is_there_and_only_those_that_changed(editor: SpaceEditor) -> None:
     editor.points = editor.points.move(0, [20, 10, 20])
     assert not editor._worker.is_wanted
-    editor._worker.call(lambda: None).result(30)  # what the thread had begun is done
+    editor._worker.call(lambda: None).result(PATIENCE)  # what the thread had begun is done
     assert editor.messages == []  # nobody looks
     receive(editor, {"type": "hello", "view": "v"})
     content, buffers = pictures(editor)
@@ -246,7 +244,8 @@ def test_points_that_cannot_be_fitted_are_said_and_the_last_pictures_stay(editor
     count = len(editor.messages)
     receive(editor, {"type": "seen", "view": "v", "seq": content["seq"]})
     editor.points = points
-    assert not pictures(editor, count)[0]["facts"]["isBad"]
+    wait_for(lambda: any(content["type"] == "pictures" and not content["facts"]["isBad"]
+                         for content, _ in editor.messages[count:]))
 
 
 @pytest.mark.parametrize("content", [

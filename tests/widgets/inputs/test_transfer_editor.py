@@ -6,7 +6,6 @@ import base64
 import io
 import json
 import threading
-import time
 from typing import Any
 
 import ipywidgets as ipw
@@ -15,6 +14,7 @@ import pytest
 from front_end import deliver
 from PIL import Image
 from scripts import run_script
+from waiting import PATIENCE, Threads
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
@@ -232,13 +232,13 @@ def test_each_preset_has_a_picture_of_the_volume(volume: Volume) -> None:
     worker = Worker()
     editor = TransferEditor(volume, worker=worker)
     worker.latest("behind it", (done := threading.Event()).set)
-    assert done.wait(20)
+    assert done.wait(PATIENCE)
     made = shown_pictures(editor)
     assert list(made) == list(PRESETS) == list(editor.presets)
     editor.volume = Volume.from_array(np.asarray(volume.values)[:, ::-1])
     assert editor.thumbnails == {}  # never those of another volume
     worker.latest("behind it", (again := threading.Event()).set)
-    assert again.wait(20)
+    assert again.wait(PATIENCE)
     assert any((shown_pictures(editor)[name] != made[name]).any() for name in PRESETS)
     worker.close()
     editor.volume = volume  # as a studio that is closed
@@ -246,15 +246,12 @@ def test_each_preset_has_a_picture_of_the_volume(volume: Volume) -> None:
 
 
 def test_the_thread_of_a_lone_editor_ends_with_its_pictures(volume: Volume) -> None:
-    before, made = threading.active_count(), threading.Event()
+    threads, made = Threads(), threading.Event()
     editor = TransferEditor(volume)
     editor.observe(lambda _change: made.set(), "thumbnails")
     if not editor.thumbnails:
-        assert made.wait(20)
-    deadline = time.monotonic() + 20
-    while threading.active_count() > before:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+        assert made.wait(PATIENCE)
+    threads.wait()
 
 
 # ---- scripts ---------------------------------------------------------------------------------------------------------

@@ -9,11 +9,18 @@ import pytest
 from driven_studio import a_drag, a_volume, act, crash, drag, notice_of, panel, wait_for
 from front_end import deliver
 from uploads import uploaded
+from waiting import PATIENCE
 
 from deformnb.session.autosave import saved_sessions
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets import Studio, cell_widgets
+
+
+@pytest.fixture(autouse=True)
+def _last_file_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user who closes a studio is kept waiting for a second only, and a busy machine may take longer to write."""
+    monkeypatch.setattr("deformnb.session.autosave._WAIT_AT_CLOSE", PATIENCE)
 
 
 def studio_of(volume: Volume | None = None, **options: Any) -> Studio:

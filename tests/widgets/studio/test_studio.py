@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import gc
 import threading
+import time
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, act, box_of, controls, drag, notice_of, page_says, panel, wait_for
+from driven_studio import a_drag, a_volume, act, all_of, box_of, controls, drag, notice_of, page_says, panel, wait_for
 from front_end import deliver
 from numpy.testing import assert_array_equal
 from uploads import uploaded
+from waiting import Threads
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
@@ -27,6 +30,7 @@ from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.protocol import points_to_json
 
 
 @pytest.fixture
@@ -174,7 +178,7 @@ def test_every_row_of_the_registries_can_be_chosen(studio: Studio) -> None:
         studio.wait()
         assert studio.editor.picture.method == method
     for shows in SHOWS:
-        found["Show"].value = shows
+        found["Compare"].value = shows
         assert studio.view.shows == shows
 
 
@@ -263,7 +267,7 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
 
 def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("deformnb.session.history.time.monotonic", lambda: now)
+    monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support radius", "support")):
         first = getattr(studio.session.step, field)
         for value in (0.5, 1.0, 1.5):
@@ -289,10 +293,42 @@ def test_the_window_of_the_page_is_that_of_the_session_and_of_its_pictures(studi
     session.window = None
     assert studio.editor.window == []
     assert studio.editor.picture.window == session.picture().window
-    session.window = (10, 30)
+    session.window, session.colour_map = (10, 30), "bone"
+    assert studio.editor.picture.colour_map == "bone"
+    assert len(studio.editor.colours) == 3 * 256
+    studio.view.shows = "fade"
+    assert studio.editor.shows == "fade"
+    studio.view.shows = "flicker"  # which pictures do not
+    assert studio.editor.shows == "deformed"
     session.method = "composite"
     studio.wait()
     assert studio.editor.raster["channels"] == 3
+
+
+def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: Studio) -> None:
+    drag(studio, a_drag(studio))
+    button = controls(studio)["Slices"]
+    assert not studio.editor.live
+    button.value = True
+    studio.wait()
+    place = next(box for box in all_of(studio) if studio.view in getattr(box, "children", ()))
+    view, slices = place.children
+    assert (view.layout.display, slices.layout.display) == ("none", None)
+    assert slices.before is studio.session.field()
+    assert (slices.read_only, len(slices.points)) == (True, 0)
+    assert studio.editor.live  # what is on its way is shown too
+    points = studio.editor.points.move(4, [3.0, 3.0])
+    page_says(studio, {"type": "edit", "phase": "move", "kind": "move", "joins": False, "next_id": points.next_id,
+                       "points": points_to_json(points)})
+    studio.wait()
+    wanted = studio.session.step.with_points(points, 0).field(studio.volume.grid)
+    place = [[3.0, 3.0, 3.0]]
+    assert_array_equal(slices.before.displacement(place), wanted.displacement(place))
+    studio.undo()
+    studio.wait()
+    assert slices.before is studio.session.field()
+    button.value = False
+    assert (view.layout.display, slices.layout.display, studio.editor.live) == (None, "none", False)
 
 
 def test_the_page_goes_through_the_slices(studio: Studio) -> None:
@@ -444,16 +480,16 @@ def test_where_no_front_end_runs_there_is_a_picture(studio: Studio) -> None:
 def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
     Studio(a_volume()).close()  # what is made once for all
     gc.collect()
-    widgets, threads = len(_instances()), threading.active_count()
-    for _ in range(5):
+    widgets, threads = set(_instances()), Threads()
+    for _ in range(3):
         made = Studio(a_volume(), folder=tmp_path)
         drag(made, a_drag(made))
         reference = weakref.ref(made)
         made.close()
         del made
         wait_for(lambda: gc.collect() >= 0 and reference() is None)  # what is being worked on ends first  # noqa: B023
-    wait_for(lambda: threading.active_count() <= threads)
-    assert len(_instances()) == widgets
+    threads.wait()
+    assert set(_instances()) <= widgets
 
 
 def _instances() -> dict[str, Any]:

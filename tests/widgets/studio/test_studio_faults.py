@@ -16,6 +16,7 @@ from front_end import deliver
 from ipywidgets.widgets import widget as registry
 from traitlets import TraitError
 from uploads import uploaded
+from waiting import PATIENCE, Threads
 
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
@@ -50,12 +51,12 @@ def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(wrong: dict[str, A
     good = Studio(a_volume(), folder=tmp_path)
     good.wait()
     gc.collect()
-    widgets, threads = set(registry._instances), threading.active_count()
+    widgets, threads = set(registry._instances), Threads()
     run[1] = "2"
     with pytest.raises((DeformError, OSError, TraitError)):
         Studio(a_volume(), folder=tmp_path, **wrong)
-    assert set(registry._instances) == widgets
-    wait_for(lambda: threading.active_count() <= threads)
+    assert set(registry._instances) <= widgets
+    threads.wait()
     drag(good, a_drag(good))
     assert good.stats()["edits"] == 1
     run[1] = "3"
@@ -66,7 +67,7 @@ def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(wrong: dict[str, A
 def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = LiveView(a_volume())
     gc.collect()
-    widgets, threads = set(registry._instances), threading.active_count()
+    widgets, threads = set(registry._instances), Threads()
 
     def fails(*_given: Any, **_more: Any) -> None:
         raise ZeroDivisionError("the last part")
@@ -74,8 +75,8 @@ def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, mo
     for shown in ("live", view):
         with pytest.raises(ZeroDivisionError, match="the last part"):
             Studio(a_volume(), folder=tmp_path, view=shown)
-        assert set(registry._instances) == widgets  # the view of one's own among them, still open
-        wait_for(lambda: threading.active_count() <= threads)
+        assert set(registry._instances) <= widgets  # the view of one's own among them, still open
+        threads.wait()
     assert view.comm is not None
     view.close()
 
@@ -164,6 +165,7 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         assert "FloatingPointError: of the status line" in notice_of(studio)
     with monkeypatch.context() as patched:
         patched.setattr(type(studio._link), "_field_of", fails)
+        studio._words.show("")
         studio._link._moved(studio.session.points, "move")
         wait_for(lambda: "of the status line" in notice_of(studio))
     drag(studio, a_drag(studio, 1.0))  # and it goes on
@@ -182,17 +184,17 @@ def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
         def arrange(self) -> None:
             if threading.current_thread() is slow:
                 in_arrange.set()
-                assert go_on.wait(20)
+                assert go_on.wait(PATIENCE)
                 fill(self.menu, [("a", "a"), ("b", "b"), ("c", "c")])  # chooses the first of them
 
     panel = Choosing(studio.session, lambda action: action() or True)
     panel.menu = panel.add(ipw.Dropdown(options=[("b", "b")], value="b"), lambda: "b", edits.append)
     slow = threading.Thread(target=panel.refresh)
     slow.start()
-    assert in_arrange.wait(20)
+    assert in_arrange.wait(PATIENCE)
     panel.refresh()  # another thread comes and is done
     go_on.set()
-    slow.join(20)
+    slow.join(PATIENCE)
     assert edits == []
     assert panel.menu.value == "b"
     panel.menu.value = "c"  # a hand
@@ -213,7 +215,7 @@ def test_the_status_line_tells_how_long_edit_and_volume_take(studio: Studio) -> 
     controls(studio)["Strength"].value = 2.0
     second = studio.stats()["edit_ms"]
     assert second != first  # a slider edits as well
-    controls(studio)["Show"].value = "original"  # and this edits nothing
+    controls(studio)["Compare"].value = "original"  # and this edits nothing
     assert studio.stats()["edit_ms"] == second
     stats = {"type": "stats", "view": "page", "drag_ms": 41.0, "full_ms": 300.0, "frames": 3}
     deliver(studio.view, stats)

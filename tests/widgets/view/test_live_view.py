@@ -9,6 +9,7 @@ import json
 import logging
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from front_end import deliver
 from PIL import Image
 from scipy.ndimage import convolve1d
 from scripts import run_script
+from waiting import PATIENCE
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
@@ -153,7 +155,7 @@ def test_a_piece_that_is_asked_for_while_a_cell_shows_another_volume_does_not_ge
         monkeypatch.setattr(live_pages, "whole", number)
         cell = threading.Thread(target=lambda: view.show(new, window=(0.0, 255.0)))
         cell.start()
-        cell.join(30)
+        cell.join(PATIENCE)
         return number(*args)
 
     monkeypatch.setattr(live_pages, "whole", whole)
@@ -341,10 +343,10 @@ def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest()
     view = Recorded(ramp())
     whole = view._shown.window  # type: ignore[union-attr]
     assert levels_within(view, 1000, 1600) < 45
-    view.set_transfer(NARROW)
     first = view.volume_info["id"]
+    view.set_transfer(NARROW)
     assert view._sharpener is not None
-    view._sharpener.join(30)
+    view._sharpener.join(PATIENCE)
     assert view.volume_info["id"] != first
     low, high = view._shown.window  # type: ignore[union-attr]
     assert (low, high) == pytest.approx((970, 1630))
@@ -356,7 +358,7 @@ def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest()
     view.set_transfer(replace(NARROW, opacities=((1020, 0), (1500, 0.5))))
     assert view._sharpener is None  # it will do
     view.set_transfer("specimen")
-    view._sharpener.join(30)
+    view._sharpener.join(PATIENCE)
     assert view.volume_info["id"] != second
     assert view._shown.window == whole  # type: ignore[union-attr]
     assert view.volume_info["note"] == ""
@@ -372,18 +374,18 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
         table = tabulated(function, *given)
         if threading.current_thread() is user:
             has_table.set()
-            may_go_on.wait(30)
+            may_go_on.wait(PATIENCE)
         return table
 
     monkeypatch.setattr(TransferFunction, "table", slow)
     user, timer = threading.Thread(target=view.set_transfer, args=(narrow,)), threading.Thread(target=view._sharpen)
     user.start()
-    assert has_table.wait(30)
+    assert has_table.wait(PATIENCE)
     timer.start()
     timer.join(0.3)  # it waits for the user, or else is done before
     may_go_on.set()
     for thread in (user, timer):
-        thread.join(30)
+        thread.join(PATIENCE)
     assert view.volume_info["note"] == "finer greys from 970 to 1630"
     assert view.table == np.ascontiguousarray(tabulated(narrow, 970.0, 1630.0), "<f4").tobytes()
     view.close()
@@ -396,7 +398,7 @@ def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
     view.show_deformation(Deformation.on_picture(view._volume.grid, plane, points(view._volume.grid, plane)))
     field = view._field
     view.projection = "mip"  # which shows all values
-    view._sharpener.join(30)  # type: ignore[union-attr]
+    view._sharpener.join(PATIENCE)  # type: ignore[union-attr]
     assert view._shown.share == 1.0  # type: ignore[union-attr]
     assert view._field is field
     view.show(ramp(), window=(0.0, 4000.0))  # the user's own choice
@@ -626,7 +628,7 @@ def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
     assert not view._pacer.is_waiting
 
 
-def test_a_page_that_confirms_nothing_gets_the_newest_field_all_the_same() -> None:
+def test_a_page_that_confirms_nothing_gets_the_newest_field_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     sent, came = [], threading.Event()
 
     def send(number: int) -> None:
@@ -634,12 +636,12 @@ def test_a_page_that_confirms_nothing_gets_the_newest_field_all_the_same() -> No
         if number == 2:
             came.set()
 
+    monkeypatch.setattr("deformnb.widgets.view.transport.time", SimpleNamespace(monotonic=lambda: 100.0))
     pacer = Pacer(send, patience=0.01)
-    pacer.offer()
-    pacer._sent += 0.05  # as if it were just being sent
-    for _ in range(5):
-        pacer.offer()
-    assert came.wait(30)
+    with pacer._lock:  # all offers come at one moment
+        for _ in range(6):
+            pacer.offer()
+    assert came.wait(PATIENCE)
     assert sent == [1, 2]
 
 

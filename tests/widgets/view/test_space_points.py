@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import time
 import weakref
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from front_end import deliver
 from scripts import run_script
+from waiting import wait_for
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.extrusion import extrude, interpolate, replicate
@@ -94,10 +94,7 @@ def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEdito
     view, fields = opened(volume)
     view.edit_points(editor)
     told(editor, points, "move", 1)
-    until = time.monotonic() + 20
-    while max(fields[-1]["space"]["shape"]) != 64 and time.monotonic() < until:
-        time.sleep(0.02)
-    assert max(fields[-1]["space"]["shape"]) == 64
+    wait_for(lambda: max(fields[-1]["space"]["shape"]) == 64)
 
 
 def test_what_cannot_be_fitted_leaves_the_last_picture(volume: Volume, editor: SpaceEditor,

@@ -10,7 +10,6 @@ import json
 import logging
 import socket
 import threading
-import time
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -20,6 +19,7 @@ import numpy as np
 import pytest
 from front_end import deliver
 from PIL import Image
+from waiting import Threads, wait_for
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
@@ -50,13 +50,6 @@ def points(moved: float = 0.0) -> ControlPoints:
     return ControlPoints.from_arrays(source, source + np.array([moved, 0.0]))
 
 
-def until(condition: Callable[[], bool], timeout: float = 60.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 class Recorded(VolumeView):
     """A view whose messages are kept instead of sent."""
 
@@ -76,8 +69,8 @@ class Recorded(VolumeView):
 
     def see_all(self) -> None:
         """A page that shows every frame, until the full one of the newest state is there."""
-        seen = len(self.frames)
-        until(lambda: self._step() and len(self.frames) > seen and self.frames[-1][0]["full"])
+        wait_for(lambda: self._step() and self._loop is not None and self._loop.is_settled
+                 and self.frames and self.frames[-1][0]["full"])
 
     def _step(self) -> bool:
         if self.frames:
@@ -151,15 +144,15 @@ def test_a_page_gets_quick_and_full_pictures_of_its_size_and_of_the_deformation(
 def test_no_third_frame_is_sent_before_one_is_seen(opened: Any) -> None:
     view = opened(settle_ms=60000.0)
     view.say(type="hello", **PAGE)
-    until(lambda: len(view.frames) == 1)
+    wait_for(lambda: len(view.frames) == 1)
     for zoom in (1.1, 1.2):
         view.set_camera(zoom=zoom)
-    until(lambda: len(view.frames) == 2)
+    wait_for(lambda: len(view.frames) == 2)
     view.set_camera(zoom=1.5)
-    until(lambda: view._frames._was_full)
+    wait_for(lambda: view._frames._was_full)
     assert len(view.frames) == 2
     view.say(type="seen", seq=1)
-    until(lambda: len(view.frames) == 3)  # the last change is drawn at last
+    wait_for(lambda: len(view.frames) == 3)  # the last change is drawn at last
 
 
 @pytest.mark.needs_gl
@@ -189,13 +182,13 @@ def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(o
     {"type": "seen", "view": "a", "seq": "x"}, {"type": "_rest", "view": "a"},
 ])
 def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture, opened: Any) -> None:
-    view, before = opened(), threading.active_count()
+    view, threads = opened(), Threads()
     with caplog.at_level(logging.WARNING):
         deliver(view, message)
         view.set_state({"label": "x", "camera": {"zoom": 0}})
     assert caplog.text.count("dropped") == 3
     assert view.frames == []
-    assert threading.active_count() == before  # nothing was made for it
+    assert threads.begun == []  # nothing was made for it
     assert view.label == "Volume ball"
 
 
@@ -332,7 +325,7 @@ def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeyp
         raise DeformError("these maps are wrong")
 
     view._put_field(broken)
-    until(lambda: ("notice", "these maps are wrong") in [(c["type"], c.get("text")) for c, _ in view.__dict__["out"]])
+    wait_for(lambda: "these maps are wrong" in [c["text"] for c, _ in view.__dict__["out"] if c["type"] == "notice"])
     view.show_deformation(None)
     view.see_all()
     assert np.abs(picture(view.frames[-1][1][0]) - view.still()).mean() < 3
@@ -341,32 +334,32 @@ def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeyp
 @pytest.mark.nightly
 @pytest.mark.needs_gl
 def test_twenty_pages_and_views_one_after_the_other_leave_no_thread() -> None:
-    before = threading.active_count()
+    threads = Threads()
     for _ in range(20):
         view = Recorded(ball(), transfer="surface", settle_ms=0.0)
         view.say(type="hello", width=32, height=24, background="dark")
-        until(lambda view=view: bool(view.frames))
+        wait_for(lambda view=view: bool(view.frames))
         view.say(type="bye")  # the last page has gone: window and thread are given back
         view.say(type="hello", width=32, height=24, background="dark")
         seen = len(view.frames)
-        until(lambda view=view, seen=seen: len(view.frames) > seen)
+        wait_for(lambda view=view, seen=seen: len(view.frames) > seen)
         view.close()
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
     held = weakref.ref(view)
     del view
-    until(lambda: gc.collect() >= 0 and held() is None)
+    wait_for(lambda: gc.collect() >= 0 and held() is None)
 
 
 def test_a_closed_view_begins_nothing_anew() -> None:
-    view, before = Recorded(ball(), method="core"), threading.active_count()
+    view, threads = Recorded(ball(), method="core"), Threads()
     view.say(type="hello", **PAGE)
     view.close()
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
     view.say(type="camera", camera={"direction": [1, 0, 0]}, number=7)  # a hand that has not let go yet
     view.projection = "mip"
     with pytest.raises(DeformError, match="the view is closed"):
         view.still()
-    assert threading.active_count() <= before
+    assert threads.begun == []
 
 
 def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -374,18 +367,18 @@ def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: p
     closed: list[CoreScene] = []
     close = CoreScene.close
     monkeypatch.setattr(CoreScene, "close", lambda scene: (closed.append(scene), close(scene))[1])
-    before = threading.active_count()
+    threads = Threads()
     view = Recorded(ball(), method="core", settle_ms=1.0)
     first = view.still((48, 36))
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
     assert len(closed) == 1
     view.set_camera((1, 0, 0))
     assert np.abs(view.still((48, 36)).astype(int) - first).mean() > 1  # as it is now
     view.set_camera((0, 1, 0))
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
     view.say(type="hello", **PAGE)
     view.see_all()
-    assert threading.active_count() > before  # and stays for its page, at rest as well
+    assert threads.begun  # and stays for its page, at rest as well
     view.close()
 
 
@@ -393,12 +386,12 @@ def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: p
 def test_the_servers_of_a_view_end_with_it_whoever_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
     run = ["cell", "1"]
     monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
-    before, ports = threading.active_count(), []
+    threads, ports = Threads(), []
     for number in range(3):
         run[1] = str(number)
         view = Recorded(ball(), method="core", transport="trame")
         view.say(type="hello", origin="http://localhost:8888", **PAGE)
-        until(lambda view=view: bool(view.urls))
+        wait_for(lambda view=view: bool(view.urls))
         (url,) = view.urls
         ports.append(int(url.split("/")[2].split(":")[1]))
         for _ in range(20):  # as an <img> in any page does
@@ -408,7 +401,7 @@ def test_the_servers_of_a_view_end_with_it_whoever_has_come(monkeypatch: pytest.
         assert [_is_open(port) for port in ports] == [False] * number + [True]
     view.close()
     assert not _is_open(ports[-1])
-    until(lambda: threading.active_count() <= before)
+    threads.wait()
 
 
 def _is_open(port: int) -> bool:
@@ -434,7 +427,7 @@ def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeyp
 def test_a_screenshot_waits_for_the_full_picture_of_the_last_change(opened: Any) -> None:
     view = opened(method="core", settle_ms=400.0)
     view.say(type="hello", **PAGE)
-    until(lambda: len(view.frames) == 1)
+    wait_for(lambda: view.frames)
     assert not view.frames[0][0]["full"]  # quick and small: no screenshot
     assert asyncio.run(view.screenshot()).shape == (72, 96, 3)
     view.set_camera((1, 0, 0))
@@ -557,11 +550,11 @@ def test_pictures_go_by_the_transport_and_the_page_hears_where(opened: Any, monk
     view.say(type="hello", **PAGE, origin="http://nb:1")
     assert {"type": "trame", "view": "a", "url": "http://127.0.0.1:2/"} in [c for c, _ in view.__dict__["out"]]
     carrier = view._carrier
-    until(lambda: len(carrier.delivered) == 2)  # the quick one and the full one
+    wait_for(lambda: len(carrier.delivered) == 2)  # the quick one and the full one
     assert carrier.delivered[0] == (1, b"\xff\xd8")
     assert view.frames == []
     view.draw_again()  # a page that comes late gets a picture
-    until(lambda: len(carrier.delivered) > 2)
+    wait_for(lambda: len(carrier.delivered) > 2)
     with caplog.at_level(logging.WARNING):
         view.say(type="hello", **PAGE, origin="javascript:x")
     assert "dropped" in caplog.text

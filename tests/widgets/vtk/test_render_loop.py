@@ -5,23 +5,16 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from waiting import PATIENCE, wait_for
 
 from deformnb.errors import DeformError
 from deformnb.widgets.view.transport import FrameSender
 from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
-
-
-def until(condition: Callable[[], bool], timeout: float = 20.0) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 class Canvas:
@@ -40,7 +33,7 @@ class Canvas:
                interrupted: Callable[[], bool] | None = None) -> Any:
         self.threads.add(threading.current_thread())
         self.asked.append((scale, shows, interrupted is not None))
-        self.gate.wait(20)
+        self.gate.wait(PATIENCE)
         if interrupted is not None and interrupted():
             return None
         grey = 255 - self.grey if shows == "original" else self.grey
@@ -65,7 +58,7 @@ def test_drawing_and_what_it_starts_gives_way_to_others() -> None:
     before = way()
     loop, *_ = opened()
     try:
-        assert loop.do(started).result(10) == (max(5, before), max(5, before))
+        assert loop.do(started).result(PATIENCE) == (max(5, before), max(5, before))
         assert way() == before
     finally:
         loop.close()
@@ -84,7 +77,7 @@ def grey(value: int) -> Callable[[Canvas], None]:
 def test_a_change_is_drawn_quickly_and_then_in_full_by_another_thread() -> None:
     loop, canvas, frames, said = opened()
     loop.change("grey", grey(7))
-    until(lambda: bool(frames) and frames[-1].is_full)
+    wait_for(lambda: loop.is_settled)
     assert [f.is_full for f in frames] == [False, True]
     assert frames[0].images[0].shape[0] < frames[1].images[0].shape[0] == 30
     assert int(frames[1].images[0][0, 0, 0]) == 7
@@ -92,7 +85,7 @@ def test_a_change_is_drawn_quickly_and_then_in_full_by_another_thread() -> None:
     assert len(canvas.threads) == 1
     assert loop.stats()["frames"] == 2
     loop.close()
-    until(lambda: canvas.closed == 1)
+    wait_for(lambda: canvas.closed == 1)
     assert said == []
 
 
@@ -102,7 +95,7 @@ def test_of_many_changes_the_newest_is_drawn_and_the_last_always() -> None:
     for k in range(50):
         loop.change("grey", grey(k))
     canvas.gate.set()
-    until(lambda: bool(frames) and frames[-1].is_full and int(frames[-1].images[0][0, 0, 0]) == 49)
+    wait_for(lambda: bool(frames) and frames[-1].is_full and int(frames[-1].images[0][0, 0, 0]) == 49)
     assert len(canvas.asked) < 10
     loop.close()
 
@@ -110,13 +103,13 @@ def test_of_many_changes_the_newest_is_drawn_and_the_last_always() -> None:
 def test_a_full_picture_gives_way_to_a_change_and_is_drawn_after_it() -> None:
     loop, canvas, frames, _ = opened()
     loop.change("grey", grey(1))
-    until(lambda: bool(frames))
+    wait_for(lambda: bool(frames))
     canvas.gate.clear()
     loop.change("grey", grey(2))
-    until(lambda: len(canvas.asked) > 1 or canvas.grey == 2)
+    wait_for(lambda: len(canvas.asked) > 1 or canvas.grey == 2)
     loop.change("grey", grey(3))
     canvas.gate.set()
-    until(lambda: frames[-1].is_full and int(frames[-1].images[0][0, 0, 0]) == 3)
+    wait_for(lambda: frames[-1].is_full and int(frames[-1].images[0][0, 0, 0]) == 3)
     assert all(int(f.images[0][0, 0, 0]) != 2 for f in frames if f.is_full)
     loop.close()
 
@@ -129,7 +122,7 @@ def test_what_goes_wrong_is_said_and_the_other_changes_are_made() -> None:
 
     loop.change("bad", wrong, draw=False)
     loop.change("grey", grey(9))
-    until(lambda: bool(frames))
+    wait_for(lambda: bool(frames))
     assert said == ["this cannot be"]
     assert int(frames[0].images[0][0, 0, 0]) == 9
     loop.close()
@@ -147,10 +140,10 @@ def test_a_scene_that_cannot_be_made_is_said_and_tried_again() -> None:
 
     loop = SceneLoop(make, frames.append, said.append, settle_ms=0.0)
     loop.touch()
-    until(lambda: bool(said))
+    wait_for(lambda: bool(said))
     assert said == ["ZeroDivisionError: no"]
     loop.touch()
-    until(lambda: bool(frames))
+    wait_for(lambda: bool(frames))
     loop.close()
 
 
@@ -159,7 +152,7 @@ def test_both_pictures_of_one_place_are_delivered(shows: str) -> None:
     loop, _, frames, _ = opened()
     loop.set_shows(shows)
     loop.change("grey", grey(5))
-    until(lambda: bool(frames))
+    wait_for(lambda: bool(frames))
     assert [int(i[0, 0, 0]) for i in frames[0].images] == [5, 250]
     loop.close()
 
@@ -167,9 +160,9 @@ def test_both_pictures_of_one_place_are_delivered(shows: str) -> None:
 def test_what_is_asked_of_the_scene_comes_after_the_changes_and_from_elsewhere_only() -> None:
     loop, _, _, _ = opened()
     loop.change("grey", grey(4), draw=False)
-    assert loop.do(lambda canvas: canvas.grey).result(20) == 4
+    assert loop.do(lambda canvas: canvas.grey).result(PATIENCE) == 4
     with pytest.raises(DeformError, match="would wait for itself"):
-        loop.do(lambda canvas: loop.do(lambda c: c.grey).result(20)).result(20)
+        loop.do(lambda canvas: loop.do(lambda c: c.grey).result(PATIENCE)).result(PATIENCE)
     loop.close()
 
 
@@ -177,13 +170,13 @@ def test_slow_pictures_get_smaller_and_fast_ones_larger() -> None:
     loop, _, frames, _ = opened(target_ms=1e-3, settle_ms=60000.0)
     for k in range(6):
         loop.change("grey", grey(k))
-        until(lambda k=k: len(frames) == k + 1)
+        wait_for(lambda k=k: len(frames) == k + 1)
     small = loop.stats()["scale"]
     assert small == pytest.approx(0.12)
     loop.target_ms = 1e6
     for k in range(6, 9):
         loop.change("grey", grey(k))
-        until(lambda k=k: len(frames) == k + 1)
+        wait_for(lambda k=k: len(frames) == k + 1)
     assert loop.stats()["scale"] == pytest.approx(0.12 * 1.35**3)
     loop.close()
 
@@ -194,11 +187,11 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     frame = Frame((np.zeros((4, 4, 3), np.uint8),), is_full=False)
     assert [sender.pack(frame)[0]["seq"] for _ in range(2)] == [1, 2]
     loop.change("grey", grey(1))
-    until(lambda: sender._was_full)
+    wait_for(lambda: sender._was_full)
     assert frames == []
     assert sender.seen(1)  # and whoever was refused is asked again
     loop.touch()
-    until(lambda: bool(frames))
+    wait_for(lambda: bool(frames))
     assert not sender.seen(2)
     loop.close()
 
@@ -207,14 +200,14 @@ def test_all_is_settled_once_the_full_picture_of_the_last_wish_is_delivered() ->
     loop, canvas, frames, _ = opened()
     loop.change("grey", grey(1))
     assert not loop.is_settled
-    until(lambda: loop.is_settled)
+    wait_for(lambda: loop.is_settled)
     assert frames[-1].is_full
     canvas.gate.clear()
     loop.change("grey", grey(2))
-    until(lambda: len(canvas.asked) > 2)
+    wait_for(lambda: len(canvas.asked) > 2)
     loop.change("grey", grey(3))
     assert not loop.is_settled
     canvas.gate.set()
-    until(lambda: loop.is_settled)
+    wait_for(lambda: loop.is_settled)
     assert int(frames[-1].images[0][0, 0, 0]) == 3
     loop.close()

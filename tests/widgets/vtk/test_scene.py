@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from waiting import Threads
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
@@ -298,6 +298,8 @@ def test_sizes_shows_and_looks(scene: Any) -> None:
     wipe = one.render(shows="wipe")
     np.testing.assert_array_equal(wipe[:, :30], one.render(shows="original")[:, :30])
     np.testing.assert_array_equal(wipe[:, 30:], one.render(shows="deformed")[:, 30:])
+    mean = (one.render(shows="original").astype(float) + one.render(shows="deformed")) / 2
+    assert np.abs(one.render(shows="fade") - mean).max() <= 0.5
     assert one.render(scale=0.5, shows="deformed").shape == (45, 30, 3)
     dark = one.render(shows="deformed")
     one.set_background("light")
@@ -406,9 +408,9 @@ def test_updates_from_many_threads_are_never_black() -> None:
 
 
 def test_twenty_scenes_one_after_the_other_leave_no_thread_and_no_window() -> None:
-    import pyvista
+    from pyvista.plotting.plotter import _ALL_PLOTTERS
 
-    before, windows = threading.active_count(), len(pyvista.plotting.plotter._ALL_PLOTTERS)
+    threads, windows = Threads(), set(_ALL_PLOTTERS)
     volume = replace(shape_without_symmetry(), name="")
     for _ in range(20):
         made: list[VtkScene] = []
@@ -416,11 +418,8 @@ def test_twenty_scenes_one_after_the_other_leave_no_thread_and_no_window() -> No
         thread.call(lambda made=made: made.append(VtkScene(volume, (40, 30), transfer="surface"))).result(60)
         assert thread.call(lambda made=made: made[0].render()).result(60).max() > 64
         thread.close(30)
-    end = time.monotonic() + 20
-    while threading.active_count() > before and time.monotonic() < end:
-        time.sleep(0.01)
-    assert threading.active_count() == before
-    assert len(pyvista.plotting.plotter._ALL_PLOTTERS) == windows
+    threads.wait()
+    assert set(_ALL_PLOTTERS) <= windows
 
 
 def test_without_opengl_the_core_draws_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

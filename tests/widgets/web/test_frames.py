@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running_app import PATIENCE, connected
+from running_app import connected
+from waiting import PATIENCE
 
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.volume_view import VolumeView

@@ -13,7 +13,8 @@ from typing import Any
 
 import aiohttp
 import pytest
-from running_app import HANDSHAKE, PATIENCE, RunningApp, connected, connection_with, framed, request_of, status_of
+from running_app import HANDSHAKE, RunningApp, connected, connection_with, framed, request_of, status_of
+from waiting import PATIENCE, wait_for
 
 from deformnb.app.application import Application
 from deformnb.datasets.phantoms import PHANTOMS
@@ -31,6 +32,7 @@ from deformnb.widgets.web.guard import (
 @pytest.fixture(scope="module")
 def running() -> Iterator[RunningApp]:
     with RunningApp(Application(PHANTOMS["bar"].make((12, 16, 20)), side="+y")) as running:
+        running.settled()
         yield running
 
 
@@ -174,7 +176,7 @@ def test_what_is_no_websocket_takes_no_place(running: RunningApp, method: str, h
     for _ in range(MOST_PAGES + 1):
         with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
-    assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
+    wait_for(lambda: [dict(handler.connections) for handler in running.server._handlers] == [{}])
     test_the_password_of_this_start_opens(running)
 
 
@@ -185,7 +187,7 @@ def test_a_handshake_that_fails_takes_no_place(running: RunningApp, monkeypatch:
     with monkeypatch.context() as patch:
         patch.setattr("aiohttp.web.WebSocketResponse.prepare", gone)
         assert _refused(running) == 500
-    assert [dict(handler.connections) for handler in running.server._handlers] == [{}]
+    wait_for(lambda: [dict(handler.connections) for handler in running.server._handlers] == [{}])
     test_the_password_of_this_start_opens(running)
 
 
@@ -219,8 +221,8 @@ def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
     check, now = PasswordCheck("secret"), 100.0
+    monkeypatch.setattr("deformnb.widgets.web.guard.time", SimpleNamespace(monotonic=lambda: now))
     check.onConnect(None, "early")
     now = 104.0
     check.onConnect(None, "late")

@@ -90,5 +90,7 @@ window.deformnb_app = {
     app.component("deformnb-studio", AppStudio);
     setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches);
     addThemeButton();
+    const viewport = document.querySelector("meta[name=viewport]"); // trame's own lets nobody zoom
+    viewport?.setAttribute("content", "width=device-width, initial-scale=1");
   },
 };

@@ -10,15 +10,17 @@ import { isStill } from "../maths/rigid_stages.js";
 import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { RestingTrait, } from "../sync/edits.js";
+import { CompareControls } from "../ui/compare_controls.js";
 import { OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
 import { HelpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
+import { ColourBar } from "./colour_bar.js";
 import { DrawRate, EditorDrawing, initialize } from "./drawing.js";
 import { GridNodes } from "./grid_nodes.js";
 import { Handles, ToolMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
-import { decodePicture, drawGrid, Painter } from "./painter.js";
+import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painter.js";
 import { FoldStop } from "./fold_stop.js";
 import { PartTools } from "./part_tools.js";
 import { PointTools } from "./point_tools.js";
@@ -29,7 +31,7 @@ import { Wand } from "./wand_tool.js";
 import { WindowTool } from "./window_tool.js";
 
 /** @import { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.d.ts" */
-/** @import { View } from "./painter.js" */
+/** @import { Original, View } from "./painter.js" */
 /** @typedef {ReturnType<typeof deformedGrid>} GridLines */
 /** @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf> }} Folds */
 
@@ -160,6 +162,7 @@ export class EditorView extends EditorDrawing {
     this.statusLine = new StatusLine(this);
     this.root.append(this.liveRegion);
     this.painter = new Painter(this.canvas);
+    this.compare = new CompareControls(this.stage, () => this.moving());
     this.ghost = new Ghost(this);
     this.overlay = new Overlay(this);
     this.shapeTools = new ShapeTools(this); // whose shapes lie under the points
@@ -172,6 +175,7 @@ export class EditorView extends EditorDrawing {
     this.brush = new Brush(this);
     this.windowTool = new WindowTool(this);
     this.wand = new Wand(this);
+    this.colourBar = new ColourBar(this);
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.gridNodes = new GridNodes(this);
@@ -179,6 +183,7 @@ export class EditorView extends EditorDrawing {
     this.#followModel();
     this.#followPage();
     this.guard(() => this.shapeTools.receiveChosen());
+    this.guard(() => { this.applyColours(); this.#setShows(); });
     this.guard(() => this.showWaiting());
     this.guard(() => this.layout());
     this.loadPicture();
@@ -201,6 +206,8 @@ export class EditorView extends EditorDrawing {
     on("change:waiting", () => this.showWaiting());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => this.changed());
     on("change:window", () => this.windowTool.apply());
+    on("change:colours", () => this.applyColours());
+    on("change:shows", () => this.#setShows());
     for (const name of SHOWN) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
     const news = { points: () => this.receive(), status: () => this.showStatus(),
@@ -339,6 +346,39 @@ export class EditorView extends EditorDrawing {
     }
     return true;
   }
+
+  /** Show grey values in the colours of the trait. */
+  applyColours() {
+    const bytes = this.model.get("colours");
+    this.painter.colours = colourTable(bytes?.byteLength ? bytesOf(bytes) : null);
+    this.invalidate();
+  }
+
+  /** Whether grey values are shown in colours. */
+  get hasColours() { return Boolean(this.model.get("colours")?.byteLength); }
+
+  #setShows() {
+    this.compare.set(this.model.get("shows") ?? "");
+    this.invalidate();
+  }
+
+  /** Whether all of the picture is shown as it was. */
+  get isOriginal() { return this.isComparing || this.isBefore || this.compare.shows === "original"; }
+
+  /**
+   * What is seen of the original in the picture.
+   * @returns {Original}
+   */
+  get original() {
+    const { shows, share } = this.compare, isAll = this.isOriginal;
+    return { share: !isAll && shows === "wipe" ? share : 0, opacity: !isAll && shows === "fade" ? share : 0 };
+  }
+
+  /**
+   * The map under which a place of the view is seen; null where that is the original.
+   * @param {number[]} at CSS pixels
+   */
+  fitAt([x]) { return this.isOriginal || x < this.original.share * this.view.width ? null : this.layered; }
 
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
@@ -490,13 +530,14 @@ export class EditorView extends EditorDrawing {
     const { model, view, isMoving, pointTools } = this;
     this.isBefore = this.gridNodes.side === "before";
     if (this.isDirty) this.#refit();
-    const fit = this.isComparing || this.isBefore ? null : this.layered;
-    this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet });
+    const fit = this.isOriginal ? null : this.layered, { original } = this;
+    this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet, original });
     this.painter.drawFrame(view, this.sheet);
-    if (model.get("show_grid") && model.get("density") > 0) this.#drawGrid(fit);
+    if (model.get("show_grid") && model.get("density") > 0) this.#drawGrids(fit, original.share);
     if (this.layered && !this.folds) this.folds = this.#measuredFolds(this.layered);
     this.ghost.draw();
     this.overlay.draw(fit, this.folds, isMoving);
+    this.overlay.canvas.style.clipPath = original.share > 0 ? `inset(0 0 0 ${100 * original.share}%)` : "";
     const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
     this.handles.suspects = new Set(model.get("marked") ?? []);
     this.gridNodes.update(fit);
@@ -508,6 +549,7 @@ export class EditorView extends EditorDrawing {
     this.brush.show();
     this.windowTool.show();
     this.wand.show();
+    this.colourBar.update();
     this.statusLine.update();
     this.#updateToolbar();
     this.rate.drew(performance.now());
@@ -537,8 +579,28 @@ export class EditorView extends EditorDrawing {
   /** The fit where there are no cuts, for tests and for debugging. */
   get fit() { return this.layered?.fit ?? null; }
 
+  /**
+   * Draw the grid: straight left of a share of the width, deformed right of it.
+   * @param {LayeredFit | null} layered
+   * @param {number} share
+   */
+  #drawGrids(layered, share) {
+    const { context: c } = this.painter, { width, height } = this.painter.canvas, cut = share * width;
+    if (cut <= 0) { drawGrid(c, this.view, this.#gridOf(layered), this.colours.grid); return; }
+    const straight = deformedGrid(NO_CUTS, this.box, this.model.get("density"), 1, 1);
+    for (const { lines, x, wide } of [{ lines: straight, x: 0, wide: cut },
+      { lines: this.#gridOf(layered), x: cut, wide: width - cut }]) {
+      c.save();
+      c.beginPath();
+      c.rect(x, 0, wide, height);
+      c.clip();
+      drawGrid(c, this.view, lines, this.colours.grid);
+      c.restore();
+    }
+  }
+
   /** @param {LayeredFit | null} layered */
-  #drawGrid(layered) {
+  #gridOf(layered) {
     const cells = this.model.get("density"), { isMoving } = this, count = layered?.count ?? 0;
     const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
     const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
@@ -548,7 +610,7 @@ export class EditorView extends EditorDrawing {
     const lines = isSame ? grid.lines
       : deformedGrid(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k);
     this.grid = { key, lines };
-    drawGrid(this.painter.context, this.view, lines, this.colours.grid);
+    return lines;
   }
 
   /**

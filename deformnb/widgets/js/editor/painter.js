@@ -13,6 +13,9 @@ import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
 /** @typedef {Uint8Array | Uint8ClampedArray} Bytes */
 /** @typedef {ArrayBuffer | ArrayBufferView<ArrayBuffer>} Buffered */
 /** @typedef {{ pixels: Bytes, width: number, height: number }} Level the pixels of a picture at one size */
+/** What is seen of the original beside the deformed picture: left of a share of the canvas's width, and over all of it.
+ * @typedef {{ share: number, opacity: number }} Original
+ */
 /** @typedef {{ x: number, y: number, width: number, height: number }} Part of the canvas, in its own pixels */
 /** Places of nodes in the picture.
  * @typedef {{ rows: number, columns: number, a0: number, b0: number, step: number }} Lattice
@@ -22,6 +25,8 @@ import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
  * @typedef {{ origin: number[], scale: number[], shift: number }} LevelPlaces
  */
 
+/** @type {Original} */
+const NO_ORIGINAL = { share: 0, opacity: 0 };
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
 const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the pointer has come to rest
 const FINEST_LAYERS = 4; // pixels between the nodes of maps with cuts, whose pixels are decided by distances
@@ -60,6 +65,18 @@ class GreyValues {
 
   /** @param {number} at */
   value(at) { return this.range[0] + (this.range[1] - this.range[0]) * this.numbers[at] / this.most; }
+}
+
+const OPAQUE = 0xff000000;
+const GREYS = Uint32Array.from({ length: 256 }, (_, g) => OPAQUE | (g * 0x010101));
+
+/**
+ * The pixels that show the 256 numbers from black to white of a window.
+ * @param {ArrayLike<number> | null | undefined} colours red, green and blue of each; none or empty for greys
+ */
+export function colourTable(colours) {
+  if (colours?.length !== 768) return GREYS;
+  return GREYS.map((_, g) => OPAQUE | (colours[3 * g + 2] << 16) | (colours[3 * g + 1] << 8) | colours[3 * g]);
 }
 
 /** The pixels of a picture, at as many sizes as are looked at. */
@@ -192,6 +209,7 @@ export class Painter {
     this.context = context2d(canvas, { alpha: false });
     this.scratch = document.createElement("canvas");
     this.scratchContext = context2d(this.scratch, { alpha: false });
+    this.colours = GREYS; // of grey values
     /** @type {PictureSource | null} */
     this.source = null;
     this.image = new ImageData(1, 1);
@@ -214,9 +232,9 @@ export class Painter {
    * Paint the picture, as far as `sheet` reaches.
    * @param {View} view
    * @param {LayeredFit | null} fit null for the picture as it is
-   * @param {{ isMoving: boolean, paper: string, sheet?: number[] }} options
+   * @param {{ isMoving: boolean, paper: string, sheet?: number[], original?: Original }} options
    */
-  paint(view, fit, { isMoving, paper, sheet = this.source?.box }) {
+  paint(view, fit, { isMoving, paper, sheet = this.source?.box, original = NO_ORIGINAL }) {
     const start = performance.now(), { context: c, canvas, source } = this;
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
@@ -224,25 +242,42 @@ export class Painter {
     const hex = String(c.fillStyle); // #rrggbb, whatever was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
-    const part = this.visible(view, sheet);
-    if (part.width <= 0 || part.height <= 0) return;
-    const pixels = part.width * part.height;
+    const whole = this.visible(view, sheet), isFaded = original.opacity > 0;
+    if (whole.width <= 0 || whole.height <= 0) return;
+    const pixels = whole.width * whole.height * (isFaded ? 2 : 1);
     const step = isMoving && pixels * this.cost > BUDGET_MS ? (pixels * this.cost > 4 * BUDGET_MS ? 3 : 2) : 1;
-    const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
+    const line = Math.round(original.share * canvas.width); // left of which the original is seen
+    const cut = Math.max(0, Math.min(whole.width, line - whole.x));
+    if (cut > 0) this.#paintPart(source, view, null, { ...whole, width: cut }, step, isMoving, 1);
+    const rest = { ...whole, x: whole.x + cut, width: whole.width - cut };
+    if (rest.width > 0) this.#paintPart(source, view, fit, rest, step, isMoving, 1);
+    if (isFaded) this.#paintPart(source, view, null, whole, step, isMoving, original.opacity);
+    if (isMoving) this.cost += 0.2 * ((performance.now() - start) * step * step / pixels - this.cost);
+  }
+
+  /**
+   * @param {PictureSource} source
+   * @param {View} view
+   * @param {LayeredFit | null} fit
+   * @param {Part} part
+   * @param {number} step pixels of the canvas across one that is looked up
+   * @param {boolean} isMoving
+   * @param {number} opacity over what is there
+   */
+  #paintPart(source, view, fit, part, step, isMoving, opacity) {
+    const { context: c } = this, w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
     this.#warp(source, view, fit, part, step, isMoving);
-    if (step === 1) c.putImageData(this.image, part.x, part.y);
-    else {
-      if (this.scratch.width !== w || this.scratch.height !== h) Object.assign(this.scratch, { width: w, height: h });
-      this.scratchContext.putImageData(this.image, 0, 0);
-      c.imageSmoothingEnabled = true;
-      c.save();
-      c.beginPath();
-      c.rect(part.x, part.y, part.width, part.height);
-      c.clip();
-      c.drawImage(this.scratch, part.x, part.y, w * step, h * step);
-      c.restore();
-    }
-    if (isMoving) this.cost += 0.2 * ((performance.now() - start) / (w * h) - this.cost);
+    if (step === 1 && opacity === 1) { c.putImageData(this.image, part.x, part.y); return; }
+    if (this.scratch.width !== w || this.scratch.height !== h) Object.assign(this.scratch, { width: w, height: h });
+    this.scratchContext.putImageData(this.image, 0, 0);
+    c.imageSmoothingEnabled = true;
+    c.save();
+    c.globalAlpha = opacity;
+    c.beginPath();
+    c.rect(part.x, part.y, part.width, part.height);
+    c.clip();
+    c.drawImage(this.scratch, part.x, part.y, w * step, h * step);
+    c.restore();
   }
 
   /**
@@ -315,9 +350,10 @@ export class Painter {
     const softness = Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2);
     const layers = cutFit ? new LayerPlan(cutFit, this.maps, { rows, columns, a0, b0, step: lattice * size },
       { origin: raster.origin, scale, shift }, softness, isMoving) : null;
-    const lookUp = channels === 1 ? lookUpGrey : lookUpColour;
-    lookUp(out, w, h, this.maps, layers?.plan ?? null, columns, lattice, pixels, fill, rim);
-    if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper);
+    const plan = layers?.plan ?? null;
+    if (channels === 1) lookUpGrey(out, w, h, this.maps, plan, columns, lattice, pixels, fill, rim, this.colours);
+    else lookUpColour(out, w, h, this.maps, plan, columns, lattice, pixels, fill, rim);
+    if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper, this.colours);
   }
 
   /**
@@ -364,8 +400,6 @@ export function drawGrid(c, { k, x, y, ratio }, lines, colour) {
   c.setTransform(1, 0, 0, 1, 0, 0);
 }
 
-const OPAQUE = 0xff000000;
-
 /**
  * A loop over the cells of the lattice row by row; places run linearly inside a cell's row.
  * @callback LookUp
@@ -379,11 +413,12 @@ const OPAQUE = 0xff000000;
  * @param {Level} level
  * @param {number} fill the value beyond the picture
  * @param {number} rim half a pixel of the full picture: so far beyond the outer centres a place takes the edge pixel
+ * @param {Uint32Array} [colours] the pixel of each grey value
  */
 
 /** @type {LookUp} */
-function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
-  const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
+function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim, colours = GREYS) {
+  const empty = colours[fill], right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
     const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
     const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
@@ -406,7 +441,7 @@ function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, he
         const east = pi < right ? 1 : 0, south = qi < bottom ? width : 0;
         const top = pixels[at] + s * (pixels[at + east] - pixels[at]), low = at + south;
         const g = (top + t * (pixels[low] + s * (pixels[low + east] - pixels[low]) - top) + 0.5) | 0;
-        out[line + x] = OPAQUE | (g << 16) | (g << 8) | g;
+        out[line + x] = colours[g];
       }
     }
   }
@@ -718,8 +753,9 @@ function wayBetween(map, m, n, scale) {
  * @param {number} fill
  * @param {number} rim
  * @param {number[]} paper red, green and blue
+ * @param {Uint32Array} colours the pixel of each grey value
  */
-function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, channels, fill, rim, paper) {
+function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, channels, fill, rim, paper, colours) {
   const { plan, nodes: { columns } } = layers, seen = [0, 0, 1], right = width - 1, bottom = height - 1;
   const empty = OPAQUE | (paper[2] << 16) | (paper[1] << 8) | paper[0];
   for (let y = 0; y < h; y++) {
@@ -736,11 +772,14 @@ function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, cha
         const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v)), pi = p | 0, qi = q | 0;
         const s = p - pi, f = q - qi, at = channels * (qi * width + pi), east = pi < right ? channels : 0;
         const low = at + (qi < bottom ? channels * width : 0);
-        let colour = OPAQUE;
+        let colour = OPAQUE, looked = 0;
         for (let c = 0; c < 3; c++) {
-          const e = channels === 1 ? 0 : c, top = pixels[at + e] + s * (pixels[at + east + e] - pixels[at + e]);
-          const bed = pixels[low + e] + s * (pixels[low + east + e] - pixels[low + e]);
-          const value = isIn ? top + f * (bed - top) : fill;
+          if (c === 0 || channels > 1) {
+            const top = pixels[at + c] + s * (pixels[at + east + c] - pixels[at + c]);
+            const bed = pixels[low + c] + s * (pixels[low + east + c] - pixels[low + c]);
+            looked = isIn ? top + f * (bed - top) : fill;
+          }
+          const value = channels > 1 ? looked : (colours[(looked + 0.5) | 0] >>> (8 * c)) & 255;
           colour |= ((paper[c] + opacity * (value - paper[c]) + 0.5) | 0) << (8 * c);
         }
         out[y * w + x] = colour;

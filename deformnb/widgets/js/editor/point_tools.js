@@ -270,7 +270,7 @@ export class PointTools {
     }).sort((p, q) => p.away - q.away);
     if (near && near.away < NEAR) { editor.select([near.id]); editor.handles.focus(near.id); return near.id; }
     const place = editor.placeAt([x, y]), target = isLoose ? place : this.#snappedPlace(place);
-    const source = this.#sourcesOf(editor.isComparing ? null : editor.layered)(target);
+    const source = this.#sourcesOf(editor.fitAt([x, y]))(target);
     if (source === null) { editor.hint("This is a gap: there is nothing here to take hold of"); return null; }
     const id = nextId(editor.points, editor.sender.nextId);
     if (!this.change([...editor.points, newPoint(id, source, target)], "add")) return id;
@@ -393,7 +393,7 @@ export class PointTools {
     const { mirror, editor } = this, { layered } = editor, near = this.#mirrorNear;
     if (!mirror.on) return after;
     /** @param {number[]} source */
-    const seenAt = (source) => (holds && layered && editor.strength === 1 && !editor.isComparing
+    const seenAt = (source) => (holds && layered && editor.strength === 1 && !editor.isOriginal
       ? placeSeen(layered, source, 1e-6 * near.axis) : null);
     return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
   }

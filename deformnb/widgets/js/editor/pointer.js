@@ -99,6 +99,7 @@ class EditorKeys {
     const isDelete = key === "Delete" || key === "Backspace", way = TURN_WAYS[key];
     const isOutline = shape.corner !== null || shape.middle !== null;
     if (key === "Enter") {
+      if (!isOther && shape.corner !== null && shapeTools.toggleStop(shape.corner)) return true;
       if (shape.middle === null) shapeTools.choose(isOther || shape.corner !== null ? shape.chosen : null);
       else if (!editor.isLocked) shapeTools.insertCorner(shape.middle);
       return true;
@@ -534,6 +535,7 @@ export class Gestures {
     if (pen.draft) pen.finish(pen.draft.tool === "part");
     else if (pen.hasJustEnded) return; // the second press has set the last place
     else if (grabbed) editor.pointTools.rename(grabbed.id);
+    else if (shape && shape.corner !== null && editor.shapeTools.toggleStop(shape.corner)) { /* it is done */ }
     else if (shape && !shape.handle) editor.shapeTools.rename();
     else editor.pointTools.addAt(this.place(event), event.altKey);
     event.preventDefault();

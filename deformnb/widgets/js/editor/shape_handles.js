@@ -6,7 +6,7 @@
 import { shownLength } from "../maths/numbers.js";
 import { maskPixels } from "../maths/regions.js";
 import {
-  cornersOf, middleOfRegion, motionOf, placeMoved, SHAPE_NAMES, shapeLabel, shapeName,
+  cornersOf, middleOfRegion, motionOf, placeMoved, SHAPE_NAMES, shapeLabel, shapeName, stopsAt,
 } from "../maths/shapes.js";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
 
@@ -21,8 +21,9 @@ import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.
  *   isClosing?: boolean }} Draft
  */
 
-/** Paths in CSS pixels: the line as drawn, its continuation without end, the inside, and where its name stands.
- * @typedef {{ line: string, far: string, inside: string, label: number[] }} ShapePaths
+/** Paths in CSS pixels: the line as drawn, its continuation without end, discs where a cut stops, the inside, and where
+ * its name stands.
+ * @typedef {{ line: string, far: string, tips: string, inside: string, label: number[] }} ShapePaths
  */
 
 /** @typedef {ReturnType<ShapeHandles["make"]>} ShapeParts */
@@ -103,7 +104,7 @@ export class ShapeHandles {
     const path = (name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, body);
     const parts = { root, tip, were, body, inside: path("inside"), fill: path("fill"), halo: path("halo"),
       case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, body),
-      far: [path("far-case"), path("far")], line: path("line"), hit: path("hit"),
+      far: [path("far-case"), path("far")], line: path("line"), tips: path("tips"), hit: path("hit"),
       name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
     parts.fill.setAttribute("fill", what === "parts" ? this.hatch : "none");
     parts.inside.setAttribute("data-motion", "move");
@@ -126,13 +127,14 @@ export class ShapeHandles {
     parts.root.classList.toggle("dnb-ed-chosen", isChosen);
     setAttributes(parts.root, { "aria-label": label, "aria-pressed": String(isChosen) });
     setText(parts.tip, `${label}. Click to choose it`);
-    const { line, far, inside } = shapePaths(region, view, reach), [x, y] = namePlace(region, motion, view, reach);
+    const { line, far, tips, inside } = shapePaths(region, view, reach), [x, y] = namePlace(region, motion, view, reach);
     const whole = region.kind === "half_space" ? far : line;
     setAttributes(parts.body, { transform: motion ? onScreen(motion, view) : "" });
     for (const path of [parts.fill, parts.inside]) {
       setAttributes(path, { d: what === "parts" && shape.enabled ? inside : "" });
     }
     for (const path of [parts.halo, parts.case, parts.line]) setAttributes(path, { d: whole });
+    setAttributes(parts.tips, { d: tips });
     for (const path of parts.far) setAttributes(path, { d: region.kind === "line" ? far : "" });
     for (const path of parts.were) setAttributes(path, { d: isStill(motion) ? "" : whole });
     const isSmall = what === "parts" && shape.enabled && view.k * extentOf(region) < SMALL;
@@ -160,10 +162,10 @@ export class ShapeHandles {
   #placeGrips(grips, { k, x, y }, focused) {
     const gone = [...this.grips.children].slice(grips.length), isFocusLost = gone.some((grip) => grip === focused);
     for (const grip of gone) grip.remove();
-    grips.forEach(({ sort, number, place: [a, b], room, label }, at) => {
+    grips.forEach(({ sort, number, place: [a, b], room, label, isTip }, at) => {
       setAttributes(this.grips.children[at] ?? this.#makeGrip(), {
         transform: `translate(${(k * a + x).toFixed(2)} ${(k * b + y).toFixed(2)})`,
-        class: `dnb-ed-grip dnb-ed-${sort}`, "data-corner": "", "data-middle": "", [`data-${sort}`]: number,
+        class: `dnb-ed-grip dnb-ed-${sort}${isTip ? " dnb-ed-tip" : ""}`, "data-corner": "", "data-middle": "", [`data-${sort}`]: number,
         visibility: k * room < LEAST_ROOM ? "hidden" : "visible", "aria-label": label });
     });
     return isFocusLost;
@@ -222,10 +224,14 @@ function gripsOf(shape, { what, index }, reach) {
   const room = what === "parts" ? LEAST_ROOM / SMALL * extentOf(region) : Infinity;
   const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)), n = corners.length;
   const edges = corners.slice(0, !region.vertices ? 0 : region.kind === "polygon" ? n : n - 1);
-  return [...corners.map((place, i) => ({ sort: "corner", number: i, place, room,
-    label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}` })), ...edges.map((p, i) => {
+  return [...corners.map((place, i) => {
+    const isTip = what === "cuts" ? stopsAt(region, i) : null, words = isTip === null ? ""
+      : isTip ? ". The cut stops here: Enter lets it go on" : ". The cut goes on: Enter lets it stop here";
+    return { sort: "corner", number: i, place, room, isTip: isTip === true,
+      label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}${words}` };
+  }), ...edges.map((p, i) => {
     const q = corners[(i + 1) % n], place = [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
-    return { sort: "middle", number: i, place, room: Math.hypot(q[0] - p[0], q[1] - p[1]),
+    return { sort: "middle", number: i, place, isTip: false, room: Math.hypot(q[0] - p[0], q[1] - p[1]),
       label: `Middle of edge ${i + 1}: Enter makes it a corner` };
   })];
 }
@@ -280,6 +286,9 @@ function shapePath(places, isClosed = false) {
   return texts.length ? `M${texts.join("L")}${isClosed ? "Z" : ""}` : "";
 }
 
+/** A disc where a cut stops. @param {number[]} place */
+function discPath([x, y]) { return `M${(x - 3.4).toFixed(1)} ${y.toFixed(1)}a3.4 3.4 0 1 0 6.8 0a3.4 3.4 0 1 0-6.8 0Z`; }
+
 /**
  * @param {RegionData} region
  * @param {View} view
@@ -300,9 +309,13 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
   const first = n > 1 ? away(at[1], at[0]) : at[0], last = n > 1 ? away(at[n - 2], at[n - 1]) : at[0];
   const label = at.reduce((best, p) => (p[1] < best[1] ? p : best), at[0]);
   const name = [Math.max(6, Math.min(width - 80, label[0] + 8)), Math.max(16, Math.min(height - 8, label[1] - 8))];
-  const paths = { line: shapePath(at, region.kind === "polygon"), far: "", inside: "", label: name };
+  const paths = { line: shapePath(at, region.kind === "polygon"), far: "", tips: "", inside: "", label: name };
   if (region.kind === "polygon") return { ...paths, inside: paths.line };
-  if (region.kind !== "half_space") return { ...paths, far: shapePath([at[0], first]) + shapePath([at[n - 1], last]) };
+  if (region.kind === "line") {
+    const ends = [[at[0], first], [at[n - 1], last]], isTip = [0, n - 1].map((k) => stopsAt(region, k) === true);
+    return { ...paths, far: ends.map((end, k) => (isTip[k] ? "" : shapePath(end))).join(""),
+      tips: ends.map(([end], k) => (isTip[k] ? discPath(end) : "")).join("") };
+  }
   const [na, nb] = region.normal;
   /** @param {number[]} place */
   const back = ([px, py]) => [px - 2 * endless * na, py - 2 * endless * nb];
@@ -363,7 +376,7 @@ function maskOutline(region) {
 function maskPaths(region, on) {
   const { faces, rows } = outlineOf(region);
   const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
-  return { line: faces.map((face) => shapePath(face.map(on))).join(""), far: "",
+  return { line: faces.map((face) => shapePath(face.map(on))).join(""), far: "", tips: "",
     inside: rows.map((row) => shapePath(row.map(on), true)).join(""), label: [x + 8, y - 8] };
 }
 
@@ -382,7 +395,8 @@ function sideBands(region, { k, x, y, width, height }, reach, sideKey) {
     const p = corners[j], q = corners[(j + 1) % n], length = Math.hypot(q[0] - p[0], q[1] - p[1]);
     if (!length) continue;
     const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length], isOpen = region.kind !== "polygon";
-    const before = isOpen && j === 0 ? endless : 0, after = isOpen && j === edges - 1 ? endless : 0;
+    const goesOn = (/** @type {number} */ corner) => isOpen && stopsAt(region, corner) !== true;
+    const before = j === 0 && goesOn(0) ? endless : 0, after = j === edges - 1 && goesOn(n - 1) ? endless : 0;
     for (const side of [-1, 1]) {
       const na = -side * tb, nb = side * ta, nudge = Math.min(1.5 / k, length / 4);
       const mark = sideKey((p[0] + q[0]) / 2 + nudge * na, (p[1] + q[1]) / 2 + nudge * nb) % REGION_MARKS;

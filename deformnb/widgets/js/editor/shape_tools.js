@@ -8,7 +8,8 @@ import { regionFault } from "../maths/regions.js";
 import { heldPoints } from "../maths/rigid_stages.js";
 import {
   cornersOf, followedShape, groundThrough, insertedCorner, MOST_SHAPES, motionOf, movedCorner, movedRegion, placeMoved,
-  removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, turnedRegion, wayBefore, withShape,
+  removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, stopsAt, turnedRegion, wayBefore,
+  withShape, withStop,
 } from "../maths/shapes.js";
 import { MOST_CHARACTERS } from "../sync/edits.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
@@ -28,7 +29,7 @@ import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.js";
 /** @type {Record<string, string>} */
 const PEN_HINTS = {
   cut: "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
-    "it. An open cut goes on straight through the whole picture: it cannot end inside",
+    "it. An open cut goes on straight to the border; double-click an end of it later to let it stop there",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
   ground: "Click two places, or drag a line: what lies on its far side stays where it is. F turns the side over",
 };
@@ -268,6 +269,9 @@ export class ShapeTools {
   /** Whether the chosen shape has another side to turn to. */
   get canTurn() { return this.chosenShape !== null && turnedRegion(this.chosenShape.region) !== null; }
 
+  /** Whether the chosen shape is a cut with ends. */
+  get canStop() { return this.chosen?.what === "cuts" && this.chosenShape?.region.kind === "line"; }
+
   /** Draw all shapes. True if the focus was on one that is gone. */
   draw() {
     const { editor } = this, regions = editor.layered?.regions ?? [];
@@ -394,6 +398,23 @@ export class ShapeTools {
     this.editor.drawNow();
     this.handles.focusCorner(Math.min(k, region.vertices.length - 1));
     this.editor.announce(`corner ${k + 1} deleted`);
+  }
+
+  /**
+   * Let the chosen cut stop at its corner k, or go on to the border; false where the corner is no end of a cut.
+   * @param {number} k
+   */
+  toggleStop(k) {
+    const { chosen, chosenShape: shape, editor } = this, isStop = shape && !stopsAt(shape.region, k);
+    const region = shape && isStop !== null && chosen?.what === "cuts" ? withStop(shape.region, k, isStop) : null;
+    if (!region || editor.isLocked) return false;
+    if (!this.#change({ region }, isStop ? "stop" : "lengthen")) return true;
+    editor.drawNow();
+    this.handles.focusCorner(k);
+    const words = isStop ? "The cut stops here" : "The cut goes on to the border";
+    editor.hint(`${words}; a double-click on its end changes that`, 4000);
+    editor.announce(words);
+    return true;
   }
 
   /**

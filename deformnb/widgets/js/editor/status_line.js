@@ -43,8 +43,8 @@ export class StatusLine {
    * @param {number[] | null} at CSS pixels of the view; null for none
    */
   pointAt(at) {
-    const { editor, editor: { painter: { source }, layered, isComparing, isBefore, model } } = this;
-    const place = at && source ? editor.placeAt(at) : null, fit = isComparing || isBefore ? null : layered;
+    const { editor, editor: { painter: { source }, model } } = this;
+    const place = at && source ? editor.placeAt(at) : null, fit = at ? editor.fitAt(at) : null;
     if (!place || !source) { setText(this.value, ""); return; }
     const [da, db] = fit ? placeOf(fit, place[0], place[1], source.raster.spacing[0]) : [0, 0];
     const value = source.valueAt([place[0] + da, place[1] + db]), { grey } = source;
@@ -128,7 +128,8 @@ export class StatusLine {
     }
     if (shapeTools.chosenShape) {
       return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
-        `${shapeTools.canTurn ? ", F turns it over" : ""}`;
+        `${shapeTools.canTurn ? ", F turns it over" : ""}${shapeTools.canStop ? "; a double-click on an end stops it there"
+          : ""}`;
     }
     if (gridNodes.isOn && selected.size === 0) return gridNodes.advice;
     if (selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;

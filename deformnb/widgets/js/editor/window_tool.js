@@ -24,6 +24,12 @@ const clamp = (value, least, most) => Math.max(least, Math.min(most, value));
 function exponent([first, last]) { return Math.floor(Math.log10((last - first) / STEPS)); }
 
 /**
+ * The step to which the values of a window are rounded.
+ * @param {number[]} range
+ */
+export function windowStep(range) { return 10 ** exponent(range); }
+
+/**
  * A value of a range, rounded as it is shown.
  * @param {number} value
  * @param {number[]} range
@@ -39,7 +45,7 @@ export function shownValue(value, range) {
  * @param {number[]} range the smallest and the largest value of the picture
  */
 export function draggedWindow([low, high], [dx, dy], [first, last]) {
-  const step = 10 ** exponent([first, last]), whole = last - first;
+  const step = windowStep([first, last]), whole = last - first;
   /** @param {number} value */
   const rounded = (value) => Math.round(value / step) * step;
   const width = rounded(clamp((high - low) * Math.exp(dx / WIDTH_PIXELS), step, WIDEST * whole));
@@ -172,10 +178,22 @@ export class WindowTool {
     this.editor.announce(`automatic ${this.words}`);
   }
 
-  /** @param {number[]} window  empty for the automatic one */
-  #set(window) {
+  /** Show a window that is on its way. @param {number[]} window  empty for the automatic one */
+  put(window) {
     this.editor.model.set("window", window);
     this.apply();
+  }
+
+  /** Send the window that is shown. */
+  keep() {
+    this.trait.close();
+    this.editor.model.save_changes();
+    this.editor.announce(this.words);
+  }
+
+  /** @param {number[]} window  empty for the automatic one */
+  #set(window) {
+    this.put(window);
     if (!this.isOn) this.editor.hint(this.words); // else the bar has it
   }
 

@@ -33,6 +33,9 @@ export const LARGEST_SHAPE = 512;
 // rigid.py
 export const SAME_MOTION = 1e-06;
 
+// slits.py
+export const MOST_SLITS = 3;
+
 // stages.py
 export const MOST_STAGES = 64;
 

@@ -1,10 +1,12 @@
-// Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8).
+// Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8), and to deformnb.rbf.slits where cuts
+// stop inside the body.
 
-import { rbfCheckPoints } from "./rbf.js";
+import { MOST_SLITS } from "./constants.js";
+import { RbfError, rbfCheckPoints } from "./rbf.js";
 import { regionOf } from "./regions.js";
 import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.js";
 
-/** @import { FitSettings, LayeredFit, Point, Raster, Region } from "../types.d.ts" */
+/** @import { Fit, FitSettings, LayeredFit, Point, Raster, Region } from "../types.d.ts" */
 
 /**
  * The fits of the points in the regions between the cuts; without cuts one fit of all points.
@@ -15,28 +17,88 @@ import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.js";
 export function layeredFit(points, settings = {}) {
   const regions = (settings.cuts ?? []).filter((cut) => cut.enabled !== false).map((cut) => regionOf(cut.region));
   const before = new Map(settings.previous?.fits.map(({ key, fit }) => [key, fit]));
-  /** @type {Map<number, Point[]>} */
-  const groups = new Map();
   rbfCheckPoints(points);
-  for (const p of points) {
-    if (p.active === false) continue;
-    const key = sidesKey(regions, p.source[0], p.source[1]), group = groups.get(key);
-    if (group) group.push(p);
-    else groups.set(key, [p]);
-  }
-  if (!regions.length) groups.set(0, points);
+  checkSlits(regions, settings.cut_rule ?? "source");
+  /** @type {(own: Point[], previous: Fit | null) => Fit} */
+  const fitOf = (own, previous) => stagedFit(own, settings.parts, { ...settings, previous });
+  const found = !regions.length ? [{ key: 0, fit: fitOf(points, before.get(0) ?? null) }]
+    : regions.some(({ opening }) => opening) ? fitsBesideSlits(points, regions, before, fitOf)
+      : [...groupsOf(points, regions)].map(([key, own]) => ({ key, fit: fitOf(own, before.get(key) ?? null) }));
   const order = regions.map((_, k) => 1 << k);
-  const inOrder = [...groups].sort(([p], [q]) => {
+  const fits = found.sort(({ key: p }, { key: q }) => {
     const bit = order.find((b) => (p ^ q) & b);
     return bit ? (p & bit) - (q & bit) : 0;
-  });
-  const fits = inOrder.map(([key, own]) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))),
-    fit: stagedFit(own, settings.parts, { ...settings, previous: before.get(key) ?? null }) }));
+  }).map(({ key, fit }) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))), fit }));
   return { fits, regions, rule: settings.cut_rule ?? "source", fit: regions.length ? null : fits[0].fit,
     byKey: new Map(fits.map(({ key }, k) => [key, k])), notes: [...new Set(fits.flatMap(({ fit }) => fit.notes))],
     doubts: [...new Set(fits.flatMap(({ fit }) => fit.doubts))],
     count: fits.reduce((sum, { fit }) => sum + fit.count, 0),
     hasRest: regions.length > 0 && fits.length < 2 ** regions.length };
+}
+
+/**
+ * The active points by their sides of some of the regions, as of sidesKey.
+ * @param {Point[]} points
+ * @param {Region[]} regions
+ * @param {number} [mask]  the bits of the regions that count
+ */
+function groupsOf(points, regions, mask = -1) {
+  /** @type {Map<number, Point[]>} */
+  const groups = new Map();
+  for (const p of points) {
+    if (p.active === false) continue;
+    const key = sidesKey(regions, p.source[0], p.source[1]) & mask, group = groups.get(key);
+    if (group) group.push(p);
+    else groups.set(key, [p]);
+  }
+  return groups;
+}
+
+/** As check_slits in deformnb.rbf.slits. @param {Region[]} regions @param {string} rule */
+function checkSlits(regions, rule) {
+  const count = regions.filter(({ opening }) => opening).length;
+  if (count > MOST_SLITS) {
+    throw new RbfError(`at most ${MOST_SLITS} cuts of a step may stop inside the body, got ${count}; let one go on to ` +
+      "the border, or put it in a step of its own.");
+  }
+  if (count && rule === "paper") {
+    throw new RbfError('the rule "paper" of cuts (Eq. 8) hides what crosses a line, also where that has stopped; use ' +
+      'the rule "source", or let the cuts go on to the border.');
+  }
+}
+
+/**
+ * The blended fits of every region between cuts of which some stop, as fits_beside_slits in deformnb.rbf.slits.
+ * @param {Point[]} points
+ * @param {Region[]} regions
+ * @param {Map<number, Fit>} before
+ * @param {(own: Point[], previous: Fit | null) => Fit} fitOf
+ */
+function fitsBesideSlits(points, regions, before, fitOf) {
+  const stop = regions.flatMap(({ opening }, k) => (opening ? [k] : [])), all = 2 ** regions.length - 1;
+  const masks = Array.from({ length: 1 << stop.length }, (_, bits) => (
+    stop.reduce((mask, k, j) => (bits & (1 << j) ? mask : mask & ~(1 << k)), all)));
+  const groups = masks.map((mask) => groupsOf(points, regions, mask));
+  /** @type {Map<number, Fit>[]} */
+  const known = masks.map(() => new Map());
+  const openings = stop.flatMap((k) => regions[k].opening ?? []);
+  /** @type {{ key: number, fit: Fit }[]} */
+  const made = [];
+  for (let key = 0; key <= all; key++) {
+    const last = before.get(key)?.blend?.fits;
+    const fits = masks.map((mask, bits) => {
+      const own = groups[bits].get(key & mask);
+      const fit = known[bits].get(key & mask) ?? (own ? fitOf(own, last?.[bits] ?? null) : null);
+      if (fit) known[bits].set(key & mask, fit);
+      return fit;
+    });
+    const some = fits.filter((fit) => fit !== null), main = some[some.length - 1];
+    if (!main) continue;
+    made.push({ key, fit: { ...main, base: undefined, rigid: undefined, stages: undefined, blend: { fits, openings },
+      count: some.reduce((sum, { count }) => sum + count, 0), notes: [...new Set(some.flatMap(({ notes }) => notes))],
+      doubts: [...new Set(some.flatMap(({ doubts }) => doubts))] } });
+  }
+  return made;
 }
 
 /**

@@ -92,7 +92,8 @@ export function probesOf(layered, most = 2e5) {
   /** @type {Probe[]} */
   const found = [];
   for (const { fit } of layered.fits) {
-    const { count: n, centers: x, support: r, origin } = fit.stages ? fit.stages[fit.stages.length - 1] : fit;
+    const one = fit.blend?.fits.findLast(Boolean) ?? fit, last = one.stages ? one.stages[one.stages.length - 1] : one;
+    const { count: n, centers: x, support: r, origin } = last;
     /** @type {(p: number, q: number) => void} */
     const look = (p, q) => {
       const a = origin[0] + p * r, b = origin[1] + q * r;

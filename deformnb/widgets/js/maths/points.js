@@ -142,7 +142,11 @@ export function cleanShapes(list, what, old = []) {
 function plainRegion(region) {
   const { kind } = region;
   if (kind === "half_space") return { kind, point: region.point, normal: region.normal };
-  if (kind !== "mask") return { kind, vertices: region.vertices };
+  if (kind === "polygon") return { kind, vertices: region.vertices };
+  if (kind === "line") {
+    const { vertices, stops } = region;
+    return { kind, vertices, ...(stops?.some(Boolean) && { stops: [Boolean(stops[0]), Boolean(stops[1])] }) };
+  }
   const { shape, spacing, origin, bits } = region;
   return { kind, shape, spacing, origin, bits };
 }

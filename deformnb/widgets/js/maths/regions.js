@@ -1,6 +1,7 @@
 // Regions of a picture, equal to deformnb.rbf.regions in the plane.
 //
-// data: {kind: "half_space", point, normal}, {kind: "polygon" | "line", vertices: [[a, b], ...]}, or
+// data: {kind: "half_space", point, normal}, {kind: "polygon" | "line", vertices: [[a, b], ...]}, with stops: [first,
+// last] where a cut along a line stops at its ends, or
 // {kind: "mask", shape: [nv, nu], spacing, origin, bits}, where bits is base64 of zlib of the pixels, eight to a byte,
 // the first in the highest bit.
 //
@@ -9,7 +10,7 @@
 
 import { LARGEST_SHAPE } from "./constants.js";
 
-/** @import { HalfSpaceData, MaskData, OutlineData, Region, RegionData } from "../types.d.ts" */
+/** @import { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData } from "../types.d.ts" */
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
 
@@ -269,12 +270,42 @@ function outlineRegion(data) {
   const edges = outlineEdges(data), all = Int32Array.from({ length: edges.count }, (_, k) => k);
   /** @type {(some: Int32Array) => Region["distance"]} */
   const toEdges = (some) => (a, b) => outlineDistance(edges.data, some, a, b);
-  const distance = toEdges(all);
-  return { kind: data.kind, distance, edges: edges.count, near: (a, b, radius) => {
+  const distance = toEdges(all), opening = data.kind === "line" && data.stops?.some(Boolean) ? openingOf(data) : null;
+  return { kind: data.kind, distance, edges: edges.count, ...(opening && { opening }), near: (a, b, radius) => {
     const far = Math.abs(distance(a, b)) + 2 * radius;
     const some = all.filter((j) => edgeDistance(edges.data, j, a, b) <= far);
     return some.length === all.length ? distance : toEdges(some);
   } };
+}
+
+/**
+ * How far a cut along a line is open, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
+ * @param {LineData} line
+ * @returns {NonNullable<Region["opening"]>}
+ */
+function openingOf({ vertices, stops = [] }) {
+  const corners = withoutTwins(vertices, false), n = corners.length;
+  /** @type {(p: number[], q: number[]) => number} */
+  const way = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
+  let whole = 0;
+  for (let k = 1; k < n; k++) whole += way(corners[k - 1], corners[k]);
+  const ends = [[corners[1], corners[0]], [corners[n - 2], corners[n - 1]]].filter((_, k) => stops[k])
+    .map(([from, tip]) => { const [ea, eb] = tip.map((v, c) => 2 * (v - from[c]) / way(from, tip) / whole);
+      return { ea, eb, at: tip[0] * ea + tip[1] * eb }; });
+  return (a, b, out) => {
+    let w = 1, wa = 0, wb = 0;
+    for (let k = 0; k < ends.length; k++) {
+      const { ea, eb, at } = ends[k], t = Math.max(0, Math.min(1, at - a * ea - b * eb));
+      const s = t * t * (3 - 2 * t), slope = 6 * t * (1 - t);
+      wa = wa * s - w * slope * ea;
+      wb = wb * s - w * slope * eb;
+      w *= s;
+    }
+    out[0] = w;
+    out[1] = wa;
+    out[2] = wb;
+    return out;
+  };
 }
 
 /** @param {Float64Array} e @param {number} j @param {number} a @param {number} b */

@@ -1,12 +1,12 @@
 // Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
-// the evaluation of any fit.
+// the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
 import { MOST_STAGES, SAME_MOTION } from "./constants.js";
 import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
 import { regionDistance } from "./regions.js";
 import { placeMoved } from "./shapes.js";
 
-/** @import { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, Vector2 } from "../types.d.ts" */
+/** @import { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.d.ts" */
 
 // ---- fits beside rigid parts ----------------------------------------------------------------------------------------
 
@@ -238,6 +238,7 @@ const PARTS_WORK = new Float64Array(3);
 
 /** Whether a fit displaces nothing at all. @param {Fit} fit @returns {boolean} */
 export function isStill(fit) {
+  if (fit.blend) return fit.blend.fits.every((one) => !one || isStill(one));
   if (fit.stages) return fit.stages.every(isStill);
   if (fit.rigid && !fit.rigid.every(({ back }) => back.isStill)) return false;
   const { count, coefficients, linear, constant } = fit.base ?? fit;
@@ -253,6 +254,7 @@ export function isStill(fit) {
  * @returns {Vector2}
  */
 export function fieldAt(fit, a, b) {
+  if (fit.blend) return blendAt(fit.blend, a, b);
   if (fit.stages) return stagedAt(fit.stages, a, b);
   const { base, rigid } = fit;
   if (!base || !rigid) return rbfAt(fit, a, b);
@@ -271,6 +273,7 @@ export function fieldAt(fit, a, b) {
  */
 export function fieldOnRaster(fit, raster, out = null) {
   const [nv, nu] = raster.shape, map = out ?? new Float32Array(nv * nu * 2), plain = fit.base ?? fit;
+  if (fit.blend) return blendOnRaster(fit.blend, raster, map);
   if (fit.stages) return stagedOnRaster(fit.stages, raster, map);
   if (fit.rigid && plain.count === 0) map.fill(0, 0, nv * nu * 2);
   else rbfOnRaster(plain, raster, map);
@@ -373,6 +376,70 @@ function stagedOnRaster(stages, raster, map) {
       const [da, db] = stagedAt(before, a0 + j * du + map[n], b0 + i * dv + map[n + 1]);
       map[n] += da;
       map[n + 1] += db;
+    }
+  }
+  return map;
+}
+
+// ---- fits blended at the tips of cuts that stop ---------------------------------------------------------------------
+
+const TIP_MOVES = new Float64Array(16), TIP_OPENING = new Float64Array(3);
+
+/**
+ * The moves of the fits of a blend, two numbers each, become one: the first two numbers.
+ * @param {TipBlend} blend
+ * @param {Float64Array} moves
+ * @param {number} a
+ * @param {number} b
+ */
+function blendMoves({ openings }, moves, a, b) {
+  const x = a + moves[0], y = b + moves[1]; // where the tissue comes from without these cuts
+  for (let k = openings.length - 1; k >= 0; k--) {
+    const w = openings[k](x, y, TIP_OPENING)[0], half = 2 << k;
+    for (let j = 0; j < half; j++) moves[j] += w * (moves[j + half] - moves[j]);
+  }
+}
+
+/** @param {TipBlend} blend @param {number} a @param {number} b @returns {Vector2} */
+function blendAt(blend, a, b) {
+  blend.fits.forEach((fit, k) => { TIP_MOVES.set(fit ? fieldAt(fit, a, b) : NO_WAY, 2 * k); });
+  blendMoves(blend, TIP_MOVES, a, b);
+  return [TIP_MOVES[0], TIP_MOVES[1]];
+}
+
+const NO_WAY = [0, 0];
+
+/**
+ * Maps of the fits that several regions blend, while the same raster is sampled.
+ * @type {WeakMap<Fit, { raster: Raster, map: Float32Array }>}
+ */
+const sharedMaps = new WeakMap();
+
+/** @param {Fit} fit @param {Raster} raster @param {Float32Array} like */
+function sharedMap(fit, raster, like) {
+  const known = sharedMaps.get(fit), size = 2 * raster.shape[0] * raster.shape[1];
+  if (known && known.raster === raster && known.map.constructor === like.constructor) return known.map;
+  const map = fieldOnRaster(fit, raster, like.slice(0, size));
+  sharedMaps.set(fit, { raster, map });
+  return map;
+}
+
+/** @param {TipBlend} blend @param {Raster} raster @param {Float32Array} map */
+function blendOnRaster(blend, raster, map) {
+  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin;
+  const maps = blend.fits.map((fit) => (fit ? sharedMap(fit, raster, map) : null)), v = TIP_MOVES;
+  const count = maps.length;
+  for (let i = 0, n = 0; i < nv; i++) {
+    for (let j = 0; j < nu; j++, n += 2) {
+      for (let k = 0; k < count; k++) {
+        const one = maps[k];
+        if (!one) { v[2 * k] = 0; v[2 * k + 1] = 0; continue; }
+        v[2 * k] = one[n];
+        v[2 * k + 1] = one[n + 1];
+      }
+      blendMoves(blend, v, a0 + j * du, b0 + i * dv);
+      map[n] = v[0];
+      map[n + 1] = v[1];
     }
   }
   return map;

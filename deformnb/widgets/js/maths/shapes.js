@@ -120,7 +120,32 @@ export function movedRegion(region, da, db) {
  */
 export function turnedRegion(region) {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
-  return region.kind === "line" ? { ...region, vertices: [...region.vertices].reverse() } : null;
+  if (region.kind !== "line") return null;
+  const { stops } = region;
+  return { ...region, vertices: [...region.vertices].reverse(), ...(stops && { stops: [...stops].reverse() }) };
+}
+
+/**
+ * Whether a cut along a region stops at its corner k; null where the corner is no end of a line.
+ * @param {RegionData} region
+ * @param {number} k
+ */
+export function stopsAt(region, k) {
+  if (region.kind !== "line" || (k !== 0 && k !== region.vertices.length - 1)) return null;
+  return region.stops?.[k === 0 ? 0 : 1] ?? false;
+}
+
+/**
+ * The region of a cut that stops at its corner k, or does not; null where the corner is no end of a line.
+ * @param {RegionData} region
+ * @param {number} k
+ * @param {boolean} isStop
+ * @returns {RegionData | null}
+ */
+export function withStop(region, k, isStop) {
+  if (region.kind !== "line" || stopsAt(region, k) === null) return null;
+  const { kind, vertices, stops = [false, false] } = region, next = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
+  return { kind, vertices, ...(next.some(Boolean) && { stops: next }) };
 }
 
 // ---- the motion of a rigid part -------------------------------------------------------------------------------------
@@ -253,11 +278,17 @@ export function shapeName(shape, what, index) { return shape.name || `${SHAPE_NA
 /** @type {Record<string, string>} */
 const REGION_WORDS = { line: "open line", polygon: "closed line", half_space: "half plane", mask: "mask" };
 
+/** Where a cut stops, in words. @param {boolean[]} stops */
+function stopWords([first, last]) {
+  return first && last ? "stops at both ends" : first ? "stops at its first end" : last ? "stops at its last end" : "";
+}
+
 /** The label of a shape for screen readers. @param {ShapeData} shape @param {ShapeKind} what @param {number} index */
 export function shapeLabel(shape, what, index) {
   const { region } = shape, corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
   const sort = SHAPE_NAMES[what], name = shape.name ? ` ${shape.name}` : "";
+  const stops = region.kind === "line" && region.stops ? stopWords(region.stops) : "";
   const motion = "motion" in shape ? motionWords(shape) : "";
   return [`${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}`, `${REGION_WORDS[region.kind]}${corners}`,
-    motion, shape.enabled ? "" : "switched off"].filter(Boolean).join(", ");
+    stops, motion, shape.enabled ? "" : "switched off"].filter(Boolean).join(", ");
 }

@@ -4,7 +4,7 @@ import { marginOf, regionKey } from "./cuts.js";
 import { RBF_KERNELS } from "./rbf.js";
 import { fieldAt, partsAt } from "./rigid_stages.js";
 
-/** @import { Fit, LayeredFit, RbfFit } from "../types.d.ts" */
+/** @import { Fit, LayeredFit, RbfFit, TipBlend } from "../types.d.ts" */
 
 /** @type {LayeredFit} */
 export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [], doubts: [],
@@ -21,6 +21,7 @@ const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at
  * @returns {Float64Array}
  */
 export function fieldWithSlope(fit, a, b, out) {
+  if (fit.blend) return blendWithSlope(fit.blend, a, b, out);
   if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
   const { rigid, base } = fit;
   if (!rigid || !base) return mapWithSlope(fit, a, b, out);
@@ -60,6 +61,37 @@ function stagedWithSlope(stages, a, b, out) {
     [m01, m11] = [t[2] * m01 + t[3] * m11, t[4] * m01 + t[5] * m11];
   }
   out.set([x, y, m00, m01, m10, m11]);
+  return out;
+}
+
+const TIP_WORK = Array.from({ length: 8 }, () => new Float64Array(6)), TIP_OPENING = new Float64Array(3);
+
+/**
+ * The same of fits blended at the tips of cuts, by the product rule.
+ * @param {TipBlend} blend
+ * @param {number} a
+ * @param {number} b
+ * @param {Float64Array} out
+ */
+function blendWithSlope({ fits, openings }, a, b, out) {
+  fits.forEach((fit, k) => {
+    if (fit) fieldWithSlope(fit, a, b, TIP_WORK[k]);
+    else TIP_WORK[k].set([a, b, 1, 0, 0, 1]);
+  });
+  const [x, y, j00, j01, j10, j11] = TIP_WORK[0];
+  for (let k = openings.length - 1; k >= 0; k--) {
+    const [w, wx, wy] = openings[k](x, y, TIP_OPENING), half = 1 << k;
+    const wa = wx * j00 + wy * j10, wb = wx * j01 + wy * j11;
+    for (let j = 0; j < half; j++) {
+      const p = TIP_WORK[j], q = TIP_WORK[j + half], u = q[0] - p[0], v = q[1] - p[1];
+      for (let i = 0; i < 6; i++) p[i] += w * (q[i] - p[i]);
+      p[2] += u * wa;
+      p[3] += u * wb;
+      p[4] += v * wa;
+      p[5] += v * wb;
+    }
+  }
+  out.set(TIP_WORK[0]);
   return out;
 }
 

@@ -159,7 +159,7 @@ export class SpaceEditorView extends EditorDrawing {
     on("change:panes", () => this.setPanes());
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
-    on("change:height", () => this.layout());
+    for (const name of ["height", "fill"]) on(`change:${name}`, () => this.layout());
     for (const name of ["label", "projection", "shows_original", "read_only", "history", "mirror", "snap"]) {
       on(`change:${name}`, () => this.invalidate());
     }
@@ -222,12 +222,31 @@ export class SpaceEditorView extends EditorDrawing {
   layout() {
     this.applyTheme(); // a style sheet that comes late changes sizes as well
     this.root.setAttribute("aria-label", `Editor in space of ${this.model.get("label") || "Volume"}`);
+    this.root.classList.toggle("dnb-sp-viewer", this.isViewer);
+    const isFilling = Boolean(this.model.get("fill"));
+    this.root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it
+    if (isFilling) { this.#fillBox(); this.drawNow(); return; }
     const widths = this.pictures.map((pane) => Math.max(100, pane.stage.clientWidth || 260));
     const wanted = this.panes.map(({ box: [a0, a1, b0, b1] }, k) => widths[k] * (b1 - b0) / (a1 - a0));
     const most = this.model.get("height");
     const height = Math.round(Math.max(LEAST_HEIGHT, Math.min(most, Math.max(...wanted))));
     this.pictures.forEach((pane, k) => { pane.layout(widths[k], height); });
     this.drawNow();
+  }
+
+  /** Lay the pictures out in as many columns as show them largest. */
+  #fillBox() {
+    const { clientWidth, clientHeight } = this.row, count = this.panes.length;
+    const above = Math.max(0, ...this.pictures.map(({ root, stage }) => root.offsetHeight - stage.offsetHeight));
+    const sizes = this.panes.map((_, k) => {
+      const columns = k + 1, rows = Math.ceil(count / columns);
+      const width = Math.max(60, clientWidth / columns), height = Math.max(60, clientHeight / rows - above);
+      const scales = this.panes.map(({ box: [a0, a1, b0, b1] }) => Math.min(width / (a1 - a0), height / (b1 - b0)));
+      return { columns, height, scale: Math.min(...scales) };
+    });
+    const { columns, height } = sizes.reduce((best, one) => (one.scale > best.scale ? one : best));
+    this.row.style.gridTemplateColumns = `repeat(${columns}, minmax(0, 1fr))`;
+    for (const pane of this.pictures) pane.layout(pane.stage.clientWidth || 60, Math.floor(height) - 1);
   }
 
   draw() {
@@ -241,6 +260,10 @@ export class SpaceEditorView extends EditorDrawing {
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
       : selected.size ? `${selected.size} selected` : "";
+    if (this.isViewer) {
+      setText(this.notes, facts.note || "Click or drag the cross-hair; the wheel goes through the slices");
+      return;
+    }
     setText(this.factsLine, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
       : "No points yet: four or more in space bend the volume, one moves it");
     this.#describeFolds(points.length ? facts.folds : null);
@@ -543,6 +566,9 @@ export class SpaceEditorView extends EditorDrawing {
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
   get isLocked() { return this.isWaiting || Boolean(this.model.get("read_only")); }
+
+  /** Whether there is nothing to edit: slices to look at. */
+  get isViewer() { return Boolean(this.model.get("read_only")) && this.points.length === 0; }
 
   get isSlice() { return this.model.get("projection") === "slice"; }
 

@@ -3,6 +3,7 @@
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+import { nameControls } from "./accessible_names.js";
 import { SidePanel } from "./side_panel.js";
 
 /** @import { Model } from "../types.d.ts" */
@@ -66,16 +67,17 @@ class StudioHead {
       this.arrange();
       if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
       this.#addSidePanel();
+      if (this.studio && !signal.aborted) nameControls(this.studio, signal);
     });
   }
 
   /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
   get studio() { return this.host.closest(".dnb-studio"); }
 
-  /** The editor that is shown. @returns {EditorView | undefined} */
+  /** The editor that is shown, or would be if its pane were. @returns {EditorView | undefined} */
   get #editor() {
-    const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor") ?? [])];
-    const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0);
+    const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor:not(.dnb-sp-viewer)") ?? [])];
+    const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0) ?? all[0];
     return /** @type {any} */ (shown)?.deformnb;
   }
 

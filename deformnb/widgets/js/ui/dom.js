@@ -61,6 +61,18 @@ export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
+/**
+ * Let the user keep a file.
+ * @param {Blob} blob
+ * @param {string} name
+ */
+export function saveFile(blob, name) {
+  const link = pageElement("a", "", null, { download: name });
+  link.href = URL.createObjectURL(blob);
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
 /** @typedef {DocumentOrShadowRoot & { readonly activeElement: HTMLElement | SVGElement | null }} Tree */
 
 /** The document or shadow tree of a node, in which focus and places are looked up. @param {Node} node */

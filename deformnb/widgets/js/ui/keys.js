@@ -69,6 +69,7 @@ export const EDITOR_KEYS = [
     ["G", "draw the ground", { command: "ground", keys: ["g"] }],
     ["Q", "wand: click selects; [ and ] tolerance", { command: "wand", keys: ["q"] }],
     ["Click a line", "reshape it"],
+    ["Double-click an end, Enter", "let the cut stop there, or go on"],
     ["Drag inside a part", "move it; its ring turns it"],
     ["(Shift +) arrows on it", "move it by 1 (10) pixels"],
     [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"], ["Home on a part", "put it back"],

@@ -59,7 +59,22 @@ export class OrientationCube {
     for (const [view, letter] of Object.entries(VIEW_NAMES)) {
       add(letter, `${VIEW_TITLES[letter]} (${view})`, `view ${VIEW_TITLES[letter]}`, () => choose(view), this.bar);
     }
-    add("\u27f2", "reset (0 or double click)", "reset the view", home, pageElement("div", "dnb-home", this.root));
+    this.home = pageElement("div", "dnb-home", this.root);
+    add("\u27f2", "reset (0 or double click)", "reset the view", home, this.home);
+  }
+
+  /**
+   * Add a button below the one that resets the view.
+   * @param {string} name  of its class
+   * @param {string} path  of its icon, 16 x 16
+   * @param {string} tip
+   * @param {() => void} action
+   */
+  addButton(name, path, tip, action) {
+    const button = pageElement("button", `dnb-button ${name}`, this.home,
+      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
+    button.addEventListener("click", action);
   }
 
   /**

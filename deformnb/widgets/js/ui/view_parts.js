@@ -103,6 +103,7 @@ export function remarksOn({ info, field, caster, isScarce }) {
  */
 export function captionsOf(shows, layer) {
   if (shows === "wipe") return ["original | deformed"];
+  if (shows === "fade") return ["original over deformed"];
   return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows];
 }
 
@@ -110,6 +111,7 @@ export function captionsOf(shows, layer) {
 export function aboutShown(shows) {
   if (shows === "deformed") return "";
   if (shows === "wipe") return ", original left of a line and deformed right of it";
+  if (shows === "fade") return ", original laid over deformed";
   return shows === "flicker" ? ", original and deformed in turn" : `, ${CAPTIONS[shows].join(" and ")}`;
 }
 
@@ -134,7 +136,7 @@ export function picturesOf(shows, width, wipe = 0.5) {
     return [one(0, true, 0, cut), one(0, false, cut, width - cut)].filter((part) => part.width > 0)
       .map((part) => ({ ...part, whole }));
   }
-  if (shows === "flicker") return [one(0, false, 0, width), one(1, true, 0, width)];
+  if (shows === "flicker" || shows === "fade") return [one(0, false, 0, width), one(1, true, 0, width)];
   return [one(0, shows === "original", 0, width)];
 }
 

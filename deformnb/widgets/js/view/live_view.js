@@ -33,8 +33,8 @@ class LiveVolumeView {
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-live", { showView: (view) => this.showView(view),
-      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), wiped: () => this.touch(),
-      resized: () => this.size() });
+      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), compared: () => this.compared(),
+      resized: () => this.size(), picture: () => this.picture() });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
@@ -101,11 +101,23 @@ class LiveVolumeView {
     const { shows } = this.elements;
     this.camera.reframed(() => { this.shown = shows; });
     this.flicker.set(shows === "flicker" && Boolean(this.loop));
-    this.elements.wipe.set(shows === "wipe" && Boolean(this.loop));
+    this.elements.compare.set(this.loop ? shows : "");
     this.caption();
+    this.#setMixture();
     if (this.loop) this.loop.flip(0);
     this.touch();
     this.still?.request();
+  }
+
+  /** The line or the slider between original and deformed was moved. */
+  compared() {
+    if (this.elements.shows !== "fade") { this.touch(); return; }
+    this.#setMixture();
+    this.loop?.again(); // both are drawn
+  }
+
+  #setMixture() {
+    if (this.loop) this.loop.mixture = this.elements.shows === "fade" ? this.elements.compare.share : null;
   }
 
   setClip() {
@@ -130,7 +142,7 @@ class LiveVolumeView {
    * @returns {Picture[]}
    */
   pictures(width, height) {
-    const pictures = picturesOf(this.elements.shows, width, this.elements.wipe.share);
+    const pictures = picturesOf(this.elements.shows, width, this.elements.compare.share);
     return pictures.map((picture) => ({ ...picture, camera: this.seen((picture.whole ?? picture).width / height) }));
   }
 
@@ -232,7 +244,7 @@ class LiveVolumeView {
     this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
-    this.elements.wipe.set(false); // and of this one the line is in the middle
+    this.elements.compare.set(""); // and of these it has the line in the middle, or half of each
     this.caption();
     this.still.request();
   }
@@ -471,12 +483,17 @@ class LiveVolumeView {
     else this.link.catchUp();
   }
 
+  /** What is seen, as a PNG, drawn in full. @returns {Promise<Blob | null>} */
+  async picture() {
+    if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
+    if (!this.loop || !this.caster?.isReady) return null;
+    this.loop.drawNow();
+    return new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
+  }
+
   /** @param {Message} content */
   async screenshot({ id }) {
-    if (!this.loop || !this.caster?.isReady) return;
-    this.loop.drawNow();
-    /** @type {Blob | null} */
-    const blob = await new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
+    const blob = this.still ? null : await this.picture();
     if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 

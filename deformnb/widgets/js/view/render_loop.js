@@ -14,7 +14,7 @@
  * @property {{picture: Picture, tile: Tile}[]} pieces
  * @property {[number, number]} size
  * @property {number} coarseness
- * @property {number} layer
+ * @property {number[]} layers
  * @property {number} start
  * @property {number} spent
  */
@@ -62,10 +62,14 @@ export class FrameLoop {
     this.work = null;
     this.held = false;
     this.layer = 0; // the one on the screen
+    /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. @type {number | null} */
+    this.mixture = null;
     /** @type {Record<number, "coarse" | "full">} */
     this.drawn = {}; // by layer: whichever is up to date
     /** @type {string | null} */
     this.showing = null; // the picture on the canvas
+    /** @type {string | null} */
+    this.over = null; // the one that a mixture lays over it
     this.parts = 1; // pictures side by side
     /** @type {(() => void)[]} */
     this.after = []; // called after the next quick picture
@@ -154,8 +158,12 @@ export class FrameLoop {
     const kind = this.drawn[this.layer];
     if (!kind) return;
     this.showing = `${kind}${this.layer}`;
-    this.caster.present(this.showing, this.parts);
+    this.over = this.drawn[1] ? `${this.drawn[1]}1` : null;
+    this.again();
   }
+
+  /** Whether a picture is on the screen. @param {Picture} picture */
+  #isSeen({ layer }) { return this.mixture !== null || layer === this.layer; }
 
   /**
    * @param {number} width
@@ -178,14 +186,15 @@ export class FrameLoop {
     /** @type {Rush["pieces"]} */
     const pieces = [];
     for (const picture of this.#seen(width, height)) {
-      if (picture.layer !== this.layer) continue;
+      if (!this.#isSeen(picture)) continue;
       for (let y = 0; y < height; y += rows) {
         pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
       }
     }
     // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
     const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
-    this.rush = { pieces, size: [width, height], coarseness, layer: this.layer, start: performance.now(), spent: 0 };
+    this.rush = { pieces, size: [width, height], coarseness,
+      layers: [...new Set(pieces.map(({ picture }) => picture.layer))], start: performance.now(), spent: 0 };
     this.#piece(this.rush);
   }
 
@@ -198,7 +207,7 @@ export class FrameLoop {
     this.#when(() => {
       rush.spent += performance.now() - start;
       if (rush.pieces.length > 0 || this.rush !== rush) return false;
-      this.drawn[rush.layer] = "coarse";
+      for (const layer of rush.layers) this.drawn[layer] = "coarse";
       this.#present();
       this.#rushed(rush);
       return true;
@@ -334,14 +343,16 @@ export class FrameLoop {
   drawNow(passes = 2) {
     this.rush = null;
     this.#settle();
-    const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => p.layer === this.layer);
+    const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => this.#isSeen(p));
     for (const picture of pictures) {
       for (let pass = 0; pass < passes; pass++) this.#cast("full", [w, h], picture, { pass });
     }
-    this.drawn[this.layer] = "full";
+    for (const { layer } of pictures) this.drawn[layer] = "full";
     this.#present();
   }
 
   /** Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed. */
-  again() { this.caster.present(this.showing, this.parts); }
+  again() {
+    this.caster.present(this.showing, this.parts, this.mixture === null ? null : this.over, this.mixture ?? 0);
+  }
 }

@@ -2,6 +2,7 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
+import { COMPARISONS } from "../ui/compare_controls.js";
 import { pageElement } from "../ui/dom.js";
 import { opened } from "../ui/view_parts.js";
 import { PointerControls } from "./pointer.js";
@@ -29,7 +30,8 @@ export class ServerVolumeView {
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-volume", { showView: (view) => this.showView(view),
       rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); },
-      wiped: () => this.paint(), resized: () => this.size() });
+      compared: () => this.paint(), resized: () => this.size(),
+      picture: () => (this.drawn ? new Promise((done) => { this.canvas.toBlob(done, "image/png"); }) : Promise.resolve(null)) });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
@@ -134,7 +136,7 @@ export class ServerVolumeView {
     const { shows } = this.elements;
     this.camera.reframed(() => { this.shown = shows; });
     this.flicker.set(shows === "flicker");
-    this.elements.wipe.set(shows === "wipe");
+    this.elements.compare.set(shows);
     this.caption();
   }
 
@@ -183,9 +185,12 @@ export class ServerVolumeView {
     context.imageSmoothingQuality = "high";
     const { width, height } = this.canvas, [, original] = this.layers;
     context.drawImage(bitmap, 0, 0, width, height);
-    if (this.shown !== "wipe" || !original) return;
-    const { share } = this.elements.wipe;
-    context.drawImage(original, 0, 0, original.width * share, original.height, 0, 0, width * share, height);
+    const { share } = this.elements.compare;
+    if (!original || !COMPARISONS.includes(this.shown)) return;
+    const [part, opacity] = this.shown === "wipe" ? [share, 1] : [1, share];
+    context.globalAlpha = opacity;
+    context.drawImage(original, 0, 0, original.width * part, original.height, 0, 0, width * part, height);
+    context.globalAlpha = 1;
   }
 
   // -- the camera ----------------------------------------------------------------------------------------------------

@@ -1,23 +1,27 @@
 // What a view of a volume has, whoever draws it: elements around the picture, and its messages.
 
-import { OWN_KEYS, pageElement } from "../ui/dom.js";
+import { CompareControls } from "../ui/compare_controls.js";
+import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.js";
 import { OrientationCube } from "../ui/orientation_cube.js";
 import { Theme } from "../ui/theme.js";
 import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
-import { WipeLine } from "./wipe_line.js";
 
 /** @import { Model } from "../types.d.ts" */
 /** @import { VolumeInfo } from "./types.d.ts" */
 /** @import { ViewCamera } from "./view_camera.js" */
 /** @import { Message } from "./volume_loader.js" */
 
+const SCREENSHOT = "M2.5 5h2.3l1-1.5h4.4l1 1.5h2.3v8h-11zM8 6.5a2.4 2.4 0 1 1-.01 0";
+const FULL_SCREEN = "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10";
+
 /**
  * @typedef {object} ElementActions what the elements call
  * @property {(view: string) => void} showView  a side of the cube was pressed
  * @property {() => void} rethemed  the page around has another theme
  * @property {(layer: number) => void} flip  the other picture of two in turn is seen
- * @property {() => void} wiped  the line between original and deformed was moved
+ * @property {() => void} compared  the line between original and deformed was moved, or the slider of their mixture
  * @property {() => void} resized
+ * @property {() => Promise<Blob | null>} picture  a PNG of what is seen; null for nothing
  */
 
 /** The canvas and what stands around it: captions, directions, scale, cube, a remark and a notice. */
@@ -35,13 +39,27 @@ export class ViewElements {
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
+    this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)",
+      () => this.#save(actions.picture).catch((error) => this.showMessage(`The picture could not be saved: ${error.message}`)));
+    this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", () => {
+      if (document.fullscreenElement) document.exitFullscreen();
+      else this.root.requestFullscreen();
+    });
     this.badge = pageElement("div", "dnb-badge", this.root);
     this.notice = pageElement("div", "dnb-notice", this.root, { role: "status", hidden: "" });
     this.theme = new Theme(this.root, actions.rethemed);
     this.flicker = new Flicker(this.root, actions.flip);
-    this.wipe = new WipeLine(this.root, actions.wiped);
+    this.compare = new CompareControls(this.root, actions.compared);
     this.observer = new ResizeObserver(actions.resized);
     this.observer.observe(this.root);
+  }
+
+  /** @param {ElementActions["picture"]} picture */
+  async #save(picture) {
+    const blob = await picture(), label = String(this.model.get("label") || "volume");
+    const name = label.replace(/[^\p{L}\p{N}-]+/gu, "_").replace(/^_|_$/g, "");
+    if (blob) saveFile(blob, `${name || "volume"}.png`);
+    else this.showMessage("There is no picture yet.");
   }
 
   /** What is shown: a value of the trait. @returns {string} */

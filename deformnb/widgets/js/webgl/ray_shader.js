@@ -194,13 +194,15 @@ void main() {
 // Lays the picture over the background: a light that falls off towards the corners, so that dark bodies stand out.
 export const PRESENT = `#version 300 es
 precision highp float;
-uniform sampler2D picture; uniform vec2 resolution; uniform float parts; uniform vec3 centre, corner;
+uniform sampler2D picture, second; uniform float share; // of the second picture laid over the first
+uniform vec2 resolution; uniform float parts; uniform vec3 centre, corner;
 out vec4 color;
 void main() {
   vec2 at = gl_FragCoord.xy / resolution;
-  vec4 c = textureLod(picture, at, 0.);
+  vec4 c = textureLod(picture, at, 0.), over = textureLod(second, at, 0.);
   vec2 d = (vec2(fract(at.x * parts), at.y) - vec2(.5, .56)) * vec2(1.1, 1.25);
   vec3 behind = mix(centre, corner, smoothstep(0., .62, dot(d, d) * 1.6));
   behind += (fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(.06711056, .00583715)))) - .5) / 255.;
-  color = vec4(c.rgb + (1. - c.a) * behind, 1.);
+  vec3 first = min(c.rgb + (1. - c.a) * behind, 1.); // as they would be seen alone: highlights are brighter than white
+  color = vec4(mix(first, min(over.rgb + (1. - over.a) * behind, 1.), share), 1.);
 }`;

@@ -98,7 +98,7 @@ function definesOf(projection, planar, space, folds = false, clipped = false) {
 // ---- the ray caster -------------------------------------------------------------------------------------------------
 
 const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
-  depths: 9 };
+  depths: 9, second: 10 };
 
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
@@ -565,8 +565,11 @@ export class RayCaster {
   /**
    * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each.
    * @param {string | null} name null: the background alone
+   * @param {number} [parts]
+   * @param {string | null} [over] another picture laid over it
+   * @param {number} [share] of that
    */
-  present(name, parts = 1) {
+  present(name, parts = 1, over = null, share = 0) {
     const gl = this.gl, { width, height } = this.canvas, ground = BACKGROUNDS[this.background];
     this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
@@ -574,8 +577,13 @@ export class RayCaster {
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
-    gl.bindTexture(gl.TEXTURE_2D, name ? this.targets[name].texture : this.textures.picture ?? null);
+    const first = name ? this.targets[name].texture : this.textures.picture ?? null;
+    gl.bindTexture(gl.TEXTURE_2D, first);
     gl.uniform1i(at.picture, UNITS.picture);
+    gl.activeTexture(gl.TEXTURE0 + UNITS.second);
+    gl.bindTexture(gl.TEXTURE_2D, over ? this.targets[over].texture : first);
+    gl.uniform1i(at.second, UNITS.second);
+    gl.uniform1f(at.share, over ? share : 0);
     gl.uniform2f(at.resolution, width, height);
     gl.uniform1f(at.parts, parts);
     gl.uniform3fv(at.centre, ground.centre);

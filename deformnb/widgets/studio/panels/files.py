@@ -181,9 +181,9 @@ class FilesPanel(Panel):
             return True
 
     def _idle(self) -> None:
-        self.write.disabled = self.download.disabled = False
         self.cancel.disabled = True
         self.bar.layout.display = "none"
+        self.download.disabled = self.write.disabled = False  # last: who writes the next file finds all of it idle
 
     def _copy(self) -> None:
         self.message.value = ""

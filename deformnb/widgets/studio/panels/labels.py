@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.formats import FORMATS, read_volume, supported
-from deformnb.io.nrrd import segment_names
+from deformnb.io.label_names import read_label_names
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
@@ -25,7 +26,8 @@ TakeRegions = Callable[[str, list[tuple[str, Mask]]], None]
 """Called with "part" or "cut", and names and regions of the labels that were chosen."""
 
 _MOST_LABELS = 200
-_SHOWN = 4  # rows of the list of labels; more are scrolled
+_SHOWN = 8  # rows of the list of labels at most; more are scrolled
+_LIKELY = re.compile("label|seg|mask", re.IGNORECASE)  # in the names of files that hold labels
 _NONE = ""  # of the files is open
 _CLOSED = ("open a label file", _NONE)
 
@@ -58,7 +60,7 @@ class LabelChooser(Panel):
                                   " or 3D Slicer's .seg.nrrd"), lambda: self._opened, self._open)
         self.upload = FileInput(self._take_file, guard, check_volume_name, label="Open label file",
                                 tip="Label volume of this scan from this computer", accept=supported().replace(" ", ""))
-        self.list = ipw.SelectMultiple(rows=_SHOWN, tooltip="Labels; Ctrl or Shift chooses several",
+        self.list = ipw.SelectMultiple(tooltip="Labels; Ctrl or Shift chooses several",
                                        layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"))
         add = [button(text, tip, self._taker(what)) for text, tip, what in (
             ("Label as part", "Keep these regions rigid", "part"), ("Label as cut", "Cut along their outlines", "cut"))]
@@ -75,7 +77,8 @@ class LabelChooser(Panel):
 
     def arrange(self) -> None:
         given = [] if self._labels is None or self._opened else [(self._labels.name or "labels", _NONE)]
-        files = [(name, name) for name in self._files.names()]
+        likely_first = sorted(self._files.names(), key=lambda name: not _LIKELY.search(name))
+        files = [(name, name) for name in likely_first]
         if self._opened and (self._opened, self._opened) not in files:
             files.append((self._opened, self._opened))  # it is gone, and its labels are still here
         fill(self.file, [*(given or [_CLOSED]), *files])
@@ -104,7 +107,7 @@ class LabelChooser(Panel):
         if (box.max(axis=0) < own.min(axis=0)).any() or (box.min(axis=0) > own.max(axis=0)).any():
             raise DeformError(f"{path.name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
                               "open the labels of this scan.")
-        self._show(labels, names_of_labels(path))
+        self._show(labels, read_label_names(path))
         self._opened = path.name
         self.refresh()
 
@@ -118,6 +121,7 @@ class LabelChooser(Panel):
             raise DeformError(f"{labels.name or 'the label volume'} has no label to choose; every voxel of it is 0.")
         self._labels = labels
         self.list.options = [(names.get(n) or f"label {n}", n) for n in chosen]
+        self.list.rows = min(_SHOWN, len(chosen))
         self.list.value = (chosen[0],)
         self._choice.layout.display = ""
 
@@ -133,11 +137,6 @@ class LabelChooser(Panel):
         masks = [Mask.from_labels(self._labels, n) for n in self.list.value]
         return [(name, mask if plane is None else mask.silhouette(plane))
                 for name, mask in zip(self.list.label, masks, strict=True)]
-
-
-def names_of_labels(path: Path) -> dict[int, str]:
-    """What the labels of a file are called, where it says so."""
-    return segment_names(path) if path.suffix.lower() == ".nrrd" else {}
 
 
 def check_volume_name(name: str) -> None:

@@ -35,9 +35,9 @@ class LandmarkFiles:
         self.upload = FileInput(self.take, guard, label="Open landmarks", accept=",".join([*suffixes, ".json"]),
                                 tip=f"Points from a file of landmarks ({landmark_suffixes()}); pairs are dragged to "
                                     "their fixed places")
+        pairs = ", ".join(row.suffix for row in LANDMARK_FORMATS.values() if row.has_fixed)
         self.kind = ipw.Dropdown(options=suffixes, value=suffixes[0], layout=ipw.Layout(width="auto"),
-                                 tooltip=".csv is BigWarp's and holds where the points were dragged, the others hold "
-                                         "places only")
+                                 tooltip=f"{pairs} hold where the points were dragged too, the others hold places only")
         self.save = button("Save landmarks", "Hand the points to the browser's downloads",
                            lambda: guard(self._download))
         self.file_transfer = FileTransfer()

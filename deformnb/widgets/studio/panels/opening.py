@@ -16,13 +16,15 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
 from deformnb.io.formats import read_volume, supported
+from deformnb.io.label_names import read_label_names
 from deformnb.io.landmarks import is_landmarks, landmark_suffixes
+from deformnb.io.transforms import is_transform
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume, label_note
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.studio.controls import Guard, Panel
 from deformnb.widgets.studio.panels.files import Question
-from deformnb.widgets.studio.panels.labels import is_volume_name, names_of_labels
+from deformnb.widgets.studio.panels.labels import is_volume_name
 from deformnb.widgets.studio.panels.points import PointsPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
@@ -91,11 +93,14 @@ class OpenPanel(Panel):
 
 def is_segmentation(path: Path, volume: Volume) -> bool:
     """Check whether the voxels of a file are labels: as it says, as 3D Slicer names them, or as they look."""
-    if volume.is_labels or names_of_labels(path) or label_note(volume.values):
+    if volume.is_labels or read_label_names(path) or label_note(volume.values):
         return True
     return volume.dtype.kind in "biu" and len(np.unique(volume.values[:: max(1, volume.shape[0] // 8)])) <= 2
 
 
 def _check_name(name: str) -> None:
+    """DeformError for the name of a file of another kind; text files (.txt) are read as landmarks."""
     if not (is_landmarks(name) or name.lower().endswith(_SESSION) or is_volume_name(name)):
+        if is_transform(name):
+            raise DeformError(f"{name} is a transform, and no session: deformnb warp {name} VOLUME RESULT applies it.")
         raise DeformError(f"{name} is no file that can be opened here; drop or choose {_KINDS}.")

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
-from deformnb.rbf.regions import AbstractRegion, HalfSpace, Mask
+from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask
 from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, without_conflicts
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
@@ -241,6 +241,9 @@ class PartControls(Panel):
 _CUT_LOOK = "linear-gradient(135deg, #39404a 40%, #fff 40% 60%, #39404a 60%)"
 _PART_LOOK = "repeating-linear-gradient(45deg, #39404a 0 2.5px, #fff 2.5px 4px)"
 
+_ENDS = {"go on to the border": (False, False), "first end here": (True, False), "last end here": (False, True),
+         "both ends here": (True, True)}
+
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
 _EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
           "point on each side. A rigid part keeps its form: draw around it.")
@@ -270,13 +273,16 @@ class ShapesPanel(Panel):
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
         self._rule = self.of_step(widget_of("cut_rule"), "cut_rule")
+        self._ends = self.add(menu("Cut's ends", [(text, text) for text in _ENDS],
+                                   "A cut that ends here closes at its tip and is whole beyond it; in the picture a "
+                                   "double-click on an end does the same"), self._ends_of, self._set_ends)
         self.part = PartControls(session, guard, self._part_index, editor)
         self._drawing = self._draw_buttons()
         ground = button("Ground", "A fixed part: everything below a level stays",
                         lambda: guard(lambda: self.add_regions("part", [("ground", self._ground())])))
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, ground)
-        self.box = ipw.VBox([self.items, more, self.labels.box, row(self._rule), self.part.box])
+        self.box = ipw.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
         self.refresh()
 
@@ -300,6 +306,21 @@ class ShapesPanel(Panel):
     def _part_index(self) -> int | None:
         return self._chosen[1] if self._chosen is not None and self._chosen[0] == "part" else None
 
+    def _line(self) -> Line | None:
+        """The line of the chosen cut, if it is one."""
+        what, k = self._chosen or ("", 0)
+        region = self.session.step.cuts[k].region if what == "cut" and k < len(self.session.step.cuts) else None
+        return region if isinstance(region, Line) else None
+
+    def _ends_of(self) -> str:
+        line = self._line()
+        return next(text for text, stops in _ENDS.items() if stops == (line.stops if line else (False, False)))
+
+    def _set_ends(self, text: str) -> None:
+        line = self._line()
+        if line is not None:
+            self._replace("change the ends of", region=replace(line, stops=_ENDS[text]))
+
     def arrange(self) -> None:
         self._follow()
         rows, step = self._rows(), self.session.step
@@ -307,6 +328,7 @@ class ShapesPanel(Panel):
                         rows.index(self._chosen) if self._chosen in rows else -1)
         self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
         self._rule.layout.display = "" if step.cuts else "none"
+        self._ends.layout.display = "" if self._line() is not None else "none"
         self.part.box.layout.display = "" if self._part_index() is not None else "none"
         self.part.refresh()
         self.labels.refresh()
@@ -410,9 +432,14 @@ def _name(what: str, k: int, shape: Any) -> str:
 
 def _row(what: str, k: int, shape: Any) -> dict[str, Any]:
     facts = [what if what == "cut" else "rigid part", _KINDS.get(shape.region.kind, shape.region.kind)]
-    return {"name": shape.name, "title": f"{what} {k + 1}", "on": shape.enabled, "id": what,
-            "facts": [*facts, _motion_words(shape) if what == "part" else ""],
+    more = _motion_words(shape) if what == "part" else _end_words(shape)
+    return {"name": shape.name, "title": f"{what} {k + 1}", "on": shape.enabled, "id": what, "facts": [*facts, more],
             "swatch": _CUT_LOOK if what == "cut" else _PART_LOOK}
+
+
+def _end_words(cut: Cut) -> str:
+    stops = cut.region.stops if isinstance(cut.region, Line) else (False, False)
+    return next(text for text, ends in _ENDS.items() if ends == stops) if any(stops) else ""
 
 
 def _motion_words(part: RigidPart) -> str:

@@ -51,8 +51,10 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     assert studio.deformation.steps[0].points == before.steps[0].points
 
     before = studio.deformation
-    (tmp_path / "notes.txt").write_text("hello")
-    assert "notes.txt is no file that can be opened here" in drop(tmp_path / "notes.txt")
+    for name, words in (("notes.odt", "notes.odt is no file that can be opened here"),
+                        ("notes.txt", "notes.txt: it is neither"), ("affine.tfm", "affine.tfm is a transform")):
+        (tmp_path / name).write_text("hello")
+        assert words in drop(tmp_path / name)
     (tmp_path / "cut.nrrd").write_bytes((tmp_path / "other.nrrd").read_bytes()[:500])
     assert "cut.nrrd" in drop(tmp_path / "cut.nrrd")
     assert studio.deformation is before

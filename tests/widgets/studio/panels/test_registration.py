@@ -50,8 +50,9 @@ TARGET = Volume(dn.warp(VOLUME, TRUE.field(GRID)).values, GRID, "target")
 
 
 def finish(panel: FitPanel) -> None:
-    """Wait until all that was begun in the panel's thread is done and shown."""
-    panel._thread.call(lambda: None).result(90)
+    """Wait until all that was begun in the panel's thread is done and shown, and no preview waits to be made."""
+    wait_for(lambda: not panel._thread.is_wanted)
+    panel._thread.call(lambda: None).result(90)  # behind what the thread is at
 
 
 class Bench:
@@ -240,7 +241,7 @@ def test_the_preview_shows_both_pictures(bench: Bench) -> None:
     assert (shown[..., 0] == shown[..., 2]).all()  # magenta
     bench.panel.blend.value = 1.0
     wait_for(lambda: bench.panel.preview.value != first)
-    wait_for(lambda: not bench.panel._thread.is_wanted)
+    finish(bench.panel)
     second = np.asarray(Image.open(io.BytesIO(bench.panel.preview.value)))
     assert (second[:, 266:] == shown[:, 266:]).all()
     assert (second[:, :260, 0] == shown[:, 266:, 0]).all()  # the left is the target now

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -78,7 +80,7 @@ def test_a_part_in_space_is_turned_about_an_axis_of_its_own() -> None:
 
 def test_a_slow_hand_on_each_slider_makes_one_edit(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr("deformnb.session.history.time.monotonic", lambda: now)
+    monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     session.add_step(in_space=True)
     values = np.zeros(GRID.shape, bool)

@@ -1,17 +1,22 @@
-// The line between the original and the deformed volume of the display mode "wipe": dragged, or moved by keys.
+// The controls of the display modes that compare original and deformed at one place: the line of "wipe", dragged or moved
+// by keys, and the slider of "fade".
 
-import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.js";
+import { OWN_KEYS, pageElement, setAttributes } from "./dom.js";
 
 const STEP = 0.02, LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
 
-export class WipeLine {
+/** Modes that these controls belong to: names of SHOWS in deformnb/widgets/camera.py. */
+export const COMPARISONS = ["wipe", "fade"];
+
+export class CompareControls {
   /**
    * @param {HTMLElement} root of the view
    * @param {() => void} moved
    */
   constructor(root, moved) {
     this.moved = moved;
-    this.share = 0.5; // of the width that shows the original
+    this.share = 0.5; // of the width that shows the original; of the original in the mixture
+    this.shows = "";
     this.root = root;
     this.line = pageElement("div", "dnb-wipe", root, { role: "slider", tabindex: "0", hidden: "",
       "aria-label": "Line between original and deformed", "aria-valuemin": "0", "aria-valuemax": "100",
@@ -19,11 +24,25 @@ export class WipeLine {
     this.line.addEventListener("pointerdown", (event) => this.#hold(event));
     this.line.addEventListener("pointermove", (event) => this.#drag(event));
     this.line.addEventListener("keydown", (event) => this.#key(event));
+    this.fade = pageElement("label", "dnb-fade", root, { hidden: "", title: "Opacity of the original over the deformed" });
+    pageElement("span", "", this.fade).textContent = "deformed";
+    this.slider = pageElement("input", "", this.fade, { type: "range", min: 0, max: 1, step: 0.01,
+      "aria-label": "Opacity of the original", ...OWN_KEYS });
+    pageElement("span", "", this.fade).textContent = "original";
+    this.slider.addEventListener("input", () => this.move(this.slider.valueAsNumber));
+    for (const name of ["pointerdown", "dblclick", "wheel", "keydown"]) { // they neither turn nor add anything
+      this.fade.addEventListener(name, (event) => event.stopPropagation(), { passive: true });
+    }
     this.#place();
   }
 
-  /** @param {boolean} isOn */
-  set(isOn) { this.line.hidden = !isOn; }
+  /** @param {string} shows */
+  set(shows) {
+    if (shows === this.shows) return;
+    this.shows = shows;
+    this.line.hidden = shows !== "wipe";
+    this.fade.hidden = shows !== "fade";
+  }
 
   /** @param {number} share */
   move(share) {
@@ -35,6 +54,7 @@ export class WipeLine {
   #place() {
     this.line.style.left = `${100 * this.share}%`;
     setAttributes(this.line, { "aria-valuenow": String(Math.round(100 * this.share)) });
+    this.slider.value = String(this.share);
   }
 
   /** @param {PointerEvent} event */

@@ -1,0 +1,72 @@
+"""Names of labels: of the segments in a file of 3D Slicer, or in a table that lies beside a label volume."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from deformnb.io.headers import as_path
+from deformnb.io.nrrd import segment_names
+
+_TABLES = (".csv", ".tsv", ".ctbl", ".txt", ".label")
+_VOLUMES = re.compile(r"(\.seg)?(\.nrrd|\.nhdr|\.nii|\.mha|\.mhd|\.tiff?|\.vti)(\.gz)?$", re.IGNORECASE)
+_LONGEST = 1 << 20  # bytes: some ten thousand labels
+_NUMBERS = frozenset({"label", "value", "index", "id", "idx", "labelvalue", "integer_label", "key"})
+_NAMES = frozenset({"name", "structure", "text", "label_name", "labelname", "anatomy", "region"})
+_ITK_SNAP = re.compile(r'\s*(\d+)(?:\s+[\d.]+){3,6}\s+"([^"]*)"')
+_COLOUR_TABLE = re.compile(r"\s*(\d+)\s+(\S+)((?:\s+[\d.]+){3,4})\s*$")
+
+
+def read_label_names(path: str | Path) -> dict[int, str]:
+    """What the labels of a label volume are called.
+
+    Parameters
+    ----------
+    path : of the volume. A segmentation of 3D Slicer (.seg.nrrd) names its segments itself. For any other file the
+        names are looked for in a table of the same name beside it, such as bones.csv beside bones.nii.gz: a .csv or
+        .tsv with columns "label" and "name", a colour table of 3D Slicer or FreeSurfer (.ctbl, .txt), or the label
+        descriptions of ITK-SNAP (.label, .txt).
+
+    Returns
+    -------
+    Names by label; labels without a name are absent. Empty if there is no table, or none that can be understood: a
+    volume can be used without names.
+    """
+    path = as_path(path)
+    if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
+        return own
+    stem = _VOLUMES.sub("", path.name)
+    for ending in _TABLES:
+        table = path.with_name(stem + ending)
+        if table.is_file() and table.stat().st_size <= _LONGEST:
+            names = _table(table.read_text(encoding="utf-8-sig", errors="replace"))
+            if names:
+                return names
+    return {}
+
+
+def _table(text: str) -> dict[int, str]:
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if not lines:
+        return {}
+    delimiter = "\t" if "\t" in lines[0] else ";" if ";" in lines[0] else ","
+    found: Mapping[int, str]
+    if delimiter in lines[0]:
+        found = _columns(list(csv.reader(lines, delimiter=delimiter)))
+    else:
+        rows = [_ITK_SNAP.match(line) or _COLOUR_TABLE.match(line) for line in lines]
+        found = {int(row[1]): row[2] for row in rows if row}
+    return {label: name for label, name in found.items() if name.strip("? ")}
+
+
+def _columns(rows: list[list[str]]) -> dict[int, str]:
+    """Names by label of a table whose first row says which columns they are."""
+    head = [cell.strip().lower().replace(" ", "_") for cell in rows[0]]
+    number = next((k for k, cell in enumerate(head) if cell in _NUMBERS), None)
+    name = next((k for k, cell in enumerate(head) if cell in _NAMES), None)
+    if number is None or name is None:
+        return {}
+    return {int(row[number]): row[name].strip() for row in rows[1:]
+            if len(row) > max(number, name) and row[number].strip().isdecimal()}

@@ -1,0 +1,229 @@
+"""Landmark files of plain text: TPS, NTS, Morphologika, the points of elastix, the parameters of PyGeM.
+
+Files of geometric morphometrics hold specimens with the same landmarks. Of two specimens the second is what the first
+corresponds to, as the moving and fixed places of BigWarp; of more the first is read. None of these formats states the
+directions of its axes: coordinates are taken as they are.
+
+TPS: F. J. Rohlf, tpsDig. NTS: NTSYS-pc. Morphologika: P. O'Higgins, N. Jones. elastix: its manual, section 4.3.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.io.headers import fail, shown
+from deformnb.warping.points import Landmarks
+
+
+def coordinates(path: Path, words: Sequence[Any], which: str) -> list[float]:
+    """Finite numbers of words; VolumeFileError that names the landmark otherwise."""
+    try:
+        values = [float(word) for word in words]
+    except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
+        raise fail(path, f"the coordinates of {which} are no numbers.") from None
+    if not all(map(math.isfinite, values)):
+        raise fail(path, f"the coordinates of {which} are not finite.")
+    return values
+
+
+def _pair(path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str],
+          names: Sequence[str] = ()) -> Landmarks:
+    """The first specimen; with one more that is its fixed counterpart."""
+    if not specimens or not len(specimens[0]):
+        raise fail(path, "there is no landmark in it.")
+    first, fixed = specimens[0], None
+    notes: tuple[str, ...] = ()
+    if len(specimens) == 2:
+        fixed = specimens[1]
+        if fixed.shape != first.shape:
+            raise fail(path, f"its two specimens have {len(first)} and {len(fixed)} landmarks of {first.shape[1]} and "
+                             f"{fixed.shape[1]} coordinates; they must be the same ones.")
+    elif len(specimens) > 2:
+        title = f", {shown(titles[0], 40)}" if titles[0] else ""
+        notes = (f"the first of {len(specimens)} specimens was read{title}; two of them would be read as pairs",)
+    return Landmarks(first, tuple(names), fixed, notes=notes)
+
+
+def _number_rows(path: Path, rows: list[str], first: int, counts: Sequence[int] = (2, 3)) -> NDArray[np.float64]:
+    """Places of lines, all of the same count of coordinates; ``first`` is the number of the first line."""
+    places = list[list[float]]()
+    for number, row in enumerate(rows, first):
+        words = re.split(r"[,\s]+", row.strip().strip(","))
+        if len(words) not in counts or (places and len(words) != len(places[0])):
+            raise fail(path, f"line {number} has {len(words)} numbers where a place of "
+                             f"{' or '.join(map(str, counts if not places else [len(places[0])]))} is expected.")
+        places.append(coordinates(path, words, f"line {number}"))
+    return np.array(places).reshape(len(places), -1)
+
+
+# ---- TPS -------------------------------------------------------------------------------------------------------------
+
+
+def read_tps(path: Path, text: str) -> Landmarks:
+    """Landmarks of a TPS file; SCALE multiplies, curves and outlines are left out with a note."""
+    lines = text.split("\n")
+    specimens, titles, curves, at = list[NDArray[np.float64]](), list[str](), 0, 0
+    while at < len(lines):
+        key, sign, value = (part.strip() for part in lines[at].partition("="))
+        at += 1
+        if not sign:
+            if key:
+                raise fail(path, f"line {at} is '{shown(key, 30)}' where TPS has a key such as LM= or ID=.")
+            continue
+        name = key.upper()
+        if name in ("LM", "LM3", "POINTS", "POINTS3"):
+            count = _count(path, value, at)
+            rows = lines[at:at + count]
+            if len(rows) < count or (count and not all(row.strip() for row in rows)):
+                raise fail(path, f"line {at} announces {count} landmarks, and fewer lines follow.")
+            places = _number_rows(path, rows, at + 1, (3,) if name.endswith("3") else (2,))
+            at += count
+            if name.startswith("LM"):
+                specimens.append(places)
+                titles.append("")
+            else:
+                curves += 1
+        elif name in ("ID", "IMAGE") and titles:
+            titles[-1] = value if name == "ID" else titles[-1] or value
+        elif name == "SCALE" and specimens:
+            specimens[-1] = specimens[-1] * coordinates(path, [value], f"the scale in line {at}")[0]
+    found = _pair(path, specimens, titles)
+    if curves:
+        left = f"{curves} curves were left out; only landmarks are read"
+        return Landmarks(found.points, found.names, found.fixed, notes=(*found.notes, left))
+    return found
+
+
+def write_tps(landmarks: Landmarks) -> str:
+    """One specimen, or two where there are fixed places."""
+    key = "LM3" if landmarks.points.shape[1] == 3 else "LM"
+    return "".join(f"{key}={len(places)}\n{_rows(places)}ID={title}\n" for title, places in _titled(landmarks))
+
+
+def _count(path: Path, word: str, line: int) -> int:
+    if not word.isdecimal() or len(word) > 7:
+        raise fail(path, f"line {line} has '{shown(word, 20)}' where a count of landmarks is expected.")
+    return int(word)
+
+
+def _titled(landmarks: Landmarks) -> list[tuple[str, NDArray[np.float64]]]:
+    second = [] if landmarks.fixed is None else [("fixed", landmarks.fixed)]
+    return [("moving" if second else "specimen", landmarks.points), *second]
+
+
+def _rows(places: NDArray[np.float64], separator: str = " ") -> str:
+    return "".join(separator.join(map(repr, place)) + "\n" for place in places.tolist())
+
+
+# ---- NTS -------------------------------------------------------------------------------------------------------------
+
+
+def read_nts(path: Path, text: str) -> Landmarks:
+    """Landmarks of an NTS file with one row of coordinates to a specimen: ``1 specimens numbers missing dim=3``."""
+    lines = [line for line in text.split("\n") if line.strip() and not line.lstrip().startswith(('"', "'"))]
+    found = re.fullmatch(r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+\S+)*?\s+dim\s*=\s*([23])\s*",
+                         lines[0] if lines else "", re.IGNORECASE)
+    if found is None:
+        raise fail(path, "its first line is not that of an NTS file of landmarks: 1, how many specimens, how many "
+                         "numbers, 0, DIM=2 or DIM=3.")
+    count, numbers, dim = int(found[1]), int(found[3]), int(found[6])
+    words, titles = " ".join(lines[1:]).split(), list[str]()
+    if found[2]:
+        titles, words = words[:count], words[count:]
+    if found[4]:
+        words = words[numbers:]  # the names of the columns
+    if len(words) != count * numbers or numbers % dim:
+        raise fail(path, f"its first line announces {count} specimens of {numbers} numbers, and {len(words)} follow.")
+    values = np.array(coordinates(path, words, "its specimens")).reshape(count, -1, dim)
+    return _pair(path, list(values), titles or [""])
+
+
+def write_nts(landmarks: Landmarks) -> str:
+    """One specimen, or two where there are fixed places."""
+    titled, (count, dim) = _titled(landmarks), landmarks.points.shape
+    rows = "".join(" ".join(map(repr, places.ravel().tolist())) + "\n" for _, places in titled)
+    return f"1 {len(titled)}L {count * dim} 0 dim={dim}\n{' '.join(title for title, _ in titled)}\n{rows}"
+
+
+# ---- Morphologika, elastix -------------------------------------------------------------------------------------------
+
+
+def read_txt(path: Path, text: str) -> Landmarks:
+    """Landmarks of a text: Morphologika's sections in brackets, or a list of points of elastix."""
+    return _read_morphologika(path, text) if text.lstrip().startswith("[") else _read_elastix(path, text)
+
+
+def _read_morphologika(path: Path, text: str) -> Landmarks:
+    sections: dict[str, list[str]] = {}
+    for line in text.split("\n"):
+        if heading := re.fullmatch(r"\s*\[(.+?)\]\s*", line):
+            sections[heading[1].strip().lower()] = []
+        elif line.strip() and sections:
+            sections[next(reversed(sections))].append(line)
+    counts = {key: _count(path, " ".join(sections.get(key, ["none"])).strip(), 1)
+              for key in ("individuals", "landmarks", "dimensions")}
+    rows = [row for row in sections.get("rawpoints", []) if not row.lstrip().startswith("'")]
+    wanted = counts["individuals"] * counts["landmarks"]
+    if len(rows) != wanted or counts["dimensions"] not in (2, 3):
+        raise fail(path, f"it announces {counts['individuals']} individuals of {counts['landmarks']} landmarks in "
+                         f"{counts['dimensions']} dimensions, and {len(rows)} places follow under [rawpoints].")
+    values = _number_rows(path, rows, 1, (counts["dimensions"],))
+    return _pair(path, list(values.reshape(counts["individuals"], -1, counts["dimensions"])),
+                 [*sections.get("names", []), ""])
+
+
+def _read_elastix(path: Path, text: str) -> Landmarks:
+    lines = [line.strip() for line in text.split("\n") if line.strip()]
+    if len(lines) < 2 or lines[0] not in ("point", "index"):
+        raise fail(path, "it is neither Morphologika's ([individuals] ...) nor a list of points of elastix, whose "
+                         "first line is 'point'.")
+    if lines[0] == "index":
+        raise fail(path, "it holds indices of voxels, which have no place without their volume.")
+    if len(lines) != 2 + _count(path, lines[1], 2):
+        raise fail(path, f"line 2 announces {lines[1]} points, and {len(lines) - 2} follow.")
+    return _pair(path, [_number_rows(path, lines[2:], 3)], [""])
+
+
+def write_txt(landmarks: Landmarks) -> str:
+    """A list of points of elastix; without fixed places, for which it has no room."""
+    return f"point\n{len(landmarks)}\n{_rows(landmarks.points)}"
+
+
+# ---- PyGeM -----------------------------------------------------------------------------------------------------------
+
+_PRM_KEYS = ("original control points", "deformed control points")
+
+
+def read_prm(path: Path, text: str) -> Landmarks:
+    """Control points before and after of a PyGeM parameter file; its kernel and radius are not read."""
+    found: dict[str, list[str]] = {}
+    key = ""
+    for line in text.split("\n"):
+        name, sign, rest = line.partition(":")
+        if line.lstrip().startswith(("#", "[")) or not line.strip():
+            continue
+        if sign:
+            key = name.strip().lower()
+        found.setdefault(key, []).append(rest if sign else line)
+    if any(name not in found for name in _PRM_KEYS):
+        raise fail(path, "it has no original and deformed control points, as PyGeM has for radial basis functions.")
+    before, after = (_number_rows(path, found[name], 1, (3,)) for name in _PRM_KEYS)
+    if len(before) != len(after):
+        raise fail(path, f"it has {len(before)} original and {len(after)} deformed control points.")
+    return Landmarks(before, fixed=after)
+
+
+def write_prm(landmarks: Landmarks) -> str:
+    """Parameters of PyGeM for radial basis functions: places and fixed places, a thin-plate spline of radius 1."""
+    fixed = landmarks.points if landmarks.fixed is None else landmarks.fixed
+    both = zip(_PRM_KEYS, (landmarks.points, fixed), strict=True)
+    lists = "".join(f"\n{key}: {_rows(places)}" for key, places in both)
+    return ("[Radial Basis Functions]\nbasis function: thin_plate_spline\nradius: 1.0\npower: 2\n\n[Control points]"
+            + lists)

@@ -1,0 +1,32 @@
+// Accessible names of ipywidgets' controls where they have none: a screen reader stops at the handles of noUiSlider,
+// which no label names, and at fields with an empty label, whose tooltip says what they are.
+
+const HANDLES = ".widget-slider .noUi-handle:not([aria-label])";
+const FIELDS = ".jupyter-widgets :is(input, select, textarea)[title]:not([aria-label])";
+
+/** @param {Element} root */
+function nameAll(root) {
+  for (const handle of root.querySelectorAll(HANDLES)) {
+    const slider = handle.closest(".widget-slider"), label = slider?.querySelector(".widget-label")?.textContent?.trim();
+    if (!slider || !label) continue; // the label comes with a later change
+    const isRange = slider.querySelectorAll(".noUi-handle").length > 1;
+    const end = handle.classList.contains("noUi-handle-lower") ? "from" : "to";
+    handle.setAttribute("aria-label", isRange ? `${label}, ${end}` : label);
+  }
+  for (const field of root.querySelectorAll(FIELDS)) {
+    const { labels } = /** @type {HTMLInputElement} */ (field), title = field.getAttribute("title") ?? "";
+    if (labels?.length && ![...labels].some((label) => label.textContent?.trim())) field.setAttribute("aria-label", title);
+  }
+}
+
+/**
+ * Name the controls of a studio, and those that come later.
+ * @param {Element} root
+ * @param {AbortSignal} signal ends it
+ */
+export function nameControls(root, signal) {
+  const changes = new MutationObserver(() => nameAll(root));
+  changes.observe(root, { childList: true, subtree: true, attributeFilter: ["title"] });
+  signal.addEventListener("abort", () => changes.disconnect());
+  nameAll(root);
+}

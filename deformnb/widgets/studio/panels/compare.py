@@ -1,0 +1,118 @@
+"""A second volume beside the first in a studio: another scan, the target of a fit, or the result of another session."""
+
+from __future__ import annotations
+
+import html
+from os import PathLike
+from typing import Any
+
+import ipywidgets as ipw
+import traitlets
+
+from deformnb._weak import weakly
+from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
+from deformnb.widgets.cell_widgets import close_all, parts_of_another
+from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose, row
+from deformnb.widgets.studio.panels.registration import NO_TARGET, FitTarget
+from deformnb.widgets.studio.status import reason_of
+from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.worker import Worker
+
+_SHARED = ("projection", "clip", "background")  # traits of both views, besides the camera
+
+
+class ComparePanel(Panel):
+    """Panel of the second volume: it turns with the first.
+
+    Parameters
+    ----------
+    view : of the first volume.
+    place : the box in which that is.
+    worker : reads files.
+    folder : where volumes and sessions lie that can be chosen; given : a volume that can be chosen too.
+    """
+
+    title = "Second volume"
+
+    def __init__(self, session: Session, guard: Guard, view: Any, place: Any, worker: Worker,
+                 folder: str | PathLike[str], given: Volume | None) -> None:
+        super().__init__(session, guard)
+        self._view, self._place, self._worker = view, place, worker
+        self._chosen = FitTarget(session, folder, given)
+        self._wanted = NO_TARGET
+        self._second: LiveView | None = None
+        self._links: list[traitlets.link] = []
+        self._name = ipw.HTML()
+        self._line = ipw.HTML()
+        chooser = menu("Show beside", self._chosen.choices(), "Another volume of the folder, or the result of another "
+                       "session; both turn together")
+        self._menu = self.add(chooser, lambda: self._wanted, self._choose)
+        session.observe(weakly(self, ComparePanel._follow_colours), "transfer")
+        self.box = ipw.VBox([row(self._menu), self._line])
+        self.refresh()
+
+    def arrange(self) -> None:
+        fill(self._menu, self._chosen.choices())
+
+    def close(self) -> None:
+        for link in self._links:
+            link.unlink()
+        self._links = []
+
+    def _choose(self, key: str) -> None:
+        self._wanted = key
+        if key != NO_TARGET:
+            self._line.value = prose("Reading the volume \u2026")
+        self._worker.latest("second volume", weakly(self, ComparePanel._load, ComparePanel._is_open))
+
+    def _is_open(self) -> bool:
+        return not self._worker.is_closed
+
+    def _load(self) -> None:
+        """Read what was chosen last, and show it; on failure the one before stays."""
+        key = self._wanted
+        try:
+            self._chosen.choose(key)
+            self._show(self._chosen.volume)
+            self._line.value = prose(self._chosen.note) if self._chosen.note else ""
+        except Exception as error:
+            self._line.value = prose(reason_of(error))
+            if key == self._wanted:
+                self._wanted = self._chosen.key
+        self.refresh()
+
+    def _show(self, volume: Volume | None) -> None:
+        if volume is None:
+            self._remove()
+            return
+        self._name.value = html.escape(volume.name or "second volume")
+        if self._second is not None:
+            self._second.show(volume)
+            self._follow_colours()
+            return
+        view = self._view
+        with parts_of_another():
+            made = LiveView(volume, transfer=self.session.transfer, width=view.width, height=view.height, fill=True)
+        made.layout.width = "100%"
+        self._links = [view.link_camera(made), *(traitlets.link((view, name), (made, name)) for name in _SHARED
+                                                 if view.has_trait(name))]
+        self._second = made
+        beside = ipw.VBox([self._name, made], layout=ipw.Layout(display=view.layout.display)).add_class("dnb-second")
+        first, *others = self._place.children
+        self._place.children = (first, beside, *others)
+
+    def _remove(self) -> None:
+        self.close()
+        second, self._second = self._second, None
+        if second is None:
+            return
+        gone = [box for box in self._place.children if second in getattr(box, "children", ())]
+        self._place.children = tuple(box for box in self._place.children if box not in gone)
+        self._name = ipw.HTML()  # closed with its box
+        for box in gone:
+            close_all(box)
+
+    def _follow_colours(self, _change: Any = None) -> None:
+        if self._second is not None:
+            self._second.set_transfer(self.session.transfer)

@@ -1,0 +1,91 @@
+"""Three linked slices of the deformed volume in the place of a studio's view: axial, coronal and sagittal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from deformnb._weak import weakly
+from deformnb.errors import DeformError
+from deformnb.imaging.projection import project
+from deformnb.rbf.points import ControlPoints
+from deformnb.session.session import Session
+from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.editor.space_editor import SpaceEditor
+from deformnb.widgets.editor.space_slices import PANES
+from deformnb.widgets.studio.view_sync import StudioLink
+from deformnb.widgets.worker import Worker
+
+
+class StudioSlices:
+    """The slices of a studio, made when they are first shown.
+
+    Parameters
+    ----------
+    session : whose volume and deformation are shown.
+    link : gives the deformation of a drag that is on its way.
+    editor : where points are dragged.
+    worker : does what takes time.
+    place : a box of widgets that give way to the slices.
+    """
+
+    def __init__(self, session: Session, link: StudioLink, editor: Editor, worker: Worker, place: Any) -> None:
+        self._session, self._link, self._editor, self._worker, self._place = session, link, editor, worker, place
+        self._widget: SpaceEditor | None = None
+        self._window: tuple[float, float] | None = None  # the automatic one
+        self._moved = weakly(self, StudioSlices._preview, StudioSlices._is_open)
+        self.is_shown = False
+
+    def show(self, is_shown: bool) -> None:
+        """Show the slices instead of the view, or the view again."""
+        if is_shown == self.is_shown:
+            return
+        if self._widget is None:
+            self._widget = self._make()
+            self._place.children = (*self._place.children, self._widget)
+        self.is_shown = is_shown
+        for widget in self._place.children:
+            widget.layout.display = None if (widget is self._widget) == is_shown else "none"
+        self._editor.on_edit(self._moved, remove=not is_shown)
+        self.follow()
+
+    def follow(self) -> None:
+        """Show what the session holds."""
+        if self.is_shown:
+            self._worker.latest("slices", weakly(self, StudioSlices._follow, StudioSlices._is_open))
+
+    def close(self) -> None:
+        """Stop observing the editor; whoever closes the place closes the slices too."""
+        self._editor.on_edit(self._moved, remove=True)
+
+    def _make(self) -> SpaceEditor:
+        session = self._session
+        windows = [project(session.volume, side, "slice").window for side in PANES]
+        self._window = min(low for low, _ in windows), max(high for _, high in windows)
+        with parts_of_another():
+            made = SpaceEditor(session.volume, before=session.field(), window=session.window or self._window,
+                               read_only=True, theme="dark", fill=True, transfer=session.transfer_function,
+                               label=f"Slices of {session.volume.name or 'the volume'}")
+        made.layout.width = "100%"
+        return made
+
+    def _is_open(self) -> bool:
+        return not self._worker.is_closed
+
+    def _follow(self) -> None:
+        session, widget = self._session, self._widget
+        assert widget is not None
+        widget.set_look(session.window or self._window, session.colour_map)
+        widget.before = session.field()
+
+    def _preview(self, points: ControlPoints, phase: str) -> None:
+        if phase == "move":
+            self._worker.latest("slices", weakly(self, lambda slices: slices._show(points), StudioSlices._is_open))
+
+    def _show(self, points: ControlPoints) -> None:
+        try:
+            field = self._link.field_of(points)
+        except DeformError:  # two points met on their way; the edit will report it if it ends so
+            return
+        if self._widget is not None:
+            self._widget.preview(field)

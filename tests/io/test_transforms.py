@@ -1,0 +1,174 @@
+"""Transform files: what SimpleITK reads of ours resamples to the same voxels, and what it writes is applied here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import SimpleITK as sitk  # noqa: N813 (the name that its own manual uses)
+from scipy.spatial.distance import cdist
+
+import deformnb as dn
+from deformnb.cli.main import main
+from deformnb.errors import DeformError, VolumeFileError
+from deformnb.io.transforms import read_transform, write_transform
+from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
+from deformnb.volume.volume import Grid, Volume
+
+_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+GRID = Grid((14, 18, 22), (1.5, 1.0, 2.0), (5.0, -30.0, 12.0), tuple(map(tuple, _TURN.tolist())))
+RANDOM = np.random.default_rng(5)
+VOLUME = Volume(RANDOM.uniform(0, 255, GRID.shape).astype(np.float32), GRID)
+POINTS = GRID.index_to_point(RANDOM.uniform(3, 10, (60, 3)))
+AFFINE = Affine(np.eye(3) + RANDOM.uniform(-0.04, 0.04, (3, 3)), np.array([0.5, -0.8, 0.3]))
+
+
+def _bend(scale: float = 1.0) -> AbstractField:
+    at = GRID.index_to_point([[2, 2, 2], [18, 3, 4], [4, 14, 5], [9, 8, 11], [16, 13, 6]])
+    return dn.fit_rbf(dn.ControlPoints.from_arrays(at, at + scale * np.array([[1, 0, 2], [0, -1, 1], [2, 1, 0],
+                                                                              [-1, 2, -1], [0, 0, 2]])), support=30.0)
+
+
+def _resampled(transform: Any) -> np.ndarray:
+    image = VOLUME.to_sitk()
+    return sitk.GetArrayFromImage(sitk.Resample(image, image, transform, sitk.sitkLinear, -1.0))
+
+
+def _itk(path: Path) -> Any:
+    """What SimpleITK finds in a file, as a transform."""
+    if path.name.endswith((".tfm", ".h5")):
+        return sitk.ReadTransform(str(path))
+    return sitk.DisplacementFieldTransform(sitk.ReadImage(str(path), sitk.sitkVectorFloat64))
+
+
+@pytest.mark.parametrize("suffix", [".tfm", ".h5", ".nrrd", ".nii.gz", ".mha"])
+def test_simpleitk_resamples_what_is_written_to_the_same_voxels(suffix: str, tmp_path: Path) -> None:
+    field, path = _bend(), tmp_path / f"bend{suffix}"
+    write_transform(field, path, GRID)
+    known = dn.warp(VOLUME, DisplacementField.sample(field, GRID), fill=-1.0).values
+    found = _resampled(_itk(path))
+    inside = (known != -1) & (found != -1)
+    assert inside.mean() > 0.5
+    assert (inside == (known != -1)).mean() > 0.995  # at the very border either may round outwards
+    assert np.abs(known - found)[inside].max() < 0.05
+    again = read_transform(path)
+    assert np.abs(again.displacement(POINTS) - DisplacementField.sample(field, GRID).displacement(POINTS)).max() < 1e-5
+    assert "backward" in path.read_bytes()[:4000].decode("latin-1") or suffix in (".h5", ".nii.gz")
+    with pytest.raises(DeformError, match=r"bend"):
+        write_transform(field, path, GRID)
+
+
+@pytest.mark.parametrize("suffix", [".tfm", ".h5"])
+def test_a_composition_keeps_its_parts(suffix: str, tmp_path: Path) -> None:
+    both = dn.compose(_bend(), AFFINE, _bend(-0.5))
+    path = tmp_path / f"both{suffix}"
+    write_transform(both, path, GRID)
+    found = _itk(path)
+    assert found.GetName() == "CompositeTransform"
+    assert sitk.CompositeTransform(found).GetNumberOfTransforms() == 3
+    there = np.array([found.TransformPoint(tuple(p)) for p in POINTS.tolist()])
+    assert np.abs(there - (POINTS + both.displacement(POINTS))).max() < 0.02  # linear between the samples
+    again = read_transform(path)
+    assert [type(part) for part in again.steps] == [DisplacementField, Affine, DisplacementField]
+    assert np.abs(again.displacement(POINTS) - (there - POINTS)).max() < 1e-6
+
+
+def _euler() -> Any:
+    made = sitk.Euler3DTransform((3.0, -20.0, 15.0), 0.2, -0.1, 0.3)
+    made.SetTranslation((1.0, 2.0, -1.5))
+    return made
+
+
+def _similarity() -> Any:
+    return sitk.Similarity3DTransform(1.2, (0.0, 0.0, 1.0), 0.4, (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+
+
+def _spline() -> Any:
+    made = sitk.BSplineTransformInitializer(VOLUME.to_sitk(), [3, 3, 3])
+    made.SetParameters(RANDOM.uniform(-0.5, 0.5, len(made.GetParameters())).tolist())
+    return made
+
+
+ITK = {
+    "identity": lambda: sitk.Transform(3, sitk.sitkIdentity),
+    "translation": lambda: sitk.TranslationTransform(3, (1.0, -2.0, 3.0)),
+    "euler": _euler,
+    "similarity": _similarity,
+    "affine": lambda: sitk.AffineTransform(AFFINE.matrix.ravel().tolist(), AFFINE.offset.tolist(), (7.0, 8.0, 9.0)),
+    "b-spline": _spline,
+    "composite": lambda: sitk.CompositeTransform([_euler(), _spline(), _similarity()]),
+}
+
+
+@pytest.mark.parametrize("kind", ITK)
+def test_what_simpleitk_writes_is_the_same_map_here(kind: str, tmp_path: Path) -> None:
+    made, path = ITK[kind](), tmp_path / "theirs.h5"
+    sitk.WriteTransform(made, str(path))
+    nodes = GRID.index_to_point(RANDOM.integers(2, 12, (40, 3)))
+    there = np.array([made.TransformPoint(tuple(p)) for p in nodes.tolist()])
+    exact = kind not in ("b-spline", "composite")
+    wide = Grid((44, 48, 52), GRID.spacing, tuple(GRID.index_to_point([-15, -15, -15])), GRID.direction)
+    field = read_transform(path, None if exact else wide)
+    assert np.abs(nodes + field.displacement(nodes) - there).max() < (1e-9 if exact else 0.12)
+    if not exact:
+        with pytest.raises(VolumeFileError, match="pass grid=volume"):
+            read_transform(path)
+
+
+def test_kernel_transforms_interpolate_the_landmarks_of_the_file(tmp_path: Path) -> None:
+    """The thin-plate spline of ITK in space: the kernel r and an affine part, solved here by hand."""
+    source, target = RANDOM.uniform(0, 20, (9, 3)), RANDOM.uniform(0, 20, (9, 3))
+    path = tmp_path / "spline.tfm"
+    lines = [" ".join(map(repr, places.ravel().tolist())) for places in (source, target)]
+    path.write_text("#Insight Transform File V1.0\n#Transform 0\nTransform: ThinPlateSplineKernelTransform_double_3_3\n"
+                    f"Parameters: {lines[0]}\nFixedParameters: {lines[1]}\n")
+    basis = np.column_stack([np.ones(9), source])
+    system = np.block([[cdist(source, source), basis], [basis.T, np.zeros((4, 4))]])
+    weights = np.linalg.solve(system, np.vstack([target - source, np.zeros((4, 3))]))
+    places = RANDOM.uniform(-5, 25, (30, 3))
+    known = np.column_stack([cdist(places, source), np.ones(30), places]) @ weights
+    assert np.abs(read_transform(path).displacement(places) - known).max() < 1e-7
+
+
+def test_an_inverse_says_that_it_is_forward_and_how_well_it_was_found(tmp_path: Path) -> None:
+    path = tmp_path / "back.nrrd"
+    write_transform(dn.invert(_bend(), GRID), path, GRID)
+    remark = sitk.ReadImage(str(path)).GetMetaData("deformnb_transform")
+    assert remark.startswith("forward: ")
+    assert "residual" in remark
+
+
+def test_what_is_no_transform_is_refused(tmp_path: Path) -> None:
+    text, image, flat = tmp_path / "a.tfm", tmp_path / "b.nrrd", tmp_path / "c.tfm"
+    text.write_text("#Insight Transform File V1.0\nTransform: Nonsense_double_3_3\n")
+    dn.write_volume(VOLUME, image)
+    sitk.WriteTransform(sitk.Euler2DTransform(), str(flat))
+    for path, words in ((text, "reads no transform"), (image, "three components"), (flat, "2 dimensions"),
+                        (tmp_path / "none.h5", "no such file"), (tmp_path / "d.json", "no such file")):
+        with pytest.raises(VolumeFileError, match=words):
+            read_transform(path)
+    at = [[6.0, -20.0], [8.0, -10.0], [9.0, -25.0]]
+    with pytest.raises(DeformError, match="over a plane"):
+        write_transform(dn.fit_rbf(dn.ControlPoints.from_arrays(at, at)), tmp_path / "e.tfm", GRID)
+    with pytest.raises(VolumeFileError, match="ends with one of"):
+        write_transform(Identity(3), tmp_path / "e.png", GRID)
+    assert not list(tmp_path.glob("e*"))
+
+
+def test_the_command_writes_a_transform_and_its_inverse_and_warp_applies_it(tmp_path: Path) -> None:
+    volume, session, out, back, warped = (str(tmp_path / name) for name in
+                                          ("v.nrrd", "s.json", "there.tfm", "forward.nrrd", "w.nrrd"))
+    dn.write_volume(VOLUME, volume)
+    points = dn.ControlPoints.from_arrays([[9.0, -20.0, 20.0]], [[10.0, -19.0, 21.0]])
+    document = dn.Deformation.in_space(points)
+    dn.write_deformation(document, session)
+    assert main(["transform", session, volume, out, "--inverse", back]) == 0
+    field = document.field(GRID)
+    assert np.abs(read_transform(out).displacement(POINTS) - field.displacement(POINTS)).max() < 1e-4
+    forth = POINTS + field.displacement(POINTS)
+    assert np.abs(forth + read_transform(back).displacement(forth) - POINTS).max() < 0.05
+    assert main(["warp", out, volume, warped]) == 0
+    assert np.abs(dn.read_volume(warped).values - document.apply(VOLUME).values).max() < 0.05
+    assert main(["transform", session, volume, out]) == 2  # it is there
