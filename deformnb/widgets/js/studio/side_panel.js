@@ -35,6 +35,9 @@ export class SidePanel {
   /** Whether each section was open when it was looked at last. @type {Map<Element, boolean>} */
   sections = new Map();
 
+  /** Height of each section. @type {Map<Element, number>} */
+  heights = new Map();
+
   isTabSet = false;
 
   isUsed = false; // by the user of this page, and not only by Python or another page
@@ -64,6 +67,7 @@ export class SidePanel {
       this.frame = requestAnimationFrame(() => this.#follow());
     });
     this.changes.observe(panel, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
+    this.sizes = new ResizeObserver((entries) => { for (const { target } of entries) this.#sized(target); });
     const { width } = remembered();
     this.#show(typeof width === "number" ? width : FIRST);
     this.#follow();
@@ -71,6 +75,7 @@ export class SidePanel {
 
   close() {
     this.changes.disconnect();
+    this.sizes.disconnect();
     cancelAnimationFrame(this.frame);
     this.closing.abort();
     this.splitter.remove();
@@ -136,6 +141,7 @@ export class SidePanel {
       if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section)) heading.click();
       const is = isOpen(section);
       if (before === false && is) this.#scrollTo(section);
+      if (before === undefined) this.sizes.observe(section);
       this.sections.set(section, is);
       now[title] = is;
     }
@@ -150,6 +156,14 @@ export class SidePanel {
     if (!this.isTabSet && there && current === tabs[0] && there !== current) pressTab(there);
     this.isTabSet = true;
     if (this.isUsed) remember({ tab: this.panel.querySelector(".lm-mod-current")?.textContent?.trim() });
+  }
+
+  /** A section that grows by what is chosen in one of its menus comes into view too. @param {Element} section */
+  #sized(section) {
+    const { height } = section.getBoundingClientRect(), before = this.heights.get(section) ?? height;
+    this.heights.set(section, height);
+    const { activeElement } = document;
+    if (height > before && activeElement?.matches("select") && section.contains(activeElement)) this.#scrollTo(section);
   }
 
   /** By the panel's own scroll bar: scrollIntoView would move the page. @param {Element} section */
