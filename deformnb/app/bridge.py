@@ -33,7 +33,7 @@ SETTABLE = {
     "TextModel": {"value"}, "TextareaModel": {"value"}, "FloatSliderModel": {"value"}, "FloatLogSliderModel": {"value"},
     "IntSliderModel": {"value"}, "CheckboxModel": {"value"}, "ToggleButtonModel": {"value"}, "DropdownModel": {"index"},
     "SelectMultipleModel": {"index"},
-    "FileUploadModel": {"value", "error"}, "TabModel": {"selected_index"}, "AccordionModel": {"selected_index"},
+    "TabModel": {"selected_index"}, "AccordionModel": {"selected_index"},
 }
 """Traits of ipywidgets that a page may set, by the name of the model. Our own widgets check what they are sent."""
 

@@ -9,6 +9,7 @@ changed by going to it (:func:`at_key`), editing, and storing the result in it (
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -83,7 +84,8 @@ def points_between(maps: list[ControlPoints], knots: list[float], index: int) ->
                    target=(1 - t) * before.target + t * after.target)
 
 
-def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> tuple[Deformation, int, str]:
+def turned(deformation: Deformation, index: int, new: Step, untouched: Step,
+           side_of: Callable[[Plane | None], str]) -> tuple[Deformation, int, str]:
     """The document and the step to edit once the picture is turned, and a notice.
 
     A side that has a step already leads back to it. Else the step being edited is turned if it is as it began, and a
@@ -93,6 +95,7 @@ def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> 
     ----------
     index : of the step that was being edited.
     new : a step on the other side, without drags; untouched : what the one being edited began as.
+    side_of : the side of a plane in words, such as "from above".
     """
     steps = list(deformation.steps)
     old = steps[index]
@@ -102,13 +105,13 @@ def turned(deformation: Deformation, index: int, new: Step, untouched: Step) -> 
         if not is_used:
             del steps[index]
             there -= there > index
-        notice = f"Back at step {there + 1}, which was made from this side."
+        notice = f"Back at step {there + 1}, {side_of(new.plane)}."
         return replace(deformation, steps=tuple(steps)), there, notice
     if not is_used:
         return deformation.with_step(index, new), index, ""
     count = len(steps)
-    notice = (f"Step {count + 1} begins. The points of step {index + 1} are kept: "
-              "choose its side again to edit them.")
+    notice = (f"Step {count + 1} begins, {side_of(new.plane)}. The points of step {index + 1}, "
+              f"{side_of(old.plane)}, are kept: choose that side or step again to edit them.")
     return deformation.then(new), count, notice
 
 

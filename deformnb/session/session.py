@@ -46,7 +46,7 @@ from deformnb.registration.outlines import HELD, hold_outline, outline
 from deformnb.session.history import History, HistoryNode
 from deformnb.session.view_state import ViewState, without_view_state
 from deformnb.volume.colour_maps import COLOUR_MAPS
-from deformnb.volume.plane import VIEWS, Picture, Plane, Slices
+from deformnb.volume.plane import SIDES, VIEWS, Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
@@ -351,7 +351,8 @@ class Session(traitlets.HasTraits):
             last = len(self.deformation.steps)
             step = self._untouched(None if in_space else self.plane)
             self._become(self.deformation.then(step), "add a step", index=last, key=0)
-            self.notice = f"Step {last + 1} begins: what is dragged now is done after step {last}."
+            self.notice = (f"Step {last + 1} begins, {self.side_of(step.plane)}: what is dragged now is done after "
+                           f"step {last}.")
 
     def remove_step(self, index: int | None = None) -> None:
         """Without a step, by default the one that is edited; of the only one, only its drags go."""
@@ -611,6 +612,28 @@ class Session(traitlets.HasTraits):
         """The name of a plane's side, None for an oblique plane and for none."""
         return next((v for v in VIEWS if Plane.along(self.volume.grid, v) == plane), None)
 
+    def side_of(self, plane: Plane | None) -> str:
+        """The side of a plane in words: "from above", "oblique", or "in space" for none."""
+        return "in space" if plane is None else SIDES.get(self.view_of(plane) or "", "oblique").split(" (")[0]
+
+    def step_titles(self) -> list[str]:
+        """What the steps are called: their names, or else their sides, numbered where a side comes again.
+
+        Examples
+        --------
+        >>> from deformnb.datasets import PHANTOMS
+        >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)), view="+y")
+        >>> session.add_step()
+        >>> session.step_titles()
+        ['from the front', 'from the front, 2nd']
+        """
+        titles: list[str] = []
+        sides = [self.side_of(step.plane) for step in self.deformation.steps]
+        for k, (step, side) in enumerate(zip(self.deformation.steps, sides, strict=True)):
+            number = sides[: k + 1].count(side)
+            titles.append(step.name or (side if number == 1 else f"{side}, {_ordinal(number)}"))
+        return titles
+
     def set_view(self, view: str | Plane) -> None:
         """ViewState from another side: back at the step made from there, or else on a new one after all others.
 
@@ -622,7 +645,8 @@ class Session(traitlets.HasTraits):
             if plane == self.step.plane:
                 return
             new = replace(self._untouched(plane), kernel=self.step.kernel, trend=self.step.trend)
-            deformation, index, notice = turned(self.deformation, self.index, new, self._untouched(self.step.plane))
+            deformation, index, notice = turned(self.deformation, self.index, new,
+                                                self._untouched(self.step.plane), self.side_of)
             self.depth = 0.0
             self._become(deformation, "turn the picture", index=index, key=0)
             self.notice = notice
@@ -928,6 +952,10 @@ def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
         if i in maps[k].ids:
             maps[k] = maps[k].edit(i, name=names[i])
     return replace(step, maps=tuple(maps))
+
+
+def _ordinal(number: int) -> str:
+    return f"{number}{'th' if 10 < number % 100 < 14 else {1: 'st', 2: 'nd', 3: 'rd'}.get(number % 10, 'th')}"
 
 
 def _moves(deformation: Deformation) -> bool:

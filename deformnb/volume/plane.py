@@ -22,6 +22,10 @@ from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_grid
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
 
+SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
+         "-z": "from above (-z)", "+z": "from below (+z)"}
+"""The six views in words, for a patient or an animal in LPS."""
+
 # Up of the picture for each viewing axis: the head (superior, +z) is up in side and front views; an axial picture has
 # the front of the patient (-y) up. Radiologists expect exactly this.
 _UP = {"x": (0.0, 0.0, 1.0), "y": (0.0, 0.0, 1.0), "z": (0.0, -1.0, 0.0)}

@@ -38,9 +38,6 @@ SHOWS = {
 }
 """Display modes of a volume and its deformation, by name; the first is the default."""
 
-SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
-         "-z": "from above (-z)", "+z": "from below (+z)"}
-"""The six views in words, for a patient or an animal in LPS."""
 
 COMPARISONS = ("wipe", "fade")
 """Display modes that show original and deformed at one place."""

@@ -122,6 +122,17 @@ class EditRefused(TypedDict):
     message: Annotated[str, "why"]
 
 
+class WandRequest(TypedDict):
+    """The wand was used; the trait wand has the answer."""
+
+    type: Literal["wand"]
+    what: Annotated[Literal["preview", "part", "cut", "stop"], "what becomes of it"]
+    place: Annotated[list[float], "that was clicked, of the original picture"]
+    tolerance: Annotated[float, "in the unit of the picture's values"]
+    rule: Annotated[Literal["near", "brighter", "darker"], "which values are selected"]
+    through: Annotated[bool, "whether in the volume instead of in the picture"]
+
+
 class DrawShape(TypedDict):
     """Start drawing a shape."""
 
@@ -262,6 +273,54 @@ class Download(TypedDict):
 
     type: Literal["download"]
     name: Annotated[str, "of the file"]
+
+
+class UploadBegin(TypedDict):
+    """A file was chosen or dropped."""
+
+    type: Literal["begin"]
+    id: Annotated[str, "of the upload"]
+    name: Annotated[str, "of the file"]
+    size: Annotated[int, "in bytes"]
+
+
+class UploadPiece(TypedDict):
+    """The piece that was requested."""
+
+    type: Literal["piece"]
+    id: Annotated[str, "of the upload"]
+    offset: Annotated[int, "of its first byte"]
+
+
+class UploadCancel(TypedDict):
+    """The user has given the upload up."""
+
+    type: Literal["cancel"]
+    id: Annotated[str, "of the upload"]
+
+
+class PieceRequest(TypedDict):
+    """A request for the next piece."""
+
+    type: Literal["next"]
+    id: Annotated[str, "of the upload"]
+    offset: Annotated[int, "of its first byte"]
+    length: Annotated[int, "in bytes"]
+
+
+class UploadReading(TypedDict):
+    """The file has come and is being read."""
+
+    type: Literal["reading"]
+    id: Annotated[str, "of the upload"]
+    share: Annotated[float, "that is done, 0 to 1"]
+
+
+class UploadDone(TypedDict):
+    """The file was taken, cancelled or refused."""
+
+    type: Literal["done"]
+    id: Annotated[str, "of the upload"]
 
 
 class RestoreCommand(TypedDict):
@@ -532,6 +591,7 @@ def type_words(hint: Any) -> str:
 
 _EDITORS, _INPUTS = "Editor, SpaceEditor", "CurveEditor, TransferEditor, DepthKeys"
 _SPACE, _ROWS, _TABLE, _FILES, _RESTORE = "SpaceEditor", "ItemList", "PointsTable", "FileTransfer", "RestoreBar"
+_UPLOAD = "FileInput"
 _LIVE, _SERVED = "LiveView", "VolumeView"
 
 MESSAGES: tuple[MessageKind, ...] = (
@@ -539,6 +599,7 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind(PointsEdit, TO_PYTHON, _EDITORS),
     MessageKind(ShapesEdit, TO_PYTHON, "Editor"),
     MessageKind(ShapeChoice, TO_PYTHON, "Editor"),
+    MessageKind(WandRequest, TO_PYTHON, "Wand"),
     MessageKind(HistoryRequest, TO_PYTHON, _EDITORS),
     MessageKind(EditDone, TO_FRONT_END, _EDITORS),
     MessageKind(EditRefused, TO_FRONT_END, _EDITORS),
@@ -558,6 +619,12 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind(PointsCommandDone, TO_FRONT_END, _TABLE),
     MessageKind(CopyText, TO_FRONT_END, _FILES),
     MessageKind(Download, TO_FRONT_END, _FILES, "the file"),
+    MessageKind(UploadBegin, TO_PYTHON, _UPLOAD),
+    MessageKind(UploadPiece, TO_PYTHON, _UPLOAD, "its bytes"),
+    MessageKind(UploadCancel, TO_PYTHON, _UPLOAD),
+    MessageKind(PieceRequest, TO_FRONT_END, _UPLOAD),
+    MessageKind(UploadReading, TO_FRONT_END, _UPLOAD),
+    MessageKind(UploadDone, TO_FRONT_END, _UPLOAD),
     MessageKind(RestoreCommand, TO_PYTHON, _RESTORE),
     MessageKind(CommandDone, TO_FRONT_END, _RESTORE),
     MessageKind(SaveRequest, TO_PYTHON, "StudioHead"),

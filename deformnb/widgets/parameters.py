@@ -20,7 +20,8 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.colour_maps import COLOUR_MAPS
-from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.volume.plane import SIDES
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.protocol import OVERLAYS
 
 
@@ -182,6 +183,8 @@ ACTIONS: dict[str, Action] = {
     "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),
     "hold_outline": Action("Hold outline", "Points that stay along the outline: a drag then bends only what lies "
                            "around it, and not the whole body"),
+    "thompson": Action("Grids", "Thompson's grids and your own: the picture on a regular grid beside the deformed one, "
+                       "whose nodes can be dragged"),
     "auto_window": Action("Automatic window", "Black and white of the picture as its values suggest, instead of those "
                           "set by hand"),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),

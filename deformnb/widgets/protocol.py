@@ -305,6 +305,35 @@ class ChooseMessage(Message):
     shape: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class WandMessage:
+    """Message of the front end about the wand; the attributes are those of
+    :class:`~deformnb.widgets.messages.WandRequest`.
+    """
+
+    what: str
+    place: tuple[float, float]
+    tolerance: float
+    rule: str
+    through: bool
+
+
+def wand_from_page(content: dict[str, Any]) -> WandMessage:
+    """Parse a message about the wand; DeformError for anything wrong in it."""
+    check_size(content, LONGEST_MESSAGE)
+    what, place, rule = content.get("what"), content.get("place"), content.get("rule")
+    tolerance, through = content.get("tolerance"), content.get("through")
+    if what not in ("preview", "part", "cut", "stop") or rule not in ("near", "brighter", "darker"):
+        raise DeformError("the wand selects, makes a part or a cut, or stops.")
+    if not isinstance(place, list) or len(place) != 2 or not all(_is_number(v) for v in place):
+        raise DeformError("the wand needs a place of two numbers.")
+    if not isinstance(tolerance, int | float) or not _is_number(tolerance) or tolerance < 0:
+        raise DeformError("the wand needs a tolerance from 0.")
+    if not isinstance(through, bool):
+        raise DeformError("the wand needs to know whether it goes through the depth.")
+    return WandMessage(what, (float(place[0]), float(place[1])), float(tolerance), rule, through)
+
+
 def choice_from_page(content: dict[str, Any]) -> ChooseMessage:
     """Parse a message about the chosen shape; DeformError for anything wrong in it."""
     sender, seq = header(content)

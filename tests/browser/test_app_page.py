@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import ipywidgets as ipw
 import numpy as np
 import pytest
 from browser.app_tab import PATIENCE, Tab, app_of_a_cube, eventually
 from browser.studio_layout import GROUPS, choose, lasting_faults, tabs_of
-from driven_studio import crash
+from driven_studio import all_of, crash
 from numpy.typing import NDArray
 from running_app import RunningApp
 
@@ -53,6 +54,15 @@ def tab(browser: Any, fresh: RunningApp) -> Iterator[Tab]:
     opened = Tab(browser, fresh)
     yield opened
     opened.close()
+
+
+DROP = """([name, text]) => {
+  const stage = document.querySelector('.dnb-ed-stage'), dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], name));
+  for (const type of ['dragenter', 'dragover', 'drop']) {
+    stage.dispatchEvent(new DragEvent(type, { bubbles: true, cancelable: true, dataTransfer }));
+  }
+}"""
 
 
 def _middle(image: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -236,10 +246,15 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         tab.page.keyboard.press("Control+z")
         tab.has(5, 0)
         with tab.page.expect_file_chooser() as choosing:
-            tab.page.get_by_role("button", name="Open session").click()
+            tab.page.get_by_role("button", name="Open", exact=True).click()
         choosing.value.set_files(saved)
         tab.has(5, 1)
         assert app.session.points == before
+        tab.page.evaluate(DROP, ["mark.fcsv", "# CoordinateSystem = LPS\n1,10,9,12,0,0,0,1,1,1,0,nose,,\n"])
+        tab.has(6, 1)
+        assert app.session.points.names[-1] == "nose"
+        tab.page.evaluate(DROP, ["scan.zip", "PK"])
+        tab.page.get_by_text("scan.zip is no file that can be opened here").wait_for()
         tab.close()
 
 
@@ -354,3 +369,27 @@ def test_one_pane_takes_the_place_of_both_and_gives_it_back(tab: Tab) -> None:
     picture.locator(".dnb-pane-alone").press("Enter")
     volume.wait_for(state="hidden")
     assert picture.locator(".dnb-pane-alone").get_attribute("aria-pressed") == "true"
+
+
+def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(tab: Tab) -> None:
+    page, tabs = tab.page, next(box for box in all_of(tab.app.studio) if isinstance(box, ipw.Tab))
+    sections = {box.titles[0]: box for box in all_of(tabs) if isinstance(box, ipw.Accordion)}
+    splitter = page.get_by_role("separator", name="Width of the panel")
+    splitter.press("ArrowLeft")
+    assert splitter.get_attribute("aria-valuenow") == "320"
+    assert page.locator(".dnb-studio-panel").bounding_box()["width"] == pytest.approx(320, abs=1)
+    choose(page, "Points")
+    choose(page, "Depth")
+    page.wait_for_function("""() => { const kept = decodeURIComponent(document.cookie);
+      return kept.includes('"tab":"Depth"') && kept.includes('"Points":true'); }""", timeout=PATIENCE)
+    page.goto("about:blank")
+
+    def as_made() -> None:  # as those of a new studio are
+        tabs.selected_index, sections["Points"].selected_index = 0, None
+
+    tab.app.application.thread.call(as_made).result(30)
+    page.goto(tab.app.server.url)
+    page.locator(".dnb-studio-panel .lm-mod-current", has_text="Depth").wait_for(timeout=PATIENCE)
+    eventually(lambda: tabs.selected_index == 1 and sections["Points"].selected_index == 0)
+    assert sections["Steps"].selected_index == 0
+    assert splitter.get_attribute("aria-valuenow") == "320"

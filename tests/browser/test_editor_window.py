@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
+from deformnb.document.json_format import region_to_data
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Mask
 from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import Grid
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.protocol import WandMessage
 
 pytestmark = pytest.mark.needs_browser
 
@@ -213,3 +216,32 @@ def test_the_status_line_names_place_and_value_under_the_pointer(
     assert "before the deformation" in (line.get_attribute("title") or "")
     page.page.mouse.move(5, 5)
     page.wait("document.querySelector('.dnb-ed-value').textContent === ''")
+
+
+def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(opened: Any, picture: Picture,
+                                                                           points: ControlPoints) -> None:
+    editor = Editor(picture, points.move(points.ids[4], points.target[4] + [4.0, 0.0]), show_grid=False,
+                    wand={"region": None})
+    asked: list[WandMessage] = []
+    editor.on_wand(asked.append)
+    page = opened(editor)
+    before = page.points
+    page.page.locator("[data-command=wand]").click()
+    x, y = page.on_screen(points.target[4] + [4.0, 0.0])
+    page.page.mouse.click(x, y)
+    page.settled()
+    assert asked[-1].what == "preview"
+    assert asked[-1].place == pytest.approx(points.source[4], abs=0.6)  # where that was before it was dragged
+    first = asked[-1].tolerance
+    page.page.keyboard.press("]")
+    page.wait(f"{PAGE}.model.sent.filter((m) => m.type === 'wand').length === 2")
+    page.settled()
+    assert asked[-1].tolerance > first
+    mask = Mask(picture.values > 100, picture.raster)
+    editor.wand = {"region": region_to_data(mask), "words": "100 to 200", "share": 1.0}
+    page.wait("document.querySelector('.dnb-ed-wand-line').getAttribute('d').length > 10")
+    page.page.get_by_role("button", name="Make rigid part").click()
+    page.settled()
+    assert [m.what for m in asked[-1:]] == ["part"]
+    assert page.page.locator(".dnb-ed-wand-bar").is_hidden()
+    assert page.points == before

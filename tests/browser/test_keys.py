@@ -87,7 +87,7 @@ def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(opened: A
 @pytest.mark.needs_browser
 def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(opened: Any, picture: Picture,
                                                                   points: ControlPoints) -> None:
-    page = opened(Editor(picture, points))
+    page = opened(Editor(picture, points, wand={"region": None}))
     tips = dict(page.js("[...document.querySelectorAll('.dnb-editor [data-command]')].map((b) => "
                         "[b.dataset.command, [b.title, b.getAttribute('aria-keyshortcuts')]])"))
     assert tips["add"] == ["Add points: click where (Double-click, A)", "A"]
@@ -96,7 +96,7 @@ def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(opened: Any, pict
     assert tips["zoom-in"][1] == "+"
     for command, key in (("smudge", "s"), ("size", "e"), ("cut", "x"), ("part", "p"), ("ground", "g"), ("grid", "n"),
                          ("compare", "c"), ("mirror", "m"), ("snap", "Shift+N"), ("stop", "t"), ("radius", "r"),
-                         ("select", "b")):
+                         ("select", "b"), ("wand", "q")):
         button = page.page.locator(f"[data-command={command}]")
         state = "aria-checked" if button.get_attribute("role") == "menuitemcheckbox" else "aria-pressed"
         before = button.get_attribute(state)

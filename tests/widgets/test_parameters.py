@@ -14,7 +14,8 @@ from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
-from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.volume.plane import SIDES
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.parameters import PARAMETERS, Choice, as_json, as_markdown
 from deformnb.widgets.protocol import OVERLAYS
 

@@ -45,12 +45,14 @@ from deformnb.widgets.protocol import (
     RefusedMessage,
     ShapesMessage,
     ShapesTrait,
+    WandMessage,
     choice_from_page,
     followed,
     header,
     place_of,
     shapes_from_page,
     shapes_to_json,
+    wand_from_page,
 )
 from deformnb.widgets.view.base import PlanarFit
 from deformnb.widgets.view.stills import with_png
@@ -224,6 +226,7 @@ class Editor(EditedPoints):
     ``slices`` is {} or, where the picture is one of several slices, ``{"count": 128,
     "first": -32.0, "spacing": 0.5}``, the depth of the first one and the distance of neighbours; the front end then
     sets ``slice``, the number from 0 of the one that is wanted, and whoever observes it sets ``picture``.
+    ``wand`` is {} or what the wand of the front end has selected, see :meth:`on_wand`.
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
     ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
     least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
@@ -270,6 +273,7 @@ class Editor(EditedPoints):
     colours = traitlets.Bytes(b"", help="256 colours of the map, red, green, blue; empty for grey").tag(sync=True)
     shows = traitlets.Enum(list(PICTURE_SHOWS), PICTURE_SHOWS[0]).tag(sync=True)
     slices = traitlets.Dict(help="number, first depth and spacing of the slices").tag(sync=True)
+    wand = traitlets.Dict(help="what the wand has selected; {} where nobody answers it").tag(sync=True)
     slice = traitlets.Int(0, min=0, help="the slice that is shown, counted from 0").tag(sync=True)
 
     def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
@@ -278,6 +282,7 @@ class Editor(EditedPoints):
         self._previous: AbstractField | None = None
         self._picture = picture
         self._shapes_callbacks: list[ShapesCallback] = []
+        self._wand_callbacks: list[Callable[[WandMessage], None]] = []
         super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
 
     # ---- what is shown ----------------------------------------------------------------------------------------------
@@ -373,6 +378,28 @@ class Editor(EditedPoints):
             self._shapes_callbacks.remove(callback)
         else:
             self._shapes_callbacks.append(callback)
+
+    def on_wand(self, callback: Callable[[WandMessage], None]) -> None:
+        """Call ``callback(message)`` when the wand is used in the front end.
+
+        Whoever answers sets the trait ``wand``: ``{"region": the region as documents hold it, or None, "words": text,
+        "share": of the work that is done}``. While it is {} the front end has no wand.
+        """
+        self._wand_callbacks.append(callback)
+
+    def _received(self, widget: Any, content: Any, buffers: Any) -> None:
+        if not isinstance(content, dict) or content.get("type") != "wand":
+            super()._received(widget, content, buffers)
+            return
+        try:
+            message = wand_from_page(content)
+            for callback in tuple(self._wand_callbacks):
+                callback(message)
+        except DeformError as error:
+            _LOG.warning("a message about the wand was dropped: %s", error)
+        except Exception as error:  # of any callback: it must not end the connection with the front end
+            _LOG.exception("a callback of the wand failed")
+            self.send(EditRefused(type="error", message=f"{type(error).__name__} in a callback: {error}"))
 
     def _read(self, content: Any) -> Message | None:
         readers: dict[str, Callable[[Any], Message]] = {

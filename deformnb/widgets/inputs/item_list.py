@@ -72,8 +72,9 @@ class ItemList(SyncedWidget):
         Parameters
         ----------
         rows : of each ``name``, or ``title`` where it has none; ``facts``, a list of texts; ``on``; a colour as
-            ``swatch``, or a letter as ``mark``, in the place of its number; ``tip``; ``time`` in seconds since 1970,
-            shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if nothing else identifies it.
+            ``swatch`` or a letter as ``mark`` in the place of its number, or the letter on the colour; ``tip``;
+            ``time`` in seconds since 1970, shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if
+            nothing else identifies it.
         chosen : the row that is marked, -1 for none.
         """
         whole = [{"name": "", "title": "", "facts": [], "swatch": "", "tip": "", "on": True, **row} for row in rows]

@@ -32,6 +32,7 @@ const WIDGETS = {
   item_list: ["inputs/item_list.js", "ui/theme.css", "inputs/item_list.css"],
   clip_controls: ["inputs/clip_controls.js", "inputs/clip_sliders.css"],
   file_transfer: ["inputs/file_transfer.js", "inputs/file_transfer.css"],
+  file_input: ["inputs/file_input.js", "inputs/file_input.css"],
   restore_bar: ["inputs/restore_bar.js", "inputs/restore_bar.css"],
   studio_head: ["studio/head.js", "studio/studio.css"],
 };

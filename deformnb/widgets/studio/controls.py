@@ -28,6 +28,9 @@ from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice,
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
 
+STEP_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#f0e442")
+"""Of the marks of steps, in the list and over the picture: Okabe and Ito's, in turn."""
+
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "100px"}
 _STANDING_ELSEWHERE = ("strength", "stages")  # above the panels, and beside the folds
@@ -182,6 +185,7 @@ class Panel:
     ----------
     title : of its section; box : the widget; controls : what is bound.
     warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing.
+    reveal : brings the panel into view, where it is a section that can be folded.
     """
 
     title = ""
@@ -192,6 +196,7 @@ class Panel:
         self.session = session
         self.guard = guard
         self.controls: list[Control] = []
+        self.reveal: Callable[[], None] = lambda: None
         self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is no edit of the user
 
     def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
@@ -228,9 +233,14 @@ class Panel:
 
 
 class PicturePanel(Panel):
-    """Row over the picture: side, projection, slice."""
+    """Row over the picture: the step that is edited, side, projection, slice.
 
-    def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
+    Parameters
+    ----------
+    grids : the panel of Thompson's grids, which a button shows.
+    """
+
+    def __init__(self, session: Session, guard: Guard, editor: Any, grids: Panel) -> None:
         super().__init__(session, guard)
         self._side = side = widget_of("view", layout=ipw.Layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
@@ -241,14 +251,18 @@ class PicturePanel(Panel):
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
         hold = action_button("hold_outline", lambda: guard(session.hold_outline))
-        self._on_picture = [method, hold]  # three pictures of a step in space have controls of their own
-        self.box = row(side, method, self._depth, hold)
+        shows_grids = action_button("thompson", lambda: guard(grids.reveal))
+        self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have controls of their own
+        self._step = ipw.HTML("")
+        self.box = row(self._step, side, method, self._depth, hold, shows_grids)
         self.refresh()
 
     def _held_depth(self) -> float:
         return float(np.clip(self.session.depth, *self.session.depth_range))
 
     def arrange(self) -> None:
+        self._step.value = step_badge(self.session)
+        self._step.layout.display = "" if self._step.value else "none"
         low, high = self.session.depth_range
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
@@ -259,6 +273,16 @@ class PicturePanel(Panel):
         self._depth.layout.display = "" if self.session.method == "slice" and not in_space else "none"
         elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
+
+
+def step_badge(session: Session) -> str:
+    """The number of the step that is edited, on its colour; empty while there is only one."""
+    count, k = len(session.deformation.steps), session.index
+    if count == 1:
+        return ""
+    title = html.escape(session.step_titles()[k])
+    return (f'<span class="dnb-step-badge" title="Step {k + 1} of {count}, {title}, is edited on this picture" '
+            f'style="background: {STEP_COLOURS[k % len(STEP_COLOURS)]}">{k + 1}</span>')
 
 
 class PictureLookPanel(Panel):

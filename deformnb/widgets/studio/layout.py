@@ -11,6 +11,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -36,6 +37,7 @@ from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
 from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
 from deformnb.widgets.studio.panels.examples import ExamplesPanel
 from deformnb.widgets.studio.panels.files import FilesPanel, ResultBox
+from deformnb.widgets.studio.panels.opening import OpenPanel
 from deformnb.widgets.studio.panels.points import PointsPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
@@ -43,6 +45,7 @@ from deformnb.widgets.studio.panels.steps import HistoryPanel, StepsPanel
 from deformnb.widgets.studio.panels.thompson import ThompsonPanel
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
+from deformnb.widgets.studio.wand import Wand
 from deformnb.widgets.worker import Worker
 
 
@@ -105,7 +108,9 @@ class StudioPanels:
     menus : panels of the head's menus, by their class.
     picture, volume : stand over the panes.
     start : stands over the picture while nothing is deformed.
+    opening : takes files that are dropped on the studio.
     others : stand in another one.
+    wand : the tool of the picture.
     """
 
     groups: Mapping[str, Sequence[Section]]
@@ -113,7 +118,9 @@ class StudioPanels:
     picture: Panel
     volume: Panel
     start: Panel
-    others: Sequence[Panel] = ()
+    opening: Panel
+    others: Sequence[Panel]
+    wand: Wand
 
     @property
     def history(self) -> HistoryPanel:
@@ -124,7 +131,7 @@ class StudioPanels:
     def all(self) -> list[Panel]:
         """Every panel."""
         sections = [section for group in self.groups.values() for section in group]
-        return [self.picture, self.volume, self.start, *(section.panel for section in sections),
+        return [self.picture, self.volume, self.start, self.opening, *(section.panel for section in sections),
                 *self.menus.values(), *self.others]
 
 
@@ -133,15 +140,17 @@ def make_panels(s: PanelParts) -> StudioPanels:
     files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
     result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
     files.box.children = (result_box.box, *files.box.children)
+    points = PointsPanel(s.session, s.guard, s.editors, s.worker)
+    shapes = ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)
+    fit = FitPanel(s.session, s.guard, s.editors, s.folder, s.target)
+    thompson = ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)
     shape = [
         _alone(StrengthPanel(s.session, s.guard)),
         Section(StepsPanel(s.session, s.guard), is_open=True),
         Section(MapPanel(s.session, s.guard), is_open=True),
-        Section(PointsPanel(s.session, s.guard, s.editors, s.worker)),
-        Section(ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)),
-        Section(FitPanel(s.session, s.guard, s.editors, s.folder, s.target)),
-        Section(ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)),
+        *map(Section, (points, shapes, fit, thompson)),
     ]
+    wand = Wand(s.session, s.editors.plane, s.worker, s.guard, shapes.add_regions)
     display = DisplayPanel(s.session, s.guard, s.view, s.opacity)
     groups = {
         "Shape": shape,
@@ -154,9 +163,10 @@ def make_panels(s: PanelParts) -> StudioPanels:
     }
     menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
              "export": files}
-    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane),
+    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
                         VolumePanel(s.session, s.guard, s.view, s.slices),
-                        ExamplesPanel(s.session, s.guard, is_start=True), [result_box])
+                        ExamplesPanel(s.session, s.guard, is_start=True),
+                        OpenPanel(s.session, s.guard, points, shapes, fit), [result_box], wand)
 
 
 def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,
@@ -178,7 +188,7 @@ def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels,
     body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
     body.layout.height = f"{height}px"
     menus = [_box([panel.box], f"dnb-menu-{name}").add_class("dnb-studio-menu") for name, panel in panels.menus.items()]
-    return [head, *menus, body]
+    return [head, *menus, body, panels.opening.box.add_class("dnb-studio-open")]
 
 
 def _box(children: Sequence[Any], name: str) -> ipw.Box:
@@ -203,6 +213,14 @@ def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
             if panel is not None:
                 panel.opened(tabs.selected_index == number and getattr(box, "selected_index", 0) is not None)
 
+    def show(number: int, box: Any) -> None:
+        tabs.selected_index = number
+        if isinstance(box, ipw.Accordion):
+            box.selected_index = 0
+
+    for number, box, reference in known:
+        if (panel := reference()) is not None:
+            panel.reveal = partial(show, number, box)
     notify()
     for widget in (tabs, *(box for _, box, _ in known if isinstance(box, ipw.Accordion))):
         widget.observe(notify, "selected_index")
@@ -218,4 +236,6 @@ def _fold(section: Section) -> Any:
         return _box([section.panel.box], "dnb-section-plain")
     made = ipw.Accordion([section.panel.box], titles=[section.panel.title],
                          selected_index=0 if section.is_open else None)
+    if section.is_open:
+        made.add_class("dnb-section-open")  # as it is made: see js/studio/side_panel.js
     return made.add_class("dnb-section")

@@ -268,7 +268,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._edits.take_edits_from(self._editors, self._picture)
         self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
         panels = self._make_panels(folder, labels, label_names, target)
-        self._panels = panels.all
+        self._panels, self._wand = panels.all, panels.wand
         head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
         close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.show)  # finds what that one has left
@@ -535,6 +535,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                 getattr(self, part).close()
         for panel in self._panels:
             panel.close()
+        if hasattr(self, "_wand"):
+            self._wand.close()
 
     # -- display -------------------------------------------------------------------------------------------------------
 

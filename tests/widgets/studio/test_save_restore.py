@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from driven_studio import a_drag, a_volume, act, crash, drag, notice_of, panel, wait_for
 from front_end import deliver
+from uploads import uploaded
 from waiting import PATIENCE
 
 from deformnb.session.autosave import saved_sessions
@@ -124,17 +125,17 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     other = Session(Volume(a_volume().values // 2, a_volume().grid, "half"))
     other.change(strength=0.25)
     other.save(tmp_path / "half.json")
-    content = {"content": (tmp_path / "half.json").read_bytes()}
-    files._open([content])
-    assert files.question.box.layout.display == ""
-    assert "another volume (&#x27;half" in files.question.text.value
+    opening, content = panel(studio, "Open"), (tmp_path / "half.json").read_bytes()
+    uploaded(opening.box, "half.json", content)
+    assert opening.question.box.layout.display == ""
+    assert "another volume (&#x27;half" in opening.question.text.value
     assert studio.session.step.strength == 1.0
-    files.question.refuse.click()
-    assert files.question.box.layout.display == "none"
-    files.question.agree.click()  # nothing is asked
+    opening.question.refuse.click()
+    assert opening.question.box.layout.display == "none"
+    opening.question.agree.click()  # nothing is asked
     assert studio.session.step.strength == 1.0
-    files._open([content])
-    files.question.agree.click()
+    uploaded(opening.box, "half.json", content)
+    opening.question.agree.click()
     assert studio.session.step.strength == 0.25
     assert studio.undo() is None
 

@@ -17,6 +17,7 @@ import pytest
 from driven_studio import a_drag, a_volume, act, all_of, box_of, controls, drag, notice_of, page_says, panel, wait_for
 from front_end import deliver
 from numpy.testing import assert_array_equal
+from uploads import uploaded
 from waiting import Threads
 
 from deformnb.document.deformation import Deformation
@@ -25,9 +26,9 @@ from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
-from deformnb.volume.plane import VIEWS
+from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.widgets import Studio
-from deformnb.widgets.camera import SHOWS, SIDES
+from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.protocol import points_to_json
 
@@ -457,10 +458,10 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     saved = to_json(studio.session.document()).encode()
     studio.undo()
-    files = panel(studio, "Export")
-    files._open([{"name": "s.json", "content": memoryview(saved)}])
+    opening = panel(studio, "Open").box
+    uploaded(opening, "s.json", saved)
     assert studio.session.points.displacement.any()
-    files._open([{"name": "s.json", "content": b"{nonsense"}])
+    uploaded(opening, "s.json", b"{nonsense")
     assert "JSON" in notice_of(studio)
 
 

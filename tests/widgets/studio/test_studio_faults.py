@@ -15,6 +15,7 @@ from driven_studio import a_drag, a_volume, all_of, controls, drag, notice_of, p
 from front_end import deliver
 from ipywidgets.widgets import widget as registry
 from traitlets import TraitError
+from uploads import uploaded
 from waiting import PATIENCE, Threads
 
 from deformnb.errors import DeformError
@@ -326,7 +327,7 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     wait_for(lambda: "changed by someone else" in notice_of(studio))
     assert head.unsaved
     assert (tmp_path / "mine.json").read_text() == "changed by someone"
-    panel(studio, "Export")._open([{"name": "s.json", "content": memoryview(first)}])
+    uploaded(panel(studio, "Open").box, "s.json", first)
     assert not head.unsaved
     head.press()  # what was opened from elsewhere goes over nobody's file
     wait_for(lambda: "Saved ball-3.json." in notice_of(studio))

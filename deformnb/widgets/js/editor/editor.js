@@ -27,6 +27,7 @@ import { PointTools } from "./point_tools.js";
 import { Gestures } from "./pointer.js";
 import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.js";
 import { StatusLine } from "./status_line.js";
+import { Wand } from "./wand_tool.js";
 import { WindowTool } from "./window_tool.js";
 
 /** @import { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.d.ts" */
@@ -44,7 +45,7 @@ import { WindowTool } from "./window_tool.js";
 
 /** Other traits that the drawing depends on. */
 const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
-  "brush_radius", "drag_grid", "slices", "slice", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
+  "brush_radius", "drag_grid", "wand", "slices", "slice", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
@@ -75,6 +76,7 @@ const COMMANDS = {
   compare: (editor) => { editor.isComparing = !editor.isComparing; editor.invalidate(); },
   "zoom-in": (editor) => editor.zoomAt(1.25), "zoom-out": (editor) => editor.zoomAt(0.8),
   fit: (editor) => editor.fitView(), window: (editor) => editor.windowTool.toggle(),
+  wand: (editor) => editor.wand.toggle(),
   help: (editor) => editor.toggleHelp(),
 };
 
@@ -178,6 +180,7 @@ export class EditorView extends EditorDrawing {
     this.pen = new Pen(this);
     this.brush = new Brush(this);
     this.windowTool = new WindowTool(this);
+    this.wand = new Wand(this);
     this.colourBar = new ColourBar(this);
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
@@ -243,6 +246,7 @@ export class EditorView extends EditorDrawing {
     this.sender.flush();
     this.selection.close();
     this.windowTool.close();
+    this.wand.close();
     this.closing.abort();
     for (const end of this.#ends) end();
     cancelAnimationFrame(this.frame);
@@ -561,6 +565,7 @@ export class EditorView extends EditorDrawing {
       isAdding: this.isAdding, onView: (place) => this.onView(place) });
     this.brush.show();
     this.windowTool.show();
+    this.wand.show();
     this.colourBar.update();
     this.statusLine.update();
     this.#updateToolbar();
@@ -658,11 +663,12 @@ export class EditorView extends EditorDrawing {
   #updateToolbar() {
     const { points, selected, model, brush, pointTools, shapeTools, sender } = this, tool = this.pen.draft?.tool;
     const isShape = shapeTools.chosenShape !== null && selected.size === 0;
+    this.toolbar.hide("wand", !this.wand.isThere);
     const own = points.filter((p) => selected.has(p.id));
     const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, compare: this.isComparing,
       cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
       size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
-      stop: model.get("stop_at_folds"), window: this.windowTool.isOn, lock: own.length > 0 && own.every((p) => p.locked),
+      stop: model.get("stop_at_folds"), window: this.windowTool.isOn, wand: this.wand.isOn, lock: own.length > 0 && own.every((p) => p.locked),
       grid: model.get("show_grid"), radius: model.get("show_radius"), help: this.help.isOpen });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
       turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
@@ -761,11 +767,12 @@ export class EditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  /** Put away the pen, the brush, and the tool of the window. */
+  /** Put away the pen, the brush, the wand, and the tool of the window. */
   putDownTools() {
     this.pen.stop();
     this.brush.stop();
     this.windowTool.stop();
+    this.wand.stop();
   }
 
   /** False if neither was on. */

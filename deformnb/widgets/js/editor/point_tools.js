@@ -248,6 +248,16 @@ export class PointTools {
   }
 
   /**
+   * The place of the original picture that is seen at a place, null in a gap.
+   * @param {number[]} place
+   */
+  seenAt([a, b]) {
+    const { editor } = this, layered = editor.isComparing ? null : editor.layered;
+    const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1];
+    return opacity < 0.5 ? null : [a + da, b + db];
+  }
+
+  /**
    * Add a point that holds what is seen at a place of the view: its source is where the map leads, so nothing
    * moves.
    * @param {number[]} at CSS pixels

@@ -126,6 +126,7 @@ class EditorKeys {
     const focused = gestures.pointAt(event), shape = focused ? null : gestures.shapeAt(event);
     if (!onButton && editor.pen.isOn && !isAlt && editor.pen.key(key, event, arrow)) return true;
     if (!onButton && editor.brush.isOn && !isAlt && editor.brush.key(key, event, arrow)) return true;
+    if (!onButton && editor.wand.isOn && !isAlt && editor.wand.key(key, event, arrow)) return true;
     if (!onButton && editor.windowTool.isOn && !isAlt && editor.windowTool.key(key, event, arrow)) return true;
     if (arrow && gestures.markAt(event) === "axis") return this.#axisKey(arrow, event.shiftKey ? 10 : 1);
     if (shape && !onButton && !isAlt && this.#shapeKey(key, event, shape)) return true;
@@ -290,7 +291,11 @@ export class Gestures {
       editor.focusStage();
       this.gesture = { ...press, kind: "window", click: null };
     }
-    else if (editor.pen.isOn) {
+    else if (editor.wand.isOn) {
+      editor.focusStage();
+      editor.wand.pick(at);
+      this.gesture = null;
+    } else if (editor.pen.isOn) {
       editor.focusStage();
       this.gesture = { ...press, kind: "pen" };
     } else if (mark === "axis") this.#grabAxis(at);
@@ -525,7 +530,7 @@ export class Gestures {
   #doubleClick(event) {
     const { editor } = this, { pen } = editor;
     if (editor.windowTool.isOn) { editor.windowTool.reset(); event.preventDefault(); return; }
-    if (editor.isWaiting || editor.brush.isOn || editor.isSelecting) return;
+    if (editor.isWaiting || editor.brush.isOn || editor.wand.isOn || editor.isSelecting) return;
     const grabbed = this.pointAt(event), shape = this.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
     else if (pen.hasJustEnded) return; // the second press has set the last place
@@ -590,7 +595,7 @@ export class Gestures {
   /** Give up what is under way, one thing after the other; false where nothing is. */
   escape() {
     const { editor, editor: { shapeTools } } = this;
-    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.windowTool.stop()) return true;
+    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.windowTool.stop() || editor.wand.stop()) return true;
     if (editor.closeHelp()) return true;
     if (editor.stopModes() || shapeTools.dropOffer()) return true;
     if (editor.selected.size === 0 && !shapeTools.chosen) return false;

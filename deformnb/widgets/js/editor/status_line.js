@@ -112,13 +112,14 @@ export class StatusLine {
 
   /** Advice on the next step, where there are no remarks. */
   #advice() {
-    const { points, selected, model, brush, pen, isSelecting, shapeTools, partTools, gridNodes } = this.editor;
+    const { points, selected, model, brush, pen, wand, isSelecting, shapeTools, partTools, gridNodes } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
     const isUntouched = points.every((p) => p.source.every((value, k) => value === p.target[k]));
     const start = isUntouched ? "Double-click adds a point. " : "";
     if (brush.isOn) {
       return "Drag in the picture; [ and ] or the wheel change the circle, Ctrl + wheel zooms, Escape ends";
     }
+    if (wand.isOn) return "Click on what is to be selected; [ and ] change the tolerance, Escape ends";
     if (isSelecting) return "Drag a band around points, or tap them; a second tap takes one out again; Escape ends";
     if (pen.isOn) return "Backspace takes the last place back, Escape gives up";
     if (partTools.isOn) {

@@ -114,6 +114,7 @@ class ItemListView {
     const held = this.#focused(), { rows } = this, chosen = this.model.get("chosen");
     this.current = Math.max(0, Math.min(this.current, rows.length - 1));
     this.table.setAttribute("aria-label", this.model.get("label") || "List");
+    this.table.classList.toggle("dnb-il-commanded", this.commands.length > 0);
     setText(this.empty, rows.length ? "" : this.model.get("empty") || "");
     this.empty.hidden = rows.length > 0;
     this.#drawHead(rows.length > 0);
@@ -160,16 +161,17 @@ class ItemListView {
       if (!targetOf(event).closest("button, input")) this.act("choose", k);
     });
     const mark = pageElement("td", "dnb-il-mark", line);
-    const disc = pageElement("span", row.swatch ? "dnb-il-swatch" : "dnb-il-number", mark, { "aria-hidden": "true" });
+    const look = row.swatch && row.mark ? "dnb-il-badge" : row.swatch ? "dnb-il-swatch" : "dnb-il-number";
+    const disc = pageElement("span", look, mark, { "aria-hidden": "true" });
     if (row.swatch) disc.style.background = row.swatch;
-    else disc.textContent = row.mark ?? String(k + 1);
+    if (!row.swatch || row.mark) disc.textContent = row.mark ?? String(k + 1);
     const cell = pageElement("td", "dnb-il-name", line);
     const facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
     for (let depth = 0; depth < (row.indent || 0); depth += 1) {
       pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
     }
     const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
-      title: row.tip || name, "aria-label": `${row.swatch ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
+      title: row.tip || name, "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
       ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
     choose.textContent = name;
     choose.addEventListener("click", () => this.act("choose", k));

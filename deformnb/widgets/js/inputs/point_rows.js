@@ -37,15 +37,15 @@ export function pointColumns(dim) {
   const axes = AXES[dim] ?? AXES[2], unit = "in the volume's unit", number = /** @type {const} */ ("number");
   return [
     { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Number of the point; never given twice" },
-    { key: "name", title: "Name", kind: "text", width: "minmax(90px, 1fr)", tip: "Name of the point" },
+    { key: "name", title: "Name", kind: "text", width: "minmax(80px, 1fr)", tip: "Name of the point" },
     { key: "active", title: "On", kind: "check", width: "42px",
       tip: "A point that is off keeps its place and takes no part in the fit" },
     { key: "locked", title: "Lock", kind: "check", width: "48px",
       tip: "A locked point stays where it is until it is unlocked" },
     ...axes.map((axis, k) => ({ key: `source_${axis}`, field: "source", axis: k, title: `from ${axis}`, kind: number,
-      at: k, width: "minmax(64px, 92px)", tip: `Source, ${axis}: where the feature is, ${unit}` })),
+      at: k, width: "minmax(54px, 92px)", tip: `Source, ${axis}: where the feature is, ${unit}` })),
     ...axes.map((axis, k) => ({ key: `target_${axis}`, field: "target", axis: k, title: `to ${axis}`, kind: number,
-      at: dim + k, width: "minmax(64px, 92px)", tip: `Target, ${axis}: where it shall go, ${unit}` })),
+      at: dim + k, width: "minmax(54px, 92px)", tip: `Target, ${axis}: where it shall go, ${unit}` })),
     { key: "drag", title: "Drag", kind: "fact", width: "minmax(56px, 80px)", tip: `How far it is dragged, ${unit}` },
     { key: "weight", title: "Weight", kind: "number", at: 2 * dim, width: "64px",
       tip: "How much the point counts beside others. It matters only with smoothing" },
@@ -56,6 +56,29 @@ export function pointColumns(dim) {
         "disagrees with its neighbours" },
     { key: "go", title: "", kind: "go", width: "34px", tip: "Show the point in the picture" },
   ];
+}
+
+/** Columns by their keys or fields, the most wanted first: what has room where a table is narrow. */
+const WANTED = ["name", "go", "active", "target", "drag", "source", "error", "locked", "id", "weight", "radius"];
+
+/** The least width of a column in CSS pixels. @param {Column} column */
+export function leastWidth({ width }) { return Number(width.match(/(\d+)px/)?.[1]); }
+
+/**
+ * The columns that have room, in their order; the coordinates of a place together or not at all.
+ * @param {Column[]} columns
+ * @param {number} room CSS pixels
+ */
+export function fittingColumns(columns, room) {
+  const kept = new Set(), sum = (/** @type {Column[]} */ some) => some.reduce((all, column) => all + leastWidth(column), 0);
+  let left = room;
+  for (const wanted of WANTED) {
+    const group = columns.filter(({ key, field }) => (field ?? key) === wanted), width = sum(group);
+    if (width > left && kept.size) continue;
+    left -= width;
+    for (const column of group) kept.add(column);
+  }
+  return columns.filter((column) => kept.has(column));
 }
 
 /** @param {DataView | null | undefined} view */

@@ -10,7 +10,8 @@
 import { busOf } from "../sync/bus.js";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
 import { ThemeObserver } from "../ui/theme.js";
-import { AXES, cellValue, editedText, orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.js";
+import { AXES, cellValue, editedText, fittingColumns, leastWidth,
+  orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.js";
 
 const ROW_HEIGHT = 26;
 const SPARE_ROWS = 4; // drawn above and below those in sight
@@ -124,7 +125,10 @@ class PointsTableView {
       if (event.key === "Escape") this.run("drop");
       event.stopPropagation();
     });
-    this.sized = new ResizeObserver(() => this.invalidate());
+    this.sized = new ResizeObserver(() => {
+      if (this.dim) this.#chooseColumns();
+      this.invalidate();
+    });
     this.sized.observe(this.scroller);
     // Python sends thousands of points to visible tables only.
     this.visibility = new IntersectionObserver((entries) => {
@@ -182,18 +186,27 @@ class PointsTableView {
     if (!points) return;
     if (dim !== this.dim) {
       this.dim = dim;
-      this.columns = pointColumns(dim);
-      for (const row of this.rows.values()) row.remove();
-      this.rows.clear();
-      if (!this.columns.some(({ key }) => key === this.active.key)) this.active.key = "name";
-      if (!this.columns.some(({ key }) => key === this.sort.key)) this.sort.key = null;
       this.place.placeholder = AXES[dim].join(", ");
-      this.#makeHead();
+      this.#chooseColumns();
     }
     this.points = points;
     this.live.clear();
     if (this.active.id === null && points.length && !this.isFocused()) this.active.id = points[0].id;
     this.arrange();
+  }
+
+  /** Show the columns that have room; more where the table gets wider. */
+  #chooseColumns() {
+    const { clientWidth } = this.scroller, all = pointColumns(this.dim), before = this.columns;
+    if (this.root.querySelector(".dnb-pt-writing")) return; // what is being written shall not go
+    const columns = clientWidth ? fittingColumns(all, clientWidth) : all;
+    if (columns.length === before.length && columns.every(({ key, tip }, k) => key === before[k].key && tip === before[k].tip)) return;
+    this.columns = columns;
+    for (const row of this.rows.values()) row.remove();
+    this.rows.clear();
+    if (!columns.some(({ key }) => key === this.active.key)) this.active.key = "name";
+    if (!columns.some(({ key }) => key === this.sort.key)) this.sort.key = null;
+    this.#makeHead();
   }
 
   /** Sort the points. */
@@ -324,7 +337,7 @@ class PointsTableView {
       button.addEventListener("click", () => this.sortBy(column.key));
     });
     const widths = this.columns.map(({ width }) => width).join(" ");
-    const least = this.columns.reduce((sum, { width }) => sum + Number(width.match(/(\d+)px/)?.[1]), 0);
+    const least = this.columns.reduce((sum, column) => sum + leastWidth(column), 0);
     this.grid.style.setProperty("--dnb-pt-columns", widths);
     this.grid.style.setProperty("--dnb-pt-least", `${least}px`); // one width for headings and rows
     this.grid.setAttribute("aria-colcount", String(this.columns.length));
@@ -709,6 +722,8 @@ class PointsTableView {
     const facts = [count(points.length, "point", "points"), ...(chosen ? [`${chosen} selected`] : []),
       ...(suspects ? [count(suspects, "disagrees with its neighbours", "disagree with their neighbours")] : []),
       ...(this.model.get("smoothing_on") ? [] : ["weights matter only with smoothing, which is off"])];
+    const hidden = pointColumns(this.dim).length - this.columns.length;
+    if (hidden > 0) facts.push(`${count(hidden, "column", "columns")} more where the table is wider`);
     setText(this.facts, facts.join(" \u00b7 "));
     for (const [name, , , isOfChosen] of TABLE_BUTTONS) {
       const isOff = (isOfChosen && !chosen) || (this.isReadOnly && name !== "copy");

@@ -4,6 +4,7 @@
 
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
 import { nameControls } from "./accessible_names.js";
+import { SidePanel } from "./side_panel.js";
 
 /** @import { Model } from "../types.d.ts" */
 /** @import { EditorView } from "../editor/editor.js" */
@@ -43,6 +44,7 @@ class StudioHead {
       pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }).textContent = "\u25be";
       return [key, button];
     }));
+    this.opener = this.#button("Open", () => this.open());
     this.saver = this.#button("Save", () => this.save());
     this.saver.classList.add("dnb-save");
     this.full = this.#icon("full", () => this.#fill(), "Whole screen");
@@ -55,11 +57,16 @@ class StudioHead {
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
     window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
     window.addEventListener("click", (event) => this.#dismiss(event), { signal });
+    /** @type {SidePanel | null} */
+    this.side = null;
+    this.arrivals = new MutationObserver(() => this.#addSidePanel());
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
     this.#draw();
     requestAnimationFrame(() => {
       this.arrange();
+      if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
+      this.#addSidePanel();
       if (this.studio && !signal.aborted) nameControls(this.studio, signal);
     });
   }
@@ -74,6 +81,12 @@ class StudioHead {
     return /** @type {any} */ (shown)?.deformnb;
   }
 
+  /** Choose files; what becomes of them is decided in Python. */
+  open() {
+    const chooser = this.studio?.querySelector(".dnb-studio-open .dnb-fi-chooser");
+    if (chooser instanceof HTMLInputElement) chooser.click();
+  }
+
   save() { this.model.send({ type: "save" }); }
 
   /** Open a menu and close the others; an open one is closed. @param {string} [key] */
@@ -84,6 +97,14 @@ class StudioHead {
       menu?.classList.toggle("dnb-menu-open", isOpen);
       button.setAttribute("aria-expanded", String(isOpen));
     }
+  }
+
+  /** The splitter and the memory of the panel, once it has come. */
+  #addSidePanel() {
+    const [body, panel] = [".dnb-studio-body", ".dnb-studio-panel"].map((name) => this.studio?.querySelector(name));
+    if (this.side || this.closing.signal.aborted || !(body instanceof HTMLElement) || !(panel instanceof HTMLElement)) return;
+    this.arrivals.disconnect();
+    this.side = new SidePanel(body, panel);
   }
 
   /** Picture and volume side by side or one above the other, whichever shows the object larger. */
@@ -126,6 +147,8 @@ class StudioHead {
   close() {
     for (const name of TRAITS) this.model.off(`change:${name}`, this.draw);
     this.closing.abort();
+    this.arrivals.disconnect();
+    this.side?.close();
     this.sizes.disconnect();
     this.root.remove();
   }
@@ -183,6 +206,7 @@ class StudioHead {
     const { model } = this, { undo = "", redo = "" } = model.get("history") ?? {};
     setText(this.name, model.get("name"));
     setText(this.facts, model.get("facts"));
+    this.opener.title = "Open landmarks, a session, labels or a volume; or drop the file on the studio";
     for (const [button, words, label] of /** @type {const} */ ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]])) {
       button.disabled = !words;
       button.title = words ? `${label}: ${words}` : `Nothing to ${label.toLowerCase()}`;

@@ -67,6 +67,7 @@ export const EDITOR_KEYS = [
     ["X", "draw a cut", { command: "cut", keys: ["x"] }],
     ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
     ["G", "draw the ground", { command: "ground", keys: ["g"] }],
+    ["Q", "wand: click selects; [ and ] tolerance", { command: "wand", keys: ["q"] }],
     ["Click a line", "reshape it"],
     ["Double-click an end, Enter", "let the cut stop there, or go on"],
     ["Drag inside a part", "move it; its ring turns it"],

@@ -27,6 +27,7 @@ const ICONS = {
   switch: "M8 2.5v5M5 4.2a5 5 0 1 0 6 0",
   cut: "M3.5 13.5L12 3M4 3l8.5 10.5M2.6 2.6a1.5 1.5 0 1 0 .1 0M13.3 2.6a1.5 1.5 0 1 0 .1 0",
   part: "M8 2.2l5.2 3.6-2 6.8H4.8l-2-6.8zM5.2 11l4.6-6M8 12.3l3.4-4.6",
+  wand: "M2.5 13.5L9 7M10.5 2v2.4M10.5 7.6V10M6.6 6h2.3M12.1 6h2.4M13.3 3.2l-1 1M7.7 3.2l1 1M13.3 8.8l-1-1",
   ground: "M1.5 9h13M3 13l3-4M7 13l3-4M11 13l3-4",
   turn: "M8 2v12M5.5 5L2.5 8l3 3M10.5 5l3 3-3 3",
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
@@ -66,6 +67,7 @@ const GROUPS = [
     ["size", "Expand", "Expand or shrink what lies under a brush", true]],
   [["cut", "Cut", "Draw a cut, along which the picture comes apart", true],
     ["part", "Rigid", "Draw around a part that stays rigid", true],
+    ["wand", "Wand", "Click on what becomes a rigid part or a cut", true],
     ["ground", "Ground", "Draw a line beyond which all stays where it is", true]],
   [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
   [["grid", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true],
@@ -93,7 +95,7 @@ const MORE = [
 ];
 
 /** The commands that are disabled for points that are only shown. */
-export const EDITS = ["add", "cut", "part", "ground", "turn", "remove", "rename", "switch", "reset", "undo", "redo",
+export const EDITS = ["add", "cut", "part", "wand", "ground", "turn", "remove", "rename", "switch", "reset", "undo", "redo",
   "smudge", "size", "lock", "turn-left", "turn-right"];
 
 export class Toolbar {
@@ -190,6 +192,12 @@ export class Toolbar {
     button.setAttribute("aria-label", text);
   }
 
+  /** Hide a button where there is no such tool. @param {string} command @param {boolean} isHidden */
+  hide(command, isHidden) {
+    const button = this.buttons.get(command)?.button;
+    if (button) button.hidden = isHidden;
+  }
+
   /** @param {string} command */
   isOff(command) { return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true"; }
 
@@ -201,7 +209,7 @@ export class Toolbar {
   focusNext(button, key) {
     if (key === "ArrowUp" || key === "ArrowDown") return false;
     /** @type {(Element & HTMLOrSVGElement)[]} */
-    const all = [...this.buttons.values()].filter((b) => !b.isItem).map((b) => b.button), at = all.indexOf(button);
+    const all = [...this.buttons.values()].filter((b) => !b.isItem && !b.button.hidden).map((b) => b.button), at = all.indexOf(button);
     const next = all[(at + (key === "ArrowRight" ? 1 : -1) + all.length) % all.length];
     for (const other of all) other.tabIndex = other === next ? 0 : -1;
     next.focus();

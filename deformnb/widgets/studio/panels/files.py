@@ -1,4 +1,4 @@
-"""Files panel: saving, opening and exporting by plain names in one folder, with progress and a way to stop.
+"""Files panel: saving and exporting by plain names in one folder, with progress and a way to stop.
 
 The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
 Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
@@ -26,9 +26,8 @@ from deformnb._progress import time_left
 from deformnb._weak import weakly
 from deformnb.analysis.extent import cut_off_text, listed, padded
 from deformnb.document.deformation import Deformation
-from deformnb.document.json_format import LONGEST, from_json
 from deformnb.document.script import VOLUME_LINE
-from deformnb.errors import Cancelled, DeformError, FileChangedError, OtherVolumeError
+from deformnb.errors import Cancelled, DeformError, FileChangedError
 from deformnb.io.atomic import writing_held_by
 from deformnb.io.formats import FORMATS
 from deformnb.io.headers import human_bytes
@@ -48,7 +47,7 @@ WritePage = Callable[..., None]
 
 
 class FilesPanel(Panel):
-    """Session files, exports, and the code of the document.
+    """Exports, and the code of the document.
 
     Parameters
     ----------
@@ -79,9 +78,6 @@ class FilesPanel(Panel):
         self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
         self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
         self.cancel = self._acting("Cancel", "Stop; no half file is left", self._cancel)
-        self.upload = ipw.FileUpload(accept=".json", description="Open session", layout=ipw.Layout(width="auto"),
-                                     tooltip="Go on with a saved session; can be undone")
-        self.upload.observe(lambda change: self._open(change["new"]), "value")
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         whole = {"width": "auto", "margin": "2px 0"}
         self.page_title = ipw.Text(value=session.volume.name, description="Title", layout=whole,
@@ -103,7 +99,7 @@ class FilesPanel(Panel):
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = ipw.VBox([row(*writing), self.of_page, row(self.copy, self.upload, self.bar, self.message),
+        self.box = ipw.VBox([row(*writing), self.of_page, row(self.copy, self.bar, self.message),
                              self.question.box, self.file_transfer])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
@@ -198,30 +194,6 @@ class FilesPanel(Panel):
         self.cancel.disabled = True
         self.bar.layout.display = "none"
         self.download.disabled = self.write.disabled = False  # last: who writes the next file finds all of it idle
-
-    # -- reading -------------------------------------------------------------------------------------------------------
-
-    def _open(self, files: Any) -> None:
-        if files:
-            self.guard(lambda: self._take(files[0]))
-            self.upload.value = ()
-
-    def _take(self, file: Any) -> None:
-        content = bytes(file["content"])
-        if len(content) > LONGEST:
-            raise DeformError(f"this file has {len(content) / 1e6:.0f} MB; a session is a short JSON file.")
-        document = from_json(content)
-        self.question.forget()
-        try:
-            self._opened(document)
-        except OtherVolumeError:
-            self.message.value = ""
-            self.question.ask(self.session.difference(document), "Open anyway",
-                              lambda: self._opened(document, allow_other_volume=True))
-
-    def _opened(self, document: Deformation, allow_other_volume: bool = False) -> None:
-        self.session.take(document, allow_other_volume=allow_other_volume)
-        self.message.value = "Opened."
 
     def _copy(self) -> None:
         self.message.value = ""

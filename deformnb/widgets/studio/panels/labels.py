@@ -5,17 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import ipywidgets as ipw
 import numpy as np
 
+from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.io.formats import read_volume
+from deformnb.io.formats import FORMATS, read_volume, supported
 from deformnb.io.label_names import read_label_names
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
+from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
 from deformnb.widgets.studio.panels.files import FolderFiles, plain_name
 
@@ -42,7 +45,8 @@ class LabelChooser(Panel):
 
     Attributes
     ----------
-    file : the menu of the files; list : the labels by name, of which several can be chosen.
+    file : the menu of the files; upload : opens one of the browser's; list : the labels by name, of which several can
+        be chosen.
     box : all of it.
     """
 
@@ -54,12 +58,14 @@ class LabelChooser(Panel):
         self._opened = _NONE
         self.file = self.add(menu("Labels", [_CLOSED], "A label volume of this scan in the folder, such as bones.nii.gz"
                                   " or 3D Slicer's .seg.nrrd"), lambda: self._opened, self._open)
+        self.upload = FileInput(self._take_file, guard, check_volume_name, label="Open label file",
+                                tip="Label volume of this scan from this computer", accept=supported().replace(" ", ""))
         self.list = ipw.SelectMultiple(tooltip="Labels; Ctrl or Shift chooses several",
                                        layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"))
         add = [button(text, tip, self._taker(what)) for text, tip, what in (
             ("Label as part", "Keep these regions rigid", "part"), ("Label as cut", "Cut along their outlines", "cut"))]
         self._choice = row(self.list, *add)
-        self.box = ipw.VBox([row(self.file), self._choice])
+        self.box = ipw.VBox([row(self.file, self.upload), self._choice])
         self._choice.layout.display = "none"
         if labels is not None:
             self._show(labels, names or {})
@@ -76,7 +82,7 @@ class LabelChooser(Panel):
         if self._opened and (self._opened, self._opened) not in files:
             files.append((self._opened, self._opened))  # it is gone, and its labels are still here
         fill(self.file, [*(given or [_CLOSED]), *files])
-        self.box.layout.display = "" if files or given else "none"
+        self.file.layout.display = "" if files or given else "none"
 
     # -- opening -------------------------------------------------------------------------------------------------------
 
@@ -84,13 +90,25 @@ class LabelChooser(Panel):
         if name == _NONE:
             return
         path = self._files.folder / plain_name(name)
-        labels = read_volume(path, is_labels=True)
+        self.take(path, read_volume(path, is_labels=True))
+
+    def _take_file(self, path: Path, progress: Progress) -> None:
+        self.take(path, read_volume(path, is_labels=True, progress=progress))
+
+    def take(self, path: Path, labels: Volume) -> None:
+        """Show the labels of a file that has been read.
+
+        Raises
+        ------
+        DeformError
+            If it lies elsewhere in space, or is no label volume; what was shown stays.
+        """
         box, own = labels.grid.corners(), self.session.volume.grid.corners()
         if (box.max(axis=0) < own.min(axis=0)).any() or (box.min(axis=0) > own.max(axis=0)).any():
             raise DeformError(f"{path.name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
                               "open the labels of this scan.")
         self._show(labels, read_label_names(path))
-        self._opened = name
+        self._opened = path.name
         self.refresh()
 
     def _show(self, labels: Volume, names: Mapping[int, str]) -> None:
@@ -119,3 +137,14 @@ class LabelChooser(Panel):
         masks = [Mask.from_labels(self._labels, n) for n in self.list.value]
         return [(name, mask if plane is None else mask.silhouette(plane))
                 for name, mask in zip(self.list.label, masks, strict=True)]
+
+
+def check_volume_name(name: str) -> None:
+    """DeformError for the name of a file that is no volume file."""
+    if not is_volume_name(name):
+        raise DeformError(f"{name} is no kind of volume file; open {supported()}.")
+
+
+def is_volume_name(name: str) -> bool:
+    """Check whether a name ends as those of volume files do."""
+    return name.lower().endswith(tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes))

@@ -74,6 +74,11 @@ class FitTarget:
         self.key, self.note = NO_TARGET, ""
         self.volume: Volume | None = None
 
+    def give(self, volume: Volume) -> None:
+        """Take a volume as the one that can be chosen first, and choose it."""
+        self._given = volume
+        self.choose(GIVEN)
+
     def choices(self) -> list[tuple[str, str]]:
         """(words, key) of all that can be chosen."""
         files = [(name, name) for name in self._files.names()]
@@ -307,6 +312,15 @@ class FitPanel(Panel):
             if self.target.volume is None and self.session.step.plane is not None:
                 self._editors.current.ghost_opacity = 0.0
         return self.target.note if key != NO_TARGET else _HINT
+
+    def take(self, volume: Volume) -> None:
+        """Make a volume the target that is chosen."""
+        if self._is_busy:
+            raise DeformError("a fit is under way; stop it first.")
+        self.target.give(volume)
+        self.message.value = _words(self.target.note or _HINT)
+        self.refresh()
+        self.choice.value = GIVEN
 
     # -- work ----------------------------------------------------------------------------------------------------------
 

@@ -279,8 +279,8 @@ class ShapesPanel(Panel):
         self.part = PartControls(session, guard, self._part_index, editor)
         self._drawing = self._draw_buttons()
         ground = button("Ground", "A fixed part: everything below a level stays",
-                        lambda: guard(lambda: self._add("part", [("ground", self._ground())])))
-        self.labels = LabelChooser(session, guard, self._add, folder, labels, names)
+                        lambda: guard(lambda: self.add_regions("part", [("ground", self._ground())])))
+        self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, ground)
         self.box = ipw.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
@@ -397,7 +397,7 @@ class ShapesPanel(Panel):
 
     # -- more of them --------------------------------------------------------------------------------------------------
 
-    def _add(self, what: str, regions: Sequence[tuple[str, AbstractRegion]]) -> None:
+    def add_regions(self, what: str, regions: Sequence[tuple[str, AbstractRegion]]) -> None:
         """Make cuts or parts of regions with names, in one edit."""
         shapes, words = self._shapes(what), "cut" if what == "cut" else "rigid part"
         made = [Cut(region, name) if what == "cut" else RigidPart(region, name=name) for name, region in regions]

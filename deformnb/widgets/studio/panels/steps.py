@@ -17,9 +17,8 @@ from deformnb.session.autosave import Recovery
 from deformnb.session.autosave_store import SavedSession
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
-from deformnb.widgets.camera import SIDES
 from deformnb.widgets.inputs.item_list import ItemList
-from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, prose, row, widget_of
+from deformnb.widgets.studio.controls import STEP_COLOURS, Guard, Panel, action_button, button, prose, row, widget_of
 from deformnb.widgets.studio.history_labels import go_to, history_rows
 
 """Labels of the compositions of steps."""
@@ -66,23 +65,21 @@ class StepsPanel(Panel):
     def arrange(self) -> None:
         session = self.session
         steps = session.deformation.steps
-        self.items.show([_row(step, session.view_of(step.plane)) for step in steps], session.index)
+        titles = session.step_titles()
+        rows = [_row(step, k, titles[k], session.side_of(step.plane)) for k, step in enumerate(steps)]
+        self.items.show(rows, session.index)
         self._hint.value = prose(_HINTS[session.deformation.mode] if len(steps) > 1 else _ALONE)
 
 
-def _row(step: Step, view: str | None) -> dict[str, Any]:
-    where = side_words(step, view)
+def _row(step: Step, k: int, title: str, side: str) -> dict[str, Any]:
     moved = sum(int(np.count_nonzero(m.displacement.any(axis=1))) for m in step.maps)
     points = sum(len(m) for m in step.maps)
     keys = f" in {len(step.maps)} keys" if len(step.maps) > 1 else ""
-    return {"name": step.name, "title": where, "on": step.enabled,
-            "facts": [where, f"{points}{keys}, {moved} dragged", shapes_words(step)],
-            "tip": "Click to edit this step; F2 or double-click to name it"}
-
-
-def side_words(step: Step, view: str | None) -> str:
-    """Plane of a step, in words."""
-    return "in space" if step.plane is None else SIDES.get(view or "", "oblique").split(" (")[0]
+    return {"name": step.name, "title": title, "on": step.enabled, "mark": str(k + 1),
+            "swatch": STEP_COLOURS[k % len(STEP_COLOURS)],
+            "facts": [side, f"{points}{keys}, {moved} dragged", shapes_words(step)],
+            "tip": f"Step {k + 1}, {side}, {moved} of {points} points dragged. Click to edit it; F2 or double-click to "
+                   "name it"}
 
 
 def shapes_words(step: Step) -> str:

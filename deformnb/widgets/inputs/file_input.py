@@ -1,0 +1,211 @@
+"""Upload of files from the browser: by a button that opens its file chooser, and by a drop on the studio.
+
+A file comes in pieces, each requested by Python when it has the one before: a socket takes only small messages (see
+:mod:`deformnb.widgets.web.guard`), and a file that nobody takes is never held in memory. The messages are UploadBegin,
+UploadPiece, UploadCancel, PieceRequest, UploadReading and UploadDone of :mod:`deformnb.widgets.messages`.
+"""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import traitlets
+
+from deformnb._typing import Progress
+from deformnb.errors import Cancelled, DeformError
+from deformnb.widgets.bundle import bundle
+from deformnb.widgets.inputs.base import is_whole
+from deformnb.widgets.messages import PieceRequest, UploadDone, UploadReading
+from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.worker import Worker
+
+LARGEST_UPLOAD = 500_000_000
+"""Bytes of one uploaded file at most."""
+
+PIECE = 2**18
+"""Bytes of a piece: with its message it is less than what a page may send at once."""
+
+_MOST_UPLOADS = 4  # under way at a time, of all pages; the oldest belongs to a page that has gone
+_LONGEST_NAME = 200
+_LONGEST_ID = 64
+_LOG = logging.getLogger(__name__)
+
+TakeFile = Callable[[Path, Progress], None]
+"""Called with the path of the whole file, which is gone afterwards, and with a report of progress, which may raise
+Cancelled."""
+
+
+class FileInput(SyncedWidget):
+    """A button that uploads files from the browser.
+
+    Parameters
+    ----------
+    take : called with each file, in a thread of its own.
+    guard : does that and shows errors; also those of a file that is refused before it is sent.
+    check : called with the name of a file before it is sent; raises DeformError for one that cannot be taken.
+    label : of the button; accept : endings of names that the file chooser offers.
+    tip : what can be opened; the limit is added.
+    drops : whether files dropped on the studio around the widget are uploaded too.
+
+    Examples
+    --------
+    >>> found = []
+    >>> upload = FileInput(lambda path, progress: found.append(path.read_bytes()), lambda action: action() is None)
+    >>> upload._handle_custom_msg({"type": "begin", "id": "a", "name": "b.csv", "size": 2}, [])
+    >>> upload._handle_custom_msg({"type": "piece", "id": "a", "offset": 0}, [memoryview(b"hi")])
+    >>> upload.wait()
+    >>> found
+    [b'hi']
+    >>> upload.close()
+    """
+
+    _esm = bundle("file_input.js")
+    _css = bundle("file_input.css")
+
+    label = traitlets.Unicode("Open").tag(sync=True)
+    accept = traitlets.Unicode("").tag(sync=True)
+    tip = traitlets.Unicode("").tag(sync=True)
+    drops = traitlets.Bool(False).tag(sync=True)
+
+    def __init__(self, take: TakeFile, guard: Callable[[Callable[[], None]], bool],
+                 check: Callable[[str], None] | None = None, *, tip: str = "", **traits: Any) -> None:
+        self._take, self._guard, self._check = take, guard, check
+        self._uploads: dict[str, _Upload] = {}
+        self._worker = Worker("deformnb-upload")
+        limit = f"files of up to {LARGEST_UPLOAD / 1e6:.0f} MB"
+        super().__init__(tip=f"{tip}; {limit}" if tip else limit, **traits)
+        self.on_msg(self._received)
+
+    def wait(self, timeout: float = 60.0) -> None:
+        """Wait until the files that have come are taken. For scripts and tests."""
+        self._worker.call(lambda: None).result(timeout)
+
+    def close(self) -> None:
+        """Drop the files that are under way."""
+        if hasattr(self, "_uploads"):  # ipywidgets closes a half-made widget too
+            for upload in [*self._uploads.values()]:
+                self._end(upload)
+            self._worker.close()
+        super().close()
+
+    def set_state(self, sync_data: Any) -> None:
+        """The front end owns nothing here."""
+
+    # -- messages ------------------------------------------------------------------------------------------------------
+
+    def _received(self, _widget: Any, content: Any, buffers: Any) -> None:
+        name = content.get("id") if isinstance(content, dict) else None
+        if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_ID:
+            _LOG.warning("a message to a file input was dropped: %.200r", content)
+            return
+        try:
+            if content.get("type") == "begin":
+                self._begin(name, content)
+            elif name in self._uploads:
+                upload = self._uploads[name]
+                if content.get("type") == "cancel":
+                    self._cancel(upload)
+                elif content.get("type") == "piece":
+                    self._add(upload, content.get("offset"), buffers)
+        except Exception as error:
+            if name in self._uploads:
+                self._end(self._uploads[name])
+            self._done(name)
+            reason = error
+            self._guard(lambda: _raise(reason))
+
+    def _begin(self, name: str, content: dict[str, Any]) -> None:
+        file, size = content.get("name"), content.get("size")
+        if not isinstance(file, str) or not is_whole(size) or not isinstance(size, int) or size < 0:
+            raise DeformError("a file has a name and a size.")
+        file = Path(file.replace("\\", "/")).name
+        if file in ("", ".", "..") or len(file) > _LONGEST_NAME or any(ord(c) < 32 for c in file):
+            raise DeformError("the file has no name that can be used here; rename it.")
+        if self._check is not None:
+            self._check(file)
+        if size == 0:
+            raise DeformError(f"{file} is empty.")
+        if size > LARGEST_UPLOAD:
+            raise DeformError(f"{file} has {size / 1e6:.0f} MB, more than the {LARGEST_UPLOAD / 1e6:.0f} MB that can "
+                              "be uploaded; put it into the folder of the notebook or application instead.")
+        if name in self._uploads:
+            raise DeformError("an upload of this number is under way.")
+        while len(self._uploads) >= _MOST_UPLOADS:
+            self._end(next(iter(self._uploads.values())))
+        self._uploads[name] = upload = _Upload(name, file, size)
+        self._request(upload)
+
+    def _request(self, upload: _Upload) -> None:
+        self.send(PieceRequest(type="next", id=upload.id, offset=upload.count,
+                               length=min(PIECE, upload.size - upload.count)))
+
+    def _add(self, upload: _Upload, offset: Any, buffers: Any) -> None:
+        if upload.count == upload.size:
+            return
+        piece = bytes(buffers[0]) if buffers else b""
+        if offset != upload.count or not 0 < len(piece) <= min(PIECE, upload.size - upload.count):
+            raise DeformError(f"{upload.path.name} did not arrive as a whole; upload it again.")
+        upload.file.write(piece)
+        upload.count += len(piece)
+        if upload.count < upload.size:
+            self._request(upload)
+        else:
+            upload.file.close()
+            self._worker.call(lambda: self._finish(upload))
+
+    def _cancel(self, upload: _Upload) -> None:
+        upload.is_cancelled = True
+        if upload.count < upload.size:  # else it is being read, and its report of progress ends that
+            self._end(upload)
+            self._done(upload.id)
+
+    def _finish(self, upload: _Upload) -> None:
+        def progress(share: float) -> None:
+            if upload.is_cancelled:
+                raise Cancelled("stopped in the studio.")
+            if share - upload.reported > 0.01 or share == 1:
+                upload.reported = share
+                self.send(UploadReading(type="reading", id=upload.id, share=share))
+
+        def take() -> None:
+            try:
+                progress(0.0)
+                self._take(upload.path, progress)
+            except Cancelled:
+                _LOG.info("%s was cancelled while it was read", upload.path.name)
+
+        try:
+            self.send(UploadReading(type="reading", id=upload.id, share=0.0))
+            self._guard(take)
+        finally:
+            self._end(upload)
+            self._done(upload.id)
+
+    def _done(self, name: str) -> None:
+        self.send(UploadDone(type="done", id=name))
+
+    def _end(self, upload: _Upload) -> None:
+        self._uploads.pop(upload.id, None)
+        upload.close()
+
+
+class _Upload:
+    """A file that is arriving, in a folder of its own: formats are told by the ends of names."""
+
+    def __init__(self, name: str, file: str, size: int) -> None:
+        self.id, self.size, self.count, self.reported, self.is_cancelled = name, size, 0, 0.0, False
+        self._folder = tempfile.TemporaryDirectory(prefix="deformnb-")
+        self.path = Path(self._folder.name) / file
+        self.file = self.path.open("wb")
+
+    def close(self) -> None:
+        self.file.close()
+        self._folder.cleanup()
+
+
+def _raise(error: Exception) -> None:
+    raise error

@@ -1,0 +1,173 @@
+// The wand: a click selects what hangs together within a range of values, which Python computes; its outline, and the
+// bar with the range and what becomes of it.
+// Messages to Python: wand (what, place, tolerance, rule, through). The trait "wand" has the answer: region, words, share.
+
+import { shownLength } from "../maths/numbers.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { shapePaths } from "./shape_handles.js";
+
+/** @import { EditorView } from "./editor.js" */
+
+const NO_WAND = "Only pictures of grey values can be selected by the wand: a slice, the maximum or the mean";
+const MOST = 2; // widths of the window: the largest tolerance
+const START = 25; // of the slider, 0 to 100, at first
+const WAIT = 80; // milliseconds between two requests of a slider that moves
+const KEY_PIXELS = [4, 20]; // CSS pixels of an arrow key with and without Shift
+const RULES = [["near", "Like it"], ["brighter", "Like it or brighter"], ["darker", "Like it or darker"]];
+
+export class Wand {
+  isOn = false;
+
+  /** The place of the picture that was clicked. @type {number[] | null} */
+  place = null;
+
+  /** The cross of the keys, in CSS pixels. @type {number[] | null} */
+  at = null;
+
+  timer = 0;
+
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.path = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.svg);
+    this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-wand-${name}` }, this.path));
+    this.cross = svgElement("path", { class: "dnb-ed-wand-cross" }, this.path);
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-wand-bar", editor.stage, { hidden: "", role: "group", "aria-label": "Wand" });
+    this.rule = pageElement("select", "", this.bar, { "aria-label": "values to select", ...OWN_KEYS });
+    for (const [value, words] of RULES) pageElement("option", "", this.rule, { value }).textContent = words;
+    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100, value: START,
+      "aria-label": "tolerance", ...OWN_KEYS });
+    this.tolerated = pageElement("span", "dnb-ed-brush-value", this.bar);
+    this.#button("Done", "put the wand away", () => { this.stop(); editor.focusStage(); });
+    const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title: "What hangs together in the volume, not only in this picture" });
+    this.through = pageElement("input", "", label, { type: "checkbox", ...OWN_KEYS });
+    pageElement("span", "", label).textContent = "Through the depth";
+    this.part = this.#button("Make rigid part", "keep what is selected rigid", () => this.#make("part"));
+    this.cut = this.#button("Make cut", "cut along the outline of what is selected", () => this.#make("cut"));
+    this.words = pageElement("span", "dnb-ed-wand-words", this.bar, { role: "status" });
+    for (const input of [this.rule, this.slider, this.through]) {
+      input.addEventListener("input", () => editor.guard(() => this.#changed()));
+    }
+  }
+
+  /** @param {string} text @param {string} label @param {() => void} action */
+  #button(text, label, action) {
+    const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, ...OWN_KEYS });
+    made.textContent = text;
+    made.addEventListener("click", () => this.editor.guard(action));
+    return made;
+  }
+
+  /** What Python has answered; empty where nobody selects. @returns {{ region?: any, words?: string, share?: number, failed?: boolean }} */
+  get answer() { return this.editor.model.get("wand") ?? {}; }
+
+  /** Whether there is a wand at all: only a studio has one. */
+  get isThere() { return Object.keys(this.answer).length > 0; }
+
+  /** In the unit of the picture. */
+  get tolerance() {
+    const [low, high] = this.editor.painter.source?.grey?.window ?? [0, 1];
+    return (Number(this.slider.value) / 100) ** 2 * MOST * (high - low);
+  }
+
+  toggle() {
+    const { editor } = this;
+    if (this.stop() || editor.isLocked || !this.isThere) return;
+    if (!editor.painter.source?.grey) { editor.hint(NO_WAND, 5000); return; }
+    editor.putDownTools();
+    editor.setAdding(false);
+    editor.setSelecting(false);
+    editor.shapeTools.choose(null);
+    this.isOn = true;
+    editor.stage.classList.add("dnb-ed-wanding");
+    editor.announce("Wand: arrows move a cross, Enter selects what lies under it, Escape ends");
+    editor.focusStage();
+    editor.invalidate();
+  }
+
+  /** False if the tool was not in use. */
+  stop() {
+    if (!this.isOn) return false;
+    this.isOn = false;
+    this.at = null;
+    if (this.place) this.#send("stop");
+    this.place = null;
+    clearTimeout(this.timer);
+    this.editor.stage.classList.remove("dnb-ed-wanding");
+    this.editor.invalidate();
+    return true;
+  }
+
+  close() { clearTimeout(this.timer); }
+
+  /** @param {number[]} at CSS pixels */
+  pick(at) {
+    const { editor } = this, source = editor.pointTools.seenAt(editor.placeAt(at));
+    if (source === null) { editor.hint("This is a gap: there is nothing here to select"); return; }
+    this.place = source;
+    this.#send("preview");
+  }
+
+  #changed() {
+    this.editor.invalidate();
+    clearTimeout(this.timer);
+    if (this.place) this.timer = setTimeout(() => this.#send("preview"), WAIT);
+  }
+
+  /** Make a shape of what is selected; the wand goes, so that the shape can be dragged. @param {"part" | "cut"} what */
+  #make(what) {
+    this.#send(what);
+    this.place = null;
+    this.stop();
+    this.editor.focusStage();
+  }
+
+  /** @param {"preview" | "part" | "cut" | "stop"} what */
+  #send(what) {
+    const { place, tolerance } = this;
+    this.editor.model.send({ type: "wand", what, place: place ?? [0, 0], tolerance, rule: this.rule.value,
+      through: this.through.checked });
+    this.editor.invalidate();
+  }
+
+  show() {
+    const { editor, answer, isOn } = this, { region = null, words = "", share = 1, failed = false } = answer;
+    this.bar.hidden = !isOn;
+    this.path.setAttribute("visibility", isOn ? "visible" : "hidden");
+    if (!isOn) return;
+    const d = region ? shapePaths(region, editor.view, 0).line : "";
+    for (const line of this.lines) setAttributes(line, { d });
+    setAttributes(this.cross, { d: this.at ? `M${this.at[0] - 9} ${this.at[1]}h18M${this.at[0]} ${this.at[1] - 9}v18` : "" });
+    const { unit = "" } = editor.painter.source?.grey ?? {};
+    setText(this.tolerated, `\u00b1 ${shownLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);
+    setText(this.words, words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words || "Click on the picture");
+    this.words.classList.toggle("dnb-ed-wand-failed", failed);
+    for (const button of [this.part, this.cut]) button.disabled = !region;
+  }
+
+  /**
+   * Whether a key means something to the wand.
+   * @param {string} key
+   * @param {KeyboardEvent} event
+   * @param {number[]} [arrow] the direction of an arrow key
+   */
+  key(key, event, arrow) {
+    const { editor } = this, middle = [editor.view.width / 2, editor.view.height / 2];
+    if (key === "[" || key === "]") {
+      this.slider.value = String(Number(this.slider.value) + (key === "]" ? 2 : -2));
+      this.#changed();
+      return true;
+    }
+    if (arrow) {
+      const step = KEY_PIXELS[event.shiftKey ? 0 : 1], [x, y] = this.at ?? middle;
+      this.at = [x + step * arrow[0], y + step * arrow[1]];
+      editor.announce(`wand at ${editor.placeAt(this.at).map(shownLength).join(", ")}`);
+      editor.invalidate();
+      return true;
+    }
+    if (key !== "Enter") return false;
+    this.at ??= middle;
+    this.pick(this.at);
+    return true;
+  }
+}

@@ -1,0 +1,169 @@
+// A button that uploads files, and a drop on the studio around it: one file after the other, in pieces that Python
+// requests. Messages to Python: begin, piece, cancel. Messages from Python: next, reading, done.
+
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+
+/** @import { Model } from "../types.d.ts" */
+
+const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
+
+/** @param {DragEvent} event */
+const hasFiles = ({ dataTransfer }) => Boolean(dataTransfer?.types.includes("Files"));
+
+/** @param {number} bytes */
+const size = (bytes) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
+
+class FileInputView {
+  /** Files that wait for the one under way. @type {File[]} */
+  waiting = [];
+
+  /** The upload under way. @type {{ id: string, file: File } | null} */
+  current = null;
+
+  depth = 0; // of the elements that a dragged file has entered
+
+  timer = 0;
+
+  closing = new AbortController();
+
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
+  constructor(model, el) {
+    this.model = model;
+    this.host = el;
+    this.root = pageElement("div", "dnb-file-input", el);
+    this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-fi-button", this.root,
+      { type: "button" });
+    this.chooser = pageElement("input", "dnb-fi-chooser", this.root, { type: "file", hidden: "", multiple: "",
+      tabindex: "-1", "aria-hidden": "true" });
+    this.state = pageElement("div", "dnb-fi-state", this.root, { hidden: "" });
+    this.words = pageElement("span", "dnb-fi-words", this.state, { role: "status" });
+    this.bar = pageElement("progress", "dnb-fi-bar", this.state, { max: 1, "aria-label": "share that is done" });
+    this.stop = pageElement("button", "dnb-fi-stop", this.state, { type: "button", ...OWN_KEYS });
+    this.stop.textContent = "Cancel";
+    this.veil = pageElement("div", "dnb-fi-veil", this.root, { hidden: "" });
+    const { signal } = this.closing;
+    this.button.addEventListener("click", () => this.chooser.click(), { signal });
+    this.stop.addEventListener("click", () => this.cancel(), { signal });
+    this.chooser.addEventListener("change", () => {
+      this.add([...(this.chooser.files ?? [])]);
+      this.chooser.value = ""; // the same file can be chosen again
+    }, { signal });
+    if (model.get("drops")) this.#takeDrops(signal);
+    this.receive = (/** @type {any} */ content) => this.#receive(content);
+    this.draw = () => this.#draw();
+    model.on("msg:custom", this.receive);
+    for (const name of ["label", "accept", "tip"]) model.on(`change:${name}`, this.draw);
+    this.#draw();
+  }
+
+  close() {
+    this.cancel();
+    clearTimeout(this.timer);
+    this.closing.abort();
+    this.model.off("msg:custom", this.receive);
+    for (const name of ["label", "accept", "tip"]) this.model.off(`change:${name}`, this.draw);
+    this.root.remove();
+  }
+
+  #draw() {
+    const { model } = this;
+    setText(this.button, model.get("label"));
+    this.button.title = this.veil.textContent = model.get("tip");
+    this.chooser.accept = model.get("accept");
+  }
+
+  // ---- drops --------------------------------------------------------------------------------------------------------
+
+  /** On the way down: JupyterLab would open a file that is dropped, and a browser would leave the page. @param {AbortSignal} signal */
+  #takeDrops(signal) {
+    const options = { signal, capture: true };
+    /** @param {DragEvent} event */
+    const isOurs = (event) => hasFiles(event) && event.target instanceof Node
+      && Boolean(this.host.closest(".dnb-studio")?.contains(event.target));
+    /** @param {number} depth */
+    const enter = (depth) => { this.depth = depth; this.veil.hidden = depth <= 0; };
+    window.addEventListener("dragenter", (event) => { if (isOurs(event)) enter(this.depth + 1); }, options);
+    window.addEventListener("dragleave", (event) => { if (isOurs(event)) enter(this.depth - 1); }, options);
+    window.addEventListener("dragover", (event) => {
+      if (!isOurs(event)) return;
+      event.preventDefault();
+      event.stopPropagation();
+      if (event.dataTransfer) event.dataTransfer.dropEffect = "copy";
+    }, options);
+    window.addEventListener("drop", (event) => {
+      enter(0);
+      if (!isOurs(event)) return;
+      event.preventDefault();
+      event.stopPropagation();
+      this.add([...(event.dataTransfer?.files ?? [])]);
+    }, options);
+  }
+
+  // ---- uploads ------------------------------------------------------------------------------------------------------
+
+  /** @param {File[]} files */
+  add(files) {
+    this.waiting.push(...files);
+    if (!this.current) this.#begin();
+  }
+
+  #begin() {
+    const file = this.waiting.shift();
+    if (!file) { this.current = null; return; }
+    this.current = { id: crypto.getRandomValues(new Uint32Array(4)).join("-"), file };
+    this.#show(`Uploading ${file.name} (${size(file.size)})`, 0);
+    this.model.send({ type: "begin", id: this.current.id, name: file.name, size: file.size });
+  }
+
+  cancel() {
+    this.waiting = [];
+    if (this.current) this.model.send({ type: "cancel", id: this.current.id });
+  }
+
+  /** @param {{ type: string, id: string, offset: number, length: number, share: number }} content */
+  async #receive({ type, id, offset, length, share }) {
+    const { current } = this;
+    if (current?.id !== id) return; // of another page
+    const { file } = current;
+    if (type === "next") {
+      this.#show(`Uploading ${file.name} (${size(file.size)})`, offset / file.size);
+      try {
+        const piece = await file.slice(offset, offset + length).arrayBuffer();
+        this.model.send({ type: "piece", id, offset }, undefined, [piece]);
+      } catch { // a folder, or a file that has been changed since it was chosen
+        this.model.send({ type: "cancel", id });
+        this.#end(`${file.name} cannot be read by the browser; choose a file that is no folder.`);
+      }
+    } else if (type === "reading") this.#show(`Reading ${file.name}`, share);
+    else if (type === "done") this.#end();
+  }
+
+  /** @param {string} [message] */
+  #end(message = "") {
+    this.current = null;
+    this.state.hidden = !message;
+    this.bar.hidden = this.stop.hidden = true;
+    setText(this.words, message);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => { if (!this.current) this.state.hidden = true; }, MESSAGE_TIME);
+    this.#begin();
+  }
+
+  /** @param {string} words @param {number} share */
+  #show(words, share) {
+    this.state.hidden = this.bar.hidden = this.stop.hidden = false;
+    setText(this.words, words);
+    this.bar.value = share;
+  }
+}
+
+export default {
+  /** @param {{ model: Model, el: HTMLElement }} widget */
+  render({ model, el }) {
+    const view = new FileInputView(model, el);
+    return () => view.close();
+  },
+};

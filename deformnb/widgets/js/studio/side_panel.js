@@ -1,0 +1,184 @@
+// The panel beside the panes: the splitter that sets its width, and what this browser remembers of it: the width, the
+// tab, and which sections are open.
+//
+// Tab and sections are ipywidgets', whose state all pages of a studio share. So what is remembered is applied only to
+// what is still as the studio was made (class dnb-section-open): a second page changes nothing for the first.
+// It is kept in a cookie, for an application has another port at each start, and local storage belongs to a port.
+
+import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.js";
+
+const COOKIE = "deformnb-side-panel";
+const KEPT = "path=/; max-age=31536000; SameSite=Strict"; // a year
+const FIRST = 304, LEAST = 240; // CSS pixels
+const MOST = 0.6; // of the studio
+const STEPS = [16, 64]; // CSS pixels of an arrow key with and without Shift
+
+/** @typedef {{ width?: number, tab?: string, open?: Record<string, boolean> }} Remembered */
+
+/** @returns {Remembered} */
+function remembered() {
+  const found = document.cookie.split("; ").find((part) => part.startsWith(`${COOKIE}=`))?.slice(COOKIE.length + 1);
+  try { return JSON.parse(decodeURIComponent(found ?? "%7B%7D")) ?? {}; } catch { return {}; }
+}
+
+/** @param {Remembered} changes */
+function remember(changes) {
+  const before = remembered(), value = JSON.stringify({ ...before, ...changes });
+  // biome-ignore lint/suspicious/noDocumentCookie: not every browser has the Cookie Store API
+  if (value !== JSON.stringify(before)) document.cookie = `${COOKIE}=${encodeURIComponent(value)}; ${KEPT}`;
+}
+
+/** @param {Element} section */
+const isOpen = (section) => section.querySelector(".jupyter-widget-Collapse-open") !== null;
+
+export class SidePanel {
+  /** Whether each section was open when it was looked at last. @type {Map<Element, boolean>} */
+  sections = new Map();
+
+  /** Height of each section. @type {Map<Element, number>} */
+  heights = new Map();
+
+  isTabSet = false;
+
+  isUsed = false; // by the user of this page, and not only by Python or another page
+
+  frame = 0;
+
+  /**
+   * @param {HTMLElement} body of the studio
+   * @param {HTMLElement} panel in it
+   */
+  constructor(body, panel) {
+    this.body = body;
+    this.panel = panel;
+    this.splitter = pageElement("div", "dnb-splitter", body, { role: "separator", tabindex: 0, "aria-orientation": "vertical",
+      "aria-label": "Width of the panel", title: "Drag, or press an arrow, to change the width; double-click for the first one",
+      ...OWN_KEYS });
+    this.closing = new AbortController();
+    const { signal } = this.closing, options = { signal, capture: true };
+    for (const name of ["pointerdown", "keydown"]) {
+      panel.addEventListener(name, ({ isTrusted }) => { this.isUsed ||= isTrusted; }, options);
+    }
+    this.splitter.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
+    this.splitter.addEventListener("keydown", (event) => this.#key(event), { signal });
+    this.splitter.addEventListener("dblclick", () => this.setWidth(FIRST), { signal });
+    this.changes = new MutationObserver(() => {
+      cancelAnimationFrame(this.frame);
+      this.frame = requestAnimationFrame(() => this.#follow());
+    });
+    this.changes.observe(panel, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
+    this.sizes = new ResizeObserver((entries) => { for (const { target } of entries) this.#sized(target); });
+    const { width } = remembered();
+    this.#show(typeof width === "number" ? width : FIRST);
+    this.#follow();
+  }
+
+  close() {
+    this.changes.disconnect();
+    this.sizes.disconnect();
+    cancelAnimationFrame(this.frame);
+    this.closing.abort();
+    this.splitter.remove();
+  }
+
+  // ---- the width ----------------------------------------------------------------------------------------------------
+
+  get #most() { return Math.max(LEAST, Math.round(MOST * this.body.clientWidth)); }
+
+  /** @param {number} width CSS pixels */
+  setWidth(width) { remember({ width: this.#show(width) }); }
+
+  /** @param {number} width */
+  #show(width) {
+    const shown = Math.round(Math.max(LEAST, Math.min(this.#most, width)));
+    this.body.style.setProperty("--dnb-side", `${shown}px`);
+    setAttributes(this.splitter, { "aria-valuenow": shown, "aria-valuemin": LEAST, "aria-valuemax": this.#most });
+    return shown;
+  }
+
+  /** @param {PointerEvent} event */
+  #grab(event) {
+    if (event.button !== 0) return;
+    event.preventDefault();
+    const { splitter } = this, from = event.clientX, width = this.panel.offsetWidth, ended = new AbortController();
+    let now = width;
+    splitter.setPointerCapture(event.pointerId);
+    splitter.classList.add("dnb-splitter-held");
+    splitter.focus();
+    splitter.addEventListener("pointermove", ({ clientX }) => { now = this.#show(width + from - clientX); },
+      { signal: ended.signal });
+    for (const name of /** @type {const} */ (["pointerup", "pointercancel"])) {
+      splitter.addEventListener(name, () => {
+        ended.abort();
+        splitter.classList.remove("dnb-splitter-held");
+        if (now !== width) this.setWidth(now);
+      }, { signal: ended.signal });
+    }
+  }
+
+  /** @param {KeyboardEvent} event */
+  #key(event) {
+    const step = STEPS[event.shiftKey ? 1 : 0], { offsetWidth } = this.panel;
+    /** @type {Record<string, number>} */
+    const widths = { ArrowLeft: offsetWidth + step, ArrowRight: offsetWidth - step, Home: LEAST, End: this.#most };
+    if (!(event.key in widths)) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.setWidth(widths[event.key]);
+  }
+
+  // ---- tab and sections ---------------------------------------------------------------------------------------------
+
+  /** Apply what is remembered to what has come, remember what the user has changed, and show what was opened. */
+  #follow() {
+    const { open = {}, tab } = remembered();
+    this.#followTab(tab);
+    const now = { ...open };
+    for (const section of this.panel.querySelectorAll(".dnb-section")) {
+      const heading = section.querySelector(".jupyter-widget-Collapse-header"), title = heading?.textContent?.trim();
+      if (!(heading instanceof HTMLElement) || !title) continue;
+      const before = this.sections.get(section), wanted = open[title], isFirst = section.classList.contains("dnb-section-open");
+      if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section)) heading.click();
+      const is = isOpen(section);
+      if (before === false && is) this.#scrollTo(section);
+      if (before === undefined) this.sizes.observe(section);
+      this.sections.set(section, is);
+      now[title] = is;
+    }
+    if (this.isUsed) remember({ open: now });
+  }
+
+  /** @param {string | undefined} wanted */
+  #followTab(wanted) {
+    const tabs = [...this.panel.querySelectorAll(".lm-TabBar-tab")], current = tabs.find((tab) => tab.classList.contains("lm-mod-current"));
+    if (!current) return;
+    const there = tabs.find((tab) => tab.textContent?.trim() === wanted);
+    if (!this.isTabSet && there && current === tabs[0] && there !== current) pressTab(there);
+    this.isTabSet = true;
+    if (this.isUsed) remember({ tab: this.panel.querySelector(".lm-mod-current")?.textContent?.trim() });
+  }
+
+  /** A section that grows by what is chosen in one of its menus comes into view too. @param {Element} section */
+  #sized(section) {
+    const { height } = section.getBoundingClientRect(), before = this.heights.get(section) ?? height;
+    this.heights.set(section, height);
+    const { activeElement } = document;
+    if (height > before && activeElement?.matches("select") && section.contains(activeElement)) this.#scrollTo(section);
+  }
+
+  /** By the panel's own scroll bar: scrollIntoView would move the page. @param {Element} section */
+  #scrollTo(section) {
+    const group = section.closest(".dnb-group");
+    if (!group) return;
+    const outer = group.getBoundingClientRect(), { top, bottom } = section.getBoundingClientRect();
+    if (bottom > outer.bottom) group.scrollTop += Math.min(bottom - outer.bottom, top - outer.top);
+  }
+}
+
+/** Lumino's tabs look where a pointer is pressed. @param {Element} tab */
+function pressTab(tab) {
+  const { left, top, width, height } = tab.getBoundingClientRect();
+  const place = { bubbles: true, cancelable: true, button: 0, clientX: left + width / 2, clientY: top + height / 2 };
+  tab.dispatchEvent(new PointerEvent("pointerdown", place));
+  document.dispatchEvent(new PointerEvent("pointerup", place));
+}

@@ -1,0 +1,170 @@
+"""Wand of a studio: region growing from a click, in the picture or through the depth of the volume.
+
+What is selected becomes a rigid part or a cut.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from deformnb._typing import Progress
+from deformnb._weak import weakly
+from deformnb.document.json_format import region_to_data
+from deformnb.errors import Cancelled, DeformError
+from deformnb.rbf.regions import Mask
+from deformnb.session.session import Session
+from deformnb.volume.plane import Picture
+from deformnb.volume.region_growing import connected_threshold
+from deformnb.volume.transfer import levels
+from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.packed_volume import unit_of
+from deformnb.widgets.protocol import WandMessage
+from deformnb.widgets.studio.controls import Guard
+from deformnb.widgets.studio.panels.labels import TakeRegions
+from deformnb.widgets.worker import Worker
+
+_FEWEST = 4  # pixels of a region
+_NAME = "wand region"
+
+
+class Wand:
+    """Answers the wand of an editor.
+
+    Parameters
+    ----------
+    session : on whose picture the wand is used.
+    editor : shows the preview.
+    worker : does what takes a moment.
+    guard : makes parts and cuts, and shows errors of that.
+    take : makes them of regions.
+    """
+
+    def __init__(self, session: Session, editor: Editor, worker: Worker, guard: Guard, take: TakeRegions) -> None:
+        self._session, self._editor, self._worker, self._guard, self._take = session, editor, worker, guard, take
+        self._request: WandMessage | None = None
+        self._region: Mask | None = None
+        editor.on_wand(weakly(self, Wand._received, lambda wand: not wand._worker.is_closed))
+        self._observer = weakly(self, Wand._forget, lambda wand: not wand._worker.is_closed)
+        session.observe(self._observer, ["deformation", "index", "key", "method", "depth"])
+        self._show()
+
+    def close(self) -> None:
+        """Stop following the session."""
+        self._session.unobserve(self._observer, ["deformation", "index", "key", "method", "depth"])
+
+    def _show(self, **facts: Any) -> None:
+        self._editor.wand = {"region": None, "words": "", "share": 1.0, **facts}
+
+    def _forget(self, _change: Any = None) -> None:
+        if self._request is not None:
+            self._request = self._region = None
+            self._show()
+
+    def _received(self, message: WandMessage) -> None:
+        if message.what == "preview":
+            self._request = message
+            self._worker.latest("wand", weakly(self, Wand._preview))
+        elif message.what == "stop":
+            self._forget()
+        else:
+            self._guard(lambda: self._make(message.what))
+
+    def _make(self, what: str) -> None:
+        region = self._region
+        if region is None:
+            raise DeformError("click on the picture with the wand first.")
+        self._take(what, [(_NAME, region)])
+        self._forget()
+
+    def _preview(self) -> None:
+        request = self._request
+        if request is None:
+            return
+        shown = 0.0
+
+        def progress(share: float) -> None:
+            nonlocal shown
+            if self._request is not request:
+                raise Cancelled("another place was clicked.")
+            if share - shown > 0.05:
+                shown = share
+                self._show(words="Selecting ...", share=share)
+
+        try:
+            region, words = selected(self._session, request, progress)
+        except Cancelled:
+            return
+        except DeformError as error:
+            self._region = None
+            self._show(words=str(error), failed=True)
+            return
+        if self._request is request:
+            self._region = region
+            self._show(region=region_to_data(region), words=words)
+
+
+def selected(session: Session, request: WandMessage, progress: Progress | None = None) -> tuple[Mask, str]:
+    """The region of a click on the picture, without its holes, and its range and size in words.
+
+    Raises
+    ------
+    DeformError
+        Where nothing can be selected: beside the picture, in air, on a picture of colours, or in too narrow a range.
+    """
+    picture = session.picture()
+    if picture.values.ndim == 3:
+        raise DeformError("This picture shows colours, which have no range of values: choose a slice, the maximum or "
+                          "the mean over the picture.")
+    raster = picture.raster
+    at = np.round((np.asarray(request.place) - raster.origin) / raster.spacing).astype(int)
+    column, line = int(at[0]), int(at[1])
+    if not (0 <= line < raster.shape[0] and 0 <= column < raster.shape[1]):
+        raise DeformError("This is beside the picture: click on what is seen.")
+    value, seed = float(picture.values[line, column]), (0, line, column)
+    values: NDArray[Any] = picture.values[None]
+    if request.through:
+        volume = session.base()
+        values, seed = volume.values, _voxel(session, picture, request.place, value)
+        value = float(values[seed])
+    low = -np.inf if request.rule == "darker" else value - request.tolerance
+    high = np.inf if request.rule == "brighter" else value + request.tolerance
+    if not np.isfinite(value):
+        raise DeformError("There is no value here: click on what is seen.")
+    mask = connected_threshold(values, seed, low, high, progress)
+    flat = Mask(mask[0], raster) if not request.through else Mask(mask, session.base().grid).silhouette(picture.plane)
+    filled = ndimage.binary_fill_holes(flat.values)
+    count = int(filled.sum())
+    sides = sum(bool(edge.any()) for edge in (filled[0], filled[-1], filled[:, 0], filled[:, -1]))
+    if value < levels(session.volume)[1] and sides >= 3:
+        raise DeformError("This is air or padding around the body: click on tissue, or lower the tolerance.")
+    if count < _FEWEST:
+        raise DeformError(f"Only {count} pixel{'' if count == 1 else 's'} hang together here: raise the tolerance.")
+    return Mask(filled, flat.lattice), _words(picture, low, high, count * float(np.prod(flat.lattice.spacing)))
+
+
+def _voxel(session: Session, picture: Picture, place: tuple[float, float], value: float) -> tuple[int, int, int]:
+    """Index of the voxel that is seen at a place: in the slice, or on the ray the one with the pixel's value."""
+    volume, plane = session.base(), picture.plane
+    slices = plane.slices(volume.grid)
+    is_slice = session.method == "slice"
+    depths = [session.depth] if is_slice else [slices.depth(k) for k in range(slices.count)]
+    points = plane.from_plane([(*place, depth) for depth in depths])
+    index = np.round(volume.grid.point_to_index(points)).astype(int)[:, ::-1]
+    index = index[((index >= 0) & (index < volume.shape)).all(axis=1)]
+    if not len(index):
+        raise DeformError("There is no voxel here: click on what is seen.")
+    found = index[np.argmin(np.abs(volume.values[tuple(index.T)].astype(np.float64) - value))]
+    return int(found[0]), int(found[1]), int(found[2])
+
+
+def _words(picture: Picture, low: float, high: float, area: float) -> str:
+    unit = f" {picture.unit}" if picture.unit else ""
+    of_range = (f"from {low:.4g}" if np.isinf(high) else f"up to {high:.4g}" if np.isinf(low)
+                else f"{low:.4g} to {high:.4g}")
+    length = "" if picture.grid is None else unit_of(picture.grid)
+    size = f"{area:.3g}" if area < 1000 else f"{area:.0f}"
+    return f"{of_range}{unit}, {size} {length}{chr(178)}" if length == "mm" else f"{of_range}{unit}, {size} pixels"
