@@ -12,7 +12,7 @@ from waiting import PATIENCE, wait_for  # noqa: F401  (with the rest of what a s
 from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
-from deformnb.widgets.protocol import points_to_json
+from deformnb.widgets.edit_messages import points_to_json
 
 
 def a_volume() -> Volume:

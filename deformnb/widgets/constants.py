@@ -9,7 +9,7 @@ import json
 
 from deformnb import checks
 from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, trends
-from deformnb.widgets import protocol
+from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "FLAT", "LONGEST_SHARE",
@@ -22,7 +22,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "rigid": (rigid, ("SAME_MOTION",)),
     "slits": (slits, ("MOST_SLITS",)),
     "stages": (stages, ("MOST_STAGES",)),
-    "protocol": (protocol, ("LONGEST_EDIT",)),
+    "edit_messages": (edit_messages, ("LONGEST_EDIT",)),
 }
 """The modules by name, and the constants of each that the front end needs too; their reasons are there."""
 

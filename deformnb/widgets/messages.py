@@ -2,7 +2,7 @@
 
 Most of a widget's state is synced traits. Messages are what must arrive in order, once, or with binary data. Python
 makes each message that it sends as one of these types, which mypy checks; whatever a front end sends is checked by
-:mod:`deformnb.widgets.protocol` or by the widget itself before anything is done with it.
+:mod:`deformnb.widgets.edit_messages` or by the widget itself before anything is done with it.
 ``python -m deformnb.widgets.messages`` prints the page of the documentation.
 """
 
@@ -65,7 +65,7 @@ class PointsEdit(TypedDict):
     sender: Window
     seq: Counted
     phase: Phase
-    kind: Annotated[str, "what was done, one of protocol.KINDS"]
+    kind: Annotated[str, "what was done, one of edit_messages.KINDS"]
     joins: Annotated[NotRequired[bool], "whether it goes on with the edit before it"]
     next_id: Annotated[NotRequired[int], "least id that was never given"]
     points: Annotated[list[PointData], "all points"]
@@ -447,7 +447,7 @@ class Screenshot(TypedDict):
 
 
 class Measurements(TypedDict):
-    """Measurements, named in protocol.MEASURED."""
+    """Measurements, named in edit_messages.MEASURED."""
 
     type: Literal["stats"]
     view: View

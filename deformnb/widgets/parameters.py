@@ -22,7 +22,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import SIDES
 from deformnb.widgets.camera import SHOWS
-from deformnb.widgets.protocol import OVERLAYS
+from deformnb.widgets.edit_messages import OVERLAYS
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from browser.editor_page import PAGE, EditorOnPage
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import EditMessage
 
 pytestmark = pytest.mark.needs_browser
 

@@ -15,8 +15,8 @@ from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidPart, without_conflicts
 from deformnb.volume.plane import Picture
 from deformnb.warping.warper import warp_picture
+from deformnb.widgets.edit_messages import ShapesMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import ShapesMessage
 
 pytestmark = pytest.mark.needs_browser
 

@@ -15,8 +15,8 @@ from deformnb.rbf.regions import Mask
 from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import Grid
+from deformnb.widgets.edit_messages import WandMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import WandMessage
 
 pytestmark = pytest.mark.needs_browser
 

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { DrawRate } from "../../deformnb/widgets/js/editor/drawing.js";
+import { DrawRate } from "../../deformnb/widgets/js/editor/base.js";
 import { Sender } from "../../deformnb/widgets/js/sync/edits.js";
 
 function measured(events) {

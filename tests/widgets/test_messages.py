@@ -9,8 +9,8 @@ import pytest
 
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import SOURCES
+from deformnb.widgets.edit_messages import RefusedMessage, choice_from_page, message_from_page, shapes_from_page
 from deformnb.widgets.messages import MESSAGES, TO_FRONT_END, TO_PYTHON, MessageKind, as_markdown
-from deformnb.widgets.protocol import RefusedMessage, choice_from_page, message_from_page, shapes_from_page
 
 PACKAGE = Path(__file__).parents[2] / "deformnb"
 # A page without Python sends what Python would; the application's own procedures are no messages of widgets.

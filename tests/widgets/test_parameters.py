@@ -16,8 +16,8 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import SIDES
 from deformnb.widgets.camera import SHOWS
+from deformnb.widgets.edit_messages import OVERLAYS
 from deformnb.widgets.parameters import PARAMETERS, Choice, as_json, as_markdown
-from deformnb.widgets.protocol import OVERLAYS
 
 
 @pytest.mark.parametrize(("name", "registry"), [

@@ -4,7 +4,7 @@ The front end fits the points and warps the picture itself, by the same mathemat
 drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback is
 registered for it.
 
-Messages are those of :mod:`~deformnb.widgets.editor.points` and :mod:`~deformnb.widgets.protocol`.
+Messages are those of :mod:`~deformnb.widgets.editor.base` and :mod:`~deformnb.widgets.edit_messages`.
 
 The pictures of an editor are made here too: as the front end gets them, and as a still where there is no front end.
 """
@@ -35,10 +35,7 @@ from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
-from deformnb.widgets.editor.points import FRONT_END_TRAITS, EditedPoints, PointsTrait
-from deformnb.widgets.messages import DrawShape, EditRefused, ProposedParts, ShowPoint
-from deformnb.widgets.packed_volume import unit_of
-from deformnb.widgets.protocol import (
+from deformnb.widgets.edit_messages import (
     OVERLAYS,
     ChooseMessage,
     Message,
@@ -54,6 +51,9 @@ from deformnb.widgets.protocol import (
     shapes_to_json,
     wand_from_page,
 )
+from deformnb.widgets.editor.base import FRONT_END_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.messages import DrawShape, EditRefused, ProposedParts, ShowPoint
+from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.base import PlanarFit
 from deformnb.widgets.view.stills import with_png
 
@@ -371,7 +371,7 @@ class Editor(EditedPoints):
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
         """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
 
-        ``edit`` is a :class:`~deformnb.widgets.protocol.ShapesMessage`: ``what`` ("cuts" or "parts"), ``kind``
+        ``edit`` is a :class:`~deformnb.widgets.edit_messages.ShapesMessage`: ``what`` ("cuts" or "parts"), ``kind``
         (in words) and ``shapes``. Exceptions of the callback are logged and shown in the front end.
         """
         if remove:

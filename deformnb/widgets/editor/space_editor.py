@@ -1,7 +1,7 @@
 """Editor of control points in space, with three coordinates, in three linked slices of the volume (Eq. 9).
 
 The front end draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and
-sent as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.points`. Others of the front end, each
+sent as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.base`. Others of the front end, each
 with ``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the front
 end: ``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: the text below
 them), with the pixels of each and, of projections, the depths.
@@ -31,10 +31,10 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.editor.points import SPACE_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.edit_messages import EditMessage, Message, dropping, text, whole
+from deformnb.widgets.editor.base import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.messages import Pictures, ShowPoint
-from deformnb.widgets.protocol import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker

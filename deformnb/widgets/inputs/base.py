@@ -17,8 +17,8 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
+from deformnb.widgets.edit_messages import check_size
 from deformnb.widgets.messages import ValueRefused, ValueTaken
-from deformnb.widgets.protocol import check_size
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import ViewMeta
 

@@ -23,7 +23,7 @@ from deformnb.document.deformation import LOOPS
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.protocol import take_traits
+from deformnb.widgets.edit_messages import take_traits
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.worker import Worker
 

@@ -20,9 +20,9 @@ from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.volume.region_growing import connected_threshold
 from deformnb.volume.transfer import levels
+from deformnb.widgets.edit_messages import WandMessage
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.packed_volume import unit_of
-from deformnb.widgets.protocol import WandMessage
 from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.studio.panels.labels import TakeRegions
 from deformnb.widgets.worker import Worker

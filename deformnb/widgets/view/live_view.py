@@ -40,6 +40,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.edit_messages import measured, picture, take_traits, text, whole
 from deformnb.widgets.messages import Chunk, DrawnByPython, FieldMaps, ScreenshotRequest
 from deformnb.widgets.packed_volume import (
     PackedVolume,
@@ -49,7 +50,6 @@ from deformnb.widgets.packed_volume import (
     packed_volume,
     whole_window,
 )
-from deformnb.widgets.protocol import measured, picture, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.textures import FieldTextures, count_maps, differ_only_in, field_textures, texture_frames
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed

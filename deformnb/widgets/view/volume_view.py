@@ -34,9 +34,9 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.edit_messages import dropping, take_traits, text, whole
 from deformnb.widgets.messages import Badge, Notice, TrameAddress
 from deformnb.widgets.packed_volume import PackedVolume
-from deformnb.widgets.protocol import dropping, take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
 from deformnb.widgets.view.space_points import ShowsPoints

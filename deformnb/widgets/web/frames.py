@@ -17,7 +17,7 @@ from typing import Any
 
 from deformnb.errors import DeformError
 from deformnb.widgets.camera import checked_camera
-from deformnb.widgets.protocol import text, whole
+from deformnb.widgets.edit_messages import text, whole
 from deformnb.widgets.vtk.render_loop import Frame
 from deformnb.widgets.web.guard import Answer, checked_origin
 from deformnb.widgets.web.remote_area import AREA, MouseCamera, Pictures, for_area

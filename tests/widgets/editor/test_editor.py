@@ -24,7 +24,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Editor
-from deformnb.widgets.protocol import EditMessage, points_from_json, points_to_json
+from deformnb.widgets.edit_messages import EditMessage, points_from_json, points_to_json
 
 
 @pytest.fixture

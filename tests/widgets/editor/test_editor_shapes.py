@@ -24,8 +24,8 @@ from deformnb.rbf.rigid import RigidInterpolant, RigidMotion, RigidPart
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp_picture
+from deformnb.widgets.edit_messages import MOST_PARTS, ShapesMessage, followed
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import MOST_PARTS, ShapesMessage, followed
 
 LINE = {"kind": "line", "vertices": [[20.0, 0.0], [22.0, 30.0]]}
 SQUARE = {"kind": "polygon", "vertices": [[3.0, 3.0], [6.0, 3.0], [6.0, 9.0], [3.0, 9.0]]}

@@ -27,8 +27,8 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import SpaceEditor
+from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding, shapes_on
-from deformnb.widgets.protocol import points_to_json
 
 EDITS = ("ui/dom.js", "maths/camera.js", "maths/points.js", "editor/handles.js", "maths/space.js")
 SHAPE, SPACING, ORIGIN = (24, 30, 36), (1.0, 1.5, 2.0), (5.0, -8.0, 3.0)

@@ -30,7 +30,7 @@ from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.protocol import points_to_json
+from deformnb.widgets.edit_messages import points_to_json
 
 
 @pytest.fixture

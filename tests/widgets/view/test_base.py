@@ -17,8 +17,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import EditMessage
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.view.base import AbstractView, ViewMeta
 

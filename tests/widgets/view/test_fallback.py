@@ -16,8 +16,8 @@ from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import EditMessage
 from deformnb.widgets.view.live_view import LiveView
 
 GRID = Grid((20, 20, 20))

@@ -21,8 +21,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import LiveView, SpaceEditor, VolumeView
+from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.packed_volume import packed_volume
-from deformnb.widgets.protocol import points_to_json
 from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.space_points import QUICK_SIZE
 

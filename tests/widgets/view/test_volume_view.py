@@ -29,8 +29,8 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.protocol import EditMessage
 from deformnb.widgets.view.base import AbstractView, PlanarFit, Refit
 from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.view.volume_view import TRANSPORTS, VolumeView

@@ -16,7 +16,7 @@ import { HelpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
 import { ColourBar } from "./colour_bar.js";
-import { DrawRate, EditorDrawing, initialize } from "./drawing.js";
+import { DrawRate, EditorDrawing, initialize } from "./base.js";
 import { GridNodes } from "./grid_nodes.js";
 import { Handles, ToolMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";

@@ -3,7 +3,7 @@
 import { placeOf } from "../maths/cuts.js";
 import { shownLength } from "../maths/numbers.js";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { NEARLY_FOLDED } from "./drawing.js";
+import { NEARLY_FOLDED } from "./base.js";
 import { REGION_FORMS } from "./shape_handles.js";
 import { shownValue } from "./window_tool.js";
 

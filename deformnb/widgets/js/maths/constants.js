@@ -39,5 +39,5 @@ export const MOST_SLITS = 3;
 // stages.py
 export const MOST_STAGES = 64;
 
-// protocol.py
+// edit_messages.py
 export const LONGEST_EDIT = 1048576;

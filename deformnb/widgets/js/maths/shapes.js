@@ -22,7 +22,7 @@ export function withShape(shapes, index, change) {
 
 /**
  * The index of a shape after an edit of its list, or null: the same shape is the equal one, or the only one that was
- * changed. Python follows by the same rule (widgets/protocol.py).
+ * changed. Python follows by the same rule (widgets/edit_messages.py).
  * @param {ShapeData[]} before
  * @param {ShapeData[]} after
  * @param {number} index

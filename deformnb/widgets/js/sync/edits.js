@@ -13,7 +13,7 @@
 
 import { LONGEST_EDIT } from "../maths/constants.js";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.js";
-import { History } from "./history.js";
+import { History } from "./undo_list.js";
 
 /** @import { Bus, Model, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from deformnb.errors import DeformError
+from deformnb.widgets.editor.base import FRONT_END_TRAITS
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.editor.points import FRONT_END_TRAITS
 
 GOOD = {"mirror": {"on": True, "axis": "b", "at": 3.5}, "snap": 7.5, "brush_radius": 12, "stop_at_folds": True,
         "window": [-40.0, 250.0], "slice": 12}

@@ -23,8 +23,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import CHOOSE_SUPPORT
-from deformnb.widgets.messages import EditDone, EditRefused
-from deformnb.widgets.protocol import (
+from deformnb.widgets.edit_messages import (
     EditMessage,
     HistoryMessage,
     Message,
@@ -33,6 +32,7 @@ from deformnb.widgets.protocol import (
     message_from_page,
     points_to_json,
 )
+from deformnb.widgets.messages import EditDone, EditRefused
 from deformnb.widgets.synced import SyncedWidget
 
 
@@ -197,7 +197,7 @@ class EditedPoints(SyncedWidget):
         callback : what is called, in the order of registration.
         remove : True takes the callback away again.
         details : True calls ``callback(edit)`` instead, with an
-            :class:`~deformnb.widgets.protocol.EditMessage`: ``points``, ``phase``, what was done (``kind``) and
+            :class:`~deformnb.widgets.edit_messages.EditMessage`: ``points``, ``phase``, what was done (``kind``) and
             whether it goes on with the edit before it (``joins``).
         """
         if remove:

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { History } from "../../deformnb/widgets/js/sync/history.js";
+import { History } from "../../deformnb/widgets/js/sync/undo_list.js";
 
 test("undo goes back to the start and redo to the end", () => {
   const history = new History(3), seen = [];
