@@ -193,7 +193,7 @@ def test_two_tabs_show_one_session(browser: Any, tab: Tab) -> None:
     other.page.locator(".dnb-head").get_by_role("button", name="Undo: ").click()
     tab.has(5, 0)
     choose(other.page, "Interpolation")
-    other.page.get_by_label("Kernel").select_option("Gaussian")
+    other.page.get_by_label("Kernel", exact=True).select_option("Gaussian")
     choose(tab.page, "Interpolation")
     tab.page.wait_for_function("""() => [...document.querySelectorAll('.dnb-studio-panel select')].some(
       (menu) => menu.selectedOptions[0]?.text === 'Gaussian')""")

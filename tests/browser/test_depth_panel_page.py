@@ -59,7 +59,7 @@ class Depth:
 
     def differ(self, before: Any, least: int = 150) -> Any:
         """The picture, once it is another one."""
-        self.page.until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum() > least)
+        self.page.until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 25).sum() > least)
         return self.pixels()
 
     def alike(self, before: Any) -> None:

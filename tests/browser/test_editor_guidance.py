@@ -97,7 +97,7 @@ def test_nothing_is_edited_while_python_makes_another_picture(opened: Any, pictu
     page.page.locator("[data-id='4']").focus()
     editor.waiting = "Making the picture from the front"
     page.wait("document.querySelector('.dnb-ed-waiting') !== null")
-    assert page.page.locator("[role=status]").inner_text() == "Making the picture from the front"
+    assert page.page.locator(".dnb-ed-wait").inner_text() == "Making the picture from the front"
     assert page.page.locator(".dnb-ed-stage").get_attribute("aria-busy") == "true"
     page.wait("getComputedStyle(document.querySelector('.dnb-ed-veil')).backgroundColor === 'rgba(20, 22, 26, 0.55)'")
     for key in ("Control+z", "ArrowRight", "o", "Home", "Delete", "F2", "a"):
@@ -114,7 +114,7 @@ def test_nothing_is_edited_while_python_makes_another_picture(opened: Any, pictu
     assert page.page.locator("[data-command=undo]").get_attribute("aria-disabled") == "true"
     editor.waiting = ""
     page.wait("document.querySelector('.dnb-ed-waiting') === null")
-    assert page.page.locator("[role=status]").inner_text() == ""
+    assert page.page.locator(".dnb-ed-wait").inner_text() == ""
     page.page.keyboard.press("Control+z")
     assert page.points == points
     page.drag(points.target[4], (12, 0))

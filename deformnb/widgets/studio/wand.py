@@ -167,4 +167,4 @@ def _words(picture: Picture, low: float, high: float, area: float) -> str:
                 else f"{low:.4g} to {high:.4g}")
     length = "" if picture.grid is None else unit_of(picture.grid)
     size = f"{area:.3g}" if area < 1000 else f"{area:.0f}"
-    return f"{of_range}{unit}, {size} {length}{chr(178)}" if length == "mm" else f"{of_range}{unit}, {size} pixels"
+    return f"{of_range}{unit}, {size} {length}\u00b2" if length == "mm" else f"{of_range}{unit}, {size} pixels"

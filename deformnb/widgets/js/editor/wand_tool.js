@@ -40,8 +40,9 @@ export class Wand {
     this.tolerated = pageElement("span", "dnb-ed-brush-value", this.bar);
     this.#button("Done", "put the wand away", () => { this.stop(); editor.focusStage(); });
     const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title: "What hangs together in the volume, not only in this picture" });
-    this.through = pageElement("input", "", label, { type: "checkbox", ...OWN_KEYS });
-    pageElement("span", "", label).textContent = "Through the depth";
+    const words = "Through the depth";
+    this.through = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
+    pageElement("span", "", label).textContent = words;
     this.part = this.#button("Make rigid part", "keep what is selected rigid", () => this.#make("part"));
     this.cut = this.#button("Make cut", "cut along the outline of what is selected", () => this.#make("cut"));
     this.words = pageElement("span", "dnb-ed-wand-words", this.bar, { role: "status" });
@@ -52,7 +53,8 @@ export class Wand {
 
   /** @param {string} text @param {string} label @param {() => void} action */
   #button(text, label, action) {
-    const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, ...OWN_KEYS });
+    const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, "aria-label": text,
+      ...OWN_KEYS });
     made.textContent = text;
     made.addEventListener("click", () => this.editor.guard(action));
     return made;

@@ -85,11 +85,11 @@ class FilesPanel(Panel):
         self.page_text = ipw.Textarea(description="Text", rows=3, layout=whole, continuous_update=False,
                                       placeholder="What a reader of the page is to look at or to try",
                                       tooltip="Stands under the title of the web page")
-        self.page_controls = {name: ipw.Checkbox(value=True, description=label, indent=False,
+        self.page_controls = {name: ipw.Checkbox(value=True, description=f"{label} on the page", indent=False,
                                                  layout={"width": "auto", "margin": "2px 8px 2px 0"},
                                                  tooltip="Whether the web page has this control")
                               for name, label in CONTROLS.items()}
-        chosen = row(ipw.Label("Controls"), *self.page_controls.values())
+        chosen = row(*self.page_controls.values())
         self.of_page = ipw.VBox([self.page_title, self.page_text, chosen])
         self.name.observe(self._show_page_words, "value")
         self._show_page_words()
