@@ -24,7 +24,9 @@ from deformnb.volume.plane import Picture
 
 _BEND = 1.0  # radians: the angle between the ends of the bent subject
 _SAG = 0.12  # of half of the subject's length: how far all is moved back to stay in the middle
-_OPENING = 0.3  # of the subject's width: how far either side of the cut is moved
+_INCISION = 0.6  # of half of the subject's length: how far the incision reaches from the middle
+_OPENING = 0.42  # of half of the subject's width: how far either side of the incision is moved
+_FRONT = "max(0,min(1,(0.7-z)/0.3))"  # of the depth: all of the drag in the front 40 %, nothing in the last 30 %
 
 
 @dataclass(frozen=True)
@@ -65,17 +67,21 @@ def bend(step: Step, picture: Picture) -> Step:
 
 
 def cut_open(step: Step, picture: Picture) -> Step:
-    """A cut along the subject, whose sides are moved apart in the middle and held at the ends."""
+    """An incision along the subject that stops inside it at both ends and in its depth, pulled open.
+
+    A point on either side is moved away from the cut; points around it hold the rest.
+    """
     middle, long, short = _along(picture)
-    side = 0.12 * short
-    held = [middle + sign * 0.9 * long + way * side for sign in (-1, 1) for way in (-1, 1)]
-    source = np.array([*held, middle - side, middle + side])
-    target = source + np.array([[0.0, 0.0]] * 4 + [-2 * _OPENING * short, 2 * _OPENING * short])
+    held = [middle + sign * place for sign in (-1, 1) for place in (0.9 * long, 0.95 * short, 0.55 * long + 0.8 * short,
+                                                                     0.55 * long - 0.8 * short)]
+    source = np.array([*held, middle - 0.1 * short, middle + 0.1 * short])
+    target = source + np.array([[0.0, 0.0]] * len(held) + [-_OPENING * short, _OPENING * short])
     points = step.points
     for place, moved in zip(source, target, strict=True):
         points = points.add(place, moved)
-    vertices = tuple((float(a), float(b)) for a, b in (middle - long, middle + long))
-    return replace(step.with_points(points), cuts=(Cut(Line(vertices), "cut"),))
+    vertices = tuple((float(a), float(b)) for a, b in (middle - _INCISION * long, middle + _INCISION * long))
+    cut = Cut(Line(vertices, stops=(True, True)), "incision")
+    return replace(step.with_points(points), cuts=(cut,), extrusion="modulate", curve=_FRONT)
 
 
 def thompson(step: Step, picture: Picture) -> Step:
@@ -87,7 +93,7 @@ def thompson(step: Step, picture: Picture) -> Step:
 
 EXAMPLES: dict[str, Example] = {
     "bend": Example("Bend it", "What is seen is bent to an arc", bend),
-    "open": Example("Cut it open", "A cut, and two points that move its sides apart", cut_open),
+    "open": Example("Cut it open", "An incision in front, and two points that pull it open", cut_open),
     "thompson": Example("Thompson's fish", "The grid by which D'Arcy Thompson turned one fish into another", thompson),
 }
 """Examples by name."""

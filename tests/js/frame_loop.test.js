@@ -6,14 +6,14 @@ import test from "node:test";
 import { FieldLink } from "../../deformnb/widgets/js/view/follow_editor.js";
 import { FrameLoop } from "../../deformnb/widgets/js/view/render_loop.js";
 
-const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true };
+const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true, plays: 0 };
 
 /**
  * A page with a clock of its own: timers, frames, and a GPU that takes its time. The compositor waits for all work of
  * the GPU if a canvas has changed, as browsers do that draw in software.
  */
 function played(options = {}) {
-  const { pixelCost, seconds, moves, isSoftware } = { ...SOFTWARE, ...options };
+  const { pixelCost, seconds, moves, isSoftware, plays } = { ...SOFTWARE, ...options };
   let clock = 0, free = 0, count = 0, isDirty = false, queue = [];
   const log = { waits: [], casts: [], presents: [], caughtUp: 0, moves: 0, reported: 0 };
   const later = (run, at, isFrame) => { queue.push({ run, at, isFrame, id: ++count }); return count; };
@@ -46,6 +46,10 @@ function played(options = {}) {
     for (let k = 0; k < moves; k++) {
       later(() => { log.moves += 1; loop.touch(true); if (k === moves - 1) loop.release(); }, 16 * k, false);
     }
+    const tick = () => { // an animation asks for its next frame and shows another moment
+      if (clock < 1e3 * plays) { requestAnimationFrame(tick); loop.touch(true); } else loop.release();
+    };
+    if (plays) tick();
     for (let frame = 16; clock < 1e3 * seconds; frame = Math.max(frame + 16, 16 * Math.ceil(clock / 16))) {
       for (;;) { // the tasks before the frame, in the order of time
         queue.sort((a, b) => a.at - b.at || a.id - b.id);
@@ -56,7 +60,11 @@ function played(options = {}) {
         next.run();
       }
       clock = Math.max(clock, frame);
-      for (const task of queue.filter((other) => other.isFrame)) { forget(task.id); task.run(); }
+      for (const task of queue.filter((other) => other.isFrame)) {
+        if (!queue.includes(task)) continue; // another of this frame has cancelled it
+        forget(task.id);
+        task.run();
+      }
       if (isDirty) { log.waits.push(Math.max(0, free - clock)); clock = Math.max(clock, free); isDirty = false; }
     }
   } finally { restore(); }
@@ -67,6 +75,12 @@ test("no frame waits for rays", () => {
   const { waits } = played();
   assert.ok(waits.length > 15);
   assert.ok(Math.max(...waits) <= 1); // the time to put a finished picture on the canvas
+});
+
+test("an animation that changes in every frame is seen while it plays", () => {
+  const { presents, reported } = played({ moves: 0, plays: 5 });
+  assert.ok(presents.filter(([at]) => at < 5e3).length > 30);
+  assert.ok(reported > 5e3);
 });
 
 test("the volume follows the pointer and is drawn in full when it rests", () => {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from deformnb.analysis import jacobian_determinant
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
@@ -50,16 +51,23 @@ def test_the_bent_middle_line_is_an_arc_of_the_same_length(session: Session) -> 
     np.testing.assert_allclose(np.sum(turned[1:] * turned[:-1], axis=1), np.cos(angle))
 
 
-def test_a_cut_parts_the_subject_along_its_length(session: Session) -> None:
+def test_an_incision_opens_inside_the_subject_from_the_front_without_a_fold(session: Session) -> None:
     apply_example(session, "open")
     (cut,) = session.step.cuts
     a0, a1, b0, b1 = subject_box(session.picture())
-    np.testing.assert_allclose(cut.region.vertices, [(a0, (b0 + b1) / 2), (a1, (b0 + b1) / 2)])
+    middle, reach = (a0 + a1) / 2, 0.6 * (a1 - a0) / 2
+    np.testing.assert_allclose(cut.region.vertices, [(middle - reach, (b0 + b1) / 2), (middle + reach, (b0 + b1) / 2)])
+    assert cut.region.stops == (True, True)
     sides = cut.region.signed_distance(session.points.source) < 0
     moved = session.points.displacement.any(axis=1)
     assert sorted(sides[moved].tolist()) == [False, True]
     away = cut.region.signed_distance(session.points.target[moved])
     assert (np.abs(away) > np.abs(cut.region.signed_distance(session.points.source[moved]))).all()
+    grid, plane = session.volume.grid, session.step.plane
+    assert jacobian_determinant(session.deformation, grid).min() > 0.2
+    slices = plane.slices(grid)
+    behind = plane.from_plane([(middle + reach / 2, (b0 + b1) / 2 + 1, slices.depth(slices.count - 1))])
+    assert np.abs(session.deformation.field(grid).displacement(behind)).max() < 1e-9
 
 
 def test_what_cannot_be_done_is_said_and_changes_nothing(session: Session) -> None:

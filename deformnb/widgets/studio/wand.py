@@ -28,7 +28,6 @@ from deformnb.widgets.studio.panels.labels import TakeRegions
 from deformnb.widgets.worker import Worker
 
 _FEWEST = 4  # pixels of a region
-_NAME = "wand region"
 
 
 class Wand:
@@ -77,7 +76,8 @@ class Wand:
         region = self._region
         if region is None:
             raise DeformError("click on the picture with the wand first.")
-        self._take(what, [(_NAME, region)])
+        step = self._session.step
+        self._take(what, [(f"region {len(step.parts) + len(step.cuts) + 1}", region)])
         self._forget()
 
     def _preview(self) -> None:

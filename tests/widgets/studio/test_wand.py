@@ -67,13 +67,13 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
 
     use(rod, through=True)
     use(rod, "part")
-    assert taken == [("part", "wand region", deep)]
+    assert taken == [("part", "region 1", deep)]
     assert editor.wand["region"] is None
     use(rod, "cut")
     assert "with the wand first" in guard.errors[-1]
     use(rod)
     use(rod, "cut")
-    assert taken[1:] == [("cut", "wand region", flat)]
+    assert taken[1:] == [("cut", "region 1", flat)]
 
     use(rod)
     assert use(rod, "stop")["region"] is None

@@ -57,6 +57,7 @@ class StudioHead {
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
     window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
     window.addEventListener("click", (event) => this.#dismiss(event), { signal });
+    window.addEventListener("change", (event) => this.#chosen(event), { signal });
     /** @type {SidePanel | null} */
     this.side = null;
     this.arrivals = new MutationObserver(() => this.#addSidePanel());
@@ -194,6 +195,12 @@ class StudioHead {
   #press({ target }) {
     const isInside = target instanceof Element && (this.root.contains(target) || target.closest(".dnb-studio-menu"));
     if (!isInside) this.toggleMenu();
+  }
+
+  /** After a choice with the pointer in a menu over the panes the keys are the picture's again. @param {Event} event */
+  #chosen({ target }) {
+    const isOurs = target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
+    if (isOurs && !target.matches(":focus-visible")) this.#editor?.focusStage();
   }
 
   /** A message that its user has read goes, until Python has another one. @param {MouseEvent} event */

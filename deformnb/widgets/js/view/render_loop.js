@@ -138,9 +138,10 @@ export class FrameLoop {
   /** @param {number} delay */
   #plan(delay) {
     if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
+    if (this.frame) return; // put off by a change in every frame, as an animation makes, it would never come
     clearTimeout(this.waiting);
-    cancelAnimationFrame(this.frame);
-    const next = () => { this.frame = requestAnimationFrame(() => this.#step()); };
+    const step = () => { this.frame = 0; this.#step(); };
+    const next = () => { this.frame = requestAnimationFrame(step); };
     const pause = Math.max(delay, this.restUntil - performance.now());
     if (pause > 0) this.waiting = setTimeout(next, pause); else next();
   }
