@@ -164,6 +164,7 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_document(tmp_path: Path)
     assert found["left"] == ["fish.json"]
 
 
+@pytest.mark.nightly
 @posix
 def test_a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together(
         tmp_path: Path) -> None:

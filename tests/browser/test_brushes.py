@@ -111,6 +111,7 @@ def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(opened: A
     assert "smudge 1" in page.points.names
 
 
+@pytest.mark.nightly
 def test_strokes_over_one_place_do_not_pile_up_points(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     radius, counts = brush(page, "s"), []

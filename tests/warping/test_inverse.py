@@ -283,6 +283,7 @@ def test_cuts_in_space_are_solved_on_one_slice_and_in_compositions() -> None:
 # ---- SimpleITK -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_simpleitk_finds_the_same() -> None:
     """Both invert the same samples, read linearly, so they differ by their residuals alone, stretched less than twice.
 

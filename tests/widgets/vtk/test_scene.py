@@ -352,6 +352,7 @@ def test_another_volume_replaces_the_first(scene: Any) -> None:
     np.testing.assert_array_equal(one.render(), scene(other).render())
 
 
+@pytest.mark.nightly
 def test_a_shader_that_cannot_be_changed_is_noticed_and_the_array_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     texture_works.cache_clear()
     try:
