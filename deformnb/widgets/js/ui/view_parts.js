@@ -226,7 +226,7 @@ export class Frames {
     const { right, up } = camera;
     this.scale.write(camera, unit, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
-    for (const { letters } of this.frames) letters.forEach((letter, i) => { letter.textContent = texts[i]; });
+    for (const { letters } of this.frames) letters.forEach((letter, i) => { setText(letter, texts[i]); });
   }
 }
 

@@ -2,7 +2,7 @@
 // To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, info, screenshot.
 
 import { clipOf, isClipped } from "../maths/clipping.js";
-import { OWN_KEYS, pageElement } from "../ui/dom.js";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
@@ -149,7 +149,7 @@ class LiveVolumeView {
   /** @param {string} text */
   showMessage(text) { this.elements.showMessage(text); }
 
-  mark() { this.elements.badge.textContent = remarksOn(this); }
+  mark() { setText(this.elements.badge, remarksOn(this)); }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 

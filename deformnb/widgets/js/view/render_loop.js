@@ -112,11 +112,11 @@ export class FrameLoop {
   }
 
   /**
-   * Changes what is drawn, but never within a picture; of several changes meanwhile the last one counts.
+   * Changes what is drawn, but never within a picture; of several changes before the next one the last counts.
    * @param {() => void} change
    */
   apply(change) {
-    if (this.rush) this.change = change;
+    if (this.rush || this.isRequested) this.change = change;
     else change();
   }
 

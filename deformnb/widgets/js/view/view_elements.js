@@ -38,6 +38,7 @@ export class ViewElements {
     this.root = pageElement("div", `dnb-view ${kind}`, host);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
+    this.followed = ""; // what frames and cube show
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
     this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)",
       () => this.#save(actions.picture).catch((error) => this.showMessage(`The picture could not be saved: ${error.message}`)));
@@ -87,11 +88,17 @@ export class ViewElements {
   }
 
   /**
-   * Follows the camera.
+   * Follows the camera. Where nothing has changed nothing is written: in every frame of an animation it would cost a
+   * software renderer more than the volume.
    * @param {ViewCamera} camera
    * @param {VolumeInfo} info
    */
   follow(camera, info) {
+    const { right, up, direction, height, bend } = camera, { clientWidth, clientHeight } = this.root;
+    const shown = this.frames.frames.map(({ frame }) => frame.hidden);
+    const state = JSON.stringify([right, up, direction, height, bend, info, clientWidth, clientHeight, shown]);
+    if (state === this.followed) return;
+    this.followed = state;
     this.frames.write(camera, info.unit);
     this.cube.draw(info.views, camera);
   }
