@@ -107,7 +107,7 @@ print(work())  # the parent goes on
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 @pytest.mark.parametrize(("parent", "wanted"), [("used", "DeformError: this process was made by fork"),
-                                                ("fresh", "(8, 8, 8)")])
+                                                pytest.param("fresh", "(8, 8, 8)", marks=pytest.mark.nightly)])
 def test_a_forked_child_of_a_process_that_has_computed_refuses_instead_of_hanging(parent: str, wanted: str) -> None:
     done = subprocess.run([sys.executable, "-c", FORKED, parent], capture_output=True, text=True, timeout=180,
                           check=True)

@@ -31,7 +31,7 @@ def made(size: int, *, real: bool) -> dict[str, Any]:
     return names
 
 
-@pytest.fixture(scope="module", params=["phantoms", "real data"])
+@pytest.fixture(scope="module", params=["phantoms", pytest.param("real data", marks=pytest.mark.nightly)])
 def figure(request: pytest.FixtureRequest, real_data: Callable[[str], Path]) -> dict[str, Any]:
     if request.param == "phantoms":
         return made(64, real=False)
