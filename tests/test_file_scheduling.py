@@ -39,12 +39,7 @@ def config(processes: int, dist: str = "loadfile") -> Any:
 
 def run(limit: int, processes: int, tests: Sequence[str]) -> list[set[str]]:
     """Which files are run side by side, moment after moment; each test is run once, and each file in one process."""
-    scheduler = BrowsersApart(config(processes), limit=limit)
-    nodes = [Process(f"gw{k}", tests) for k in range(processes)]
-    for node in nodes:
-        scheduler.add_node(node)
-        scheduler.add_node_collection(node, tests)
-    scheduler.schedule()
+    scheduler, nodes = scheduled(tests, limit, processes)
     moments, done = [], []
     while any(node.waiting for node in nodes):
         moments.append({node.file for node in nodes if node.waiting})
@@ -57,15 +52,15 @@ def run(limit: int, processes: int, tests: Sequence[str]) -> list[set[str]]:
     return moments
 
 
-def scheduled(tests: Sequence[str], limit: int, processes: int) -> list[Process]:
-    """Processes that have been handed their first tests."""
+def scheduled(tests: Sequence[str], limit: int, processes: int) -> tuple[BrowsersApart, list[Process]]:
+    """A scheduler, and processes that have been handed their first tests."""
     scheduler = BrowsersApart(config(processes), limit=limit)
     nodes = [Process(f"gw{k}", tests) for k in range(processes)]
     for node in nodes:
         scheduler.add_node(node)
         scheduler.add_node_collection(node, tests)
     scheduler.schedule()
-    return nodes
+    return scheduler, nodes
 
 
 @pytest.mark.parametrize(("limit", "processes"), [(1, 2), (2, 3), (1, 3)])
@@ -88,14 +83,14 @@ def test_none_is_idle_where_all_are_of_one_kind(tests: list[str]) -> None:
 def test_one_process_has_all_pages_of_lab() -> None:
     files = ("player_lab", "studio_lab", "hosts")
     lab = [f"tests/browser/test_{name}.py::test_{k}" for name in files for k in range(2)]
-    nodes = scheduled([*lab, *BROWSERS, *OTHERS], limit=2, processes=3)
+    _, nodes = scheduled([*lab, *BROWSERS, *OTHERS], limit=2, processes=3)
     handed = [{node.tests[k] for k in node.waiting} & set(lab) for node in nodes]
     assert sorted(map(len, handed)) == [0, 0, len(lab)]
 
 
 def test_notebooks_are_shared_out_one_by_one_and_first() -> None:
     notebooks = [f"tests/test_notebooks.py::test_it_runs[{k}]" for k in range(4)]
-    nodes = scheduled([*BROWSERS, *OTHERS, *notebooks], limit=1, processes=2)
+    _, nodes = scheduled([*BROWSERS, *OTHERS, *notebooks], limit=1, processes=2)
     assert [nodes[0].tests[k] for k in nodes[0].waiting] == BROWSERS[:4]
     assert [nodes[1].tests[k] for k in nodes[1].waiting] == notebooks[:2]  # and the others wait for whoever is free
 

@@ -156,12 +156,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
 
     None, and a line in the log, where it does not even name its sender.
     """
-    try:
-        sender, seq = header(content)
-    except DeformError as error:
-        _LOG.warning("a message to an editor was dropped: %s", error)
-        return None
-    try:
+    def read(sender: str, seq: int) -> Message:
         if content["type"] == "greet":
             return Message(sender, seq)
         if content["type"] == "history":
@@ -169,9 +164,22 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
                 raise DeformError("a step of the history goes by undo or redo.")
             return HistoryMessage(sender, seq, content["way"])
         return _edit(content, sender, seq, next_id, dim)
+
+    return read_or_refuse(content, read)
+
+
+def read_or_refuse(content: Any, read: Callable[[str, int], Message], what: str = "points") -> Message | None:
+    """Read a message by its sender and number: refused where it is wrong, None where it names no sender."""
+    try:
+        sender, seq = header(content)
     except DeformError as error:
-        _LOG.warning("an edit was refused: %s", error)
-        return RefusedMessage(sender, seq, str(error))
+        _LOG.warning("a message to an editor was dropped: %s", error)
+        return None
+    try:
+        return read(sender, seq)
+    except DeformError as error:
+        _LOG.warning("an edit of %s was refused: %s", what, error)
+        return RefusedMessage(sender, seq, str(error), what)
 
 
 def header(content: Any) -> tuple[str, int]:

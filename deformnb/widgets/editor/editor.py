@@ -39,14 +39,13 @@ from deformnb.widgets.edit_messages import (
     OVERLAYS,
     ChooseMessage,
     Message,
-    RefusedMessage,
     ShapesMessage,
     ShapesTrait,
     WandMessage,
     choice_from_page,
     followed,
-    header,
     place_of,
+    read_or_refuse,
     shapes_from_page,
     shapes_to_json,
     wand_from_page,
@@ -407,16 +406,7 @@ class Editor(EditedPoints):
         read = readers.get(str(content.get("type"))) if isinstance(content, dict) else None
         if read is None:
             return super()._read(content)
-        try:
-            sender, seq = header(content)
-        except DeformError as error:
-            _LOG.warning("a message to an editor was dropped: %s", error)
-            return None
-        try:
-            return read(content)
-        except DeformError as error:
-            _LOG.warning("an edit of shapes was refused: %s", error)
-            return RefusedMessage(sender, seq, str(error), "shapes")
+        return read_or_refuse(content, lambda _sender, _seq: read(content), "shapes")
 
     def _take(self, message: Message) -> None:
         if isinstance(message, ChooseMessage):
