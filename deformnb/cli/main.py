@@ -200,25 +200,30 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
 
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io import describe_file
+
+    path = Path(options.file)
+    try:  # first, since it does without JAX
+        rows = describe_file(path).rows()
+    except UnknownKindError as error:
+        rows = _describe_other(path, error)
+    wide = max(len(key) for key in rows)
+    print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
+
+
+def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
+    """Describe a file that is no volume, as the error says."""
     from deformnb.io.documents import describe_document
     from deformnb.io.landmarks import describe_landmarks, is_landmarks, landmark_suffixes
     from deformnb.io.meshes import describe_mesh, is_mesh, mesh_suffixes
 
-    path = Path(options.file)
     if is_landmarks(path):
-        rows = describe_landmarks(path)
-    elif is_mesh(path):
-        rows = describe_mesh(path)
-    elif path.suffix.lower() == ".json" and not path.is_dir():
-        rows = describe_document(path)
-    else:
-        try:
-            rows = describe_file(path).rows()
-        except UnknownKindError as error:
-            raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}) and sessions "
-                              "(.json) are known too.") from None
-    wide = max(len(key) for key in rows)
-    print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
+        return describe_landmarks(path)
+    if is_mesh(path):
+        return describe_mesh(path)
+    if path.suffix.lower() == ".json" and not path.is_dir():
+        return describe_document(path)
+    raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}) and sessions (.json) "
+                      "are known too.") from None
 
 
 def _datasets(options: argparse.Namespace) -> None:

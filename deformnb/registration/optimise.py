@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import jax
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize, signal
+from scipy import ndimage, optimize
 
 from deformnb._jax import float64
 from deformnb._typing import Progress
@@ -526,6 +526,8 @@ class _Window:
         return score, found + self._step * _peak(alike[around]), ""
 
     def _correlation(self, pattern: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
+        from scipy import signal  # takes as long to import as the rest of the studio
+
         def sums(values: NDArray[np.float64], weights: NDArray[np.float64]) -> Any:
             return signal.correlate(values, weights, mode="valid", method="fft")
 

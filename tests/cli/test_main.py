@@ -364,9 +364,13 @@ def test_output_that_goes_nowhere(ending: str, small: Path) -> None:
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_help_loads_nothing_heavy() -> None:
-    code = ("import sys; from deformnb.cli.main import main; main(['warp', '--help']);"
-            "print([m for m in ('jax', 'numpy', 'vtk', 'matplotlib') if m in sys.modules])")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
+@pytest.mark.parametrize(("command", "absent"), [(["warp", "--help"], ("jax", "numpy", "vtk", "matplotlib")),
+                                                 (["info", "small.nrrd"], ("jax", "scipy.ndimage", "vtk", "matplotlib"))],
+                         ids=["help", "info"])
+def test_what_only_describes_loads_nothing_heavy(command: list[str], absent: tuple[str, ...], tmp_path: Path) -> None:
+    write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), tmp_path / "small.nrrd")
+    code = (f"import sys; from deformnb.cli.main import main; main({command});"
+            f"print([m for m in {absent} if m in sys.modules])")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path,
                           env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert done.stdout.splitlines()[-1] == "[]"

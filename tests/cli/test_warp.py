@@ -162,7 +162,7 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
     ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
     ("info cut.ply", "cut.ply: .*cut short"), ("info missing.fcsv", "no such file"),
-    ("info missing.nrrd", "no such file"), ("info missing.json", "there is no file"),
+    ("info missing.nrrd", "no such file"), ("info missing.json", "there is no such file"),
     ("info broken.json", "not complete"),
     ("info folder.nrrd", "neither a DICOM series"), ("info", "required: file"),
     ("info 'two\nlines.nrrd'", r"two\\nlines"),
