@@ -364,9 +364,10 @@ def test_output_that_goes_nowhere(ending: str, small: Path) -> None:
         assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(("command", "absent"), [(["warp", "--help"], ("jax", "numpy", "vtk", "matplotlib")),
-                                                 (["info", "small.nrrd"], ("jax", "scipy.ndimage", "vtk", "matplotlib"))],
-                         ids=["help", "info"])
+@pytest.mark.parametrize(("command", "absent"), [
+    (["warp", "--help"], ("jax", "numpy", "vtk", "matplotlib")),
+    (["info", "small.nrrd"], ("jax", "scipy.ndimage", "vtk", "matplotlib")),
+], ids=["help", "info"])
 def test_what_only_describes_loads_nothing_heavy(command: list[str], absent: tuple[str, ...], tmp_path: Path) -> None:
     write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), tmp_path / "small.nrrd")
     code = (f"import sys; from deformnb.cli.main import main; main({command});"
