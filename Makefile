@@ -1,6 +1,6 @@
 # Every target calls ./run, which also works where there is no make: sh run TASK.
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench bundle mutants setup clean
+.PHONY: help demo test check bench bundle docs mutants setup clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -19,6 +19,9 @@ bench:  ## set up what is missing, then compare the speed with other packages (A
 
 bundle:  ## bundle the JavaScript of the widgets, where it has changed (ARGS="--debug" for a debugger)
 	@sh run bundle $(ARGS)
+
+docs:  ## build the documentation into docs/_build/html (ARGS="-D nb_execution_mode=cache" runs the notebooks)
+	@sh run docs $(ARGS)
 
 mutants:  ## put small faults into a copy of the code and see whether the tests notice (ARGS="--random 30")
 	@sh run mutants $(ARGS)

@@ -70,7 +70,7 @@ def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDAr
 @jax.tree_util.register_pytree_node_class
 @dataclass(frozen=True)
 class HalfSpace(AbstractRegion):
-    """The places on one side of a straight line in a picture, or of a plane in space: ``(x - point) . normal < 0``.
+    """The places on one side of a straight line in a picture, or of a plane in space: ``dot(x - point, normal) < 0``.
 
     Parameters
     ----------

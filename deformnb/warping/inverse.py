@@ -38,11 +38,11 @@ class Inverse:
 
     Parameters
     ----------
-    field : forward displacements F (*shape, dim) at the nodes x, ``y = x + F(x)``, read linearly in between. Warping by
-        it undoes what warping by the field does.
-    error : (*shape) float32, the residual ``|y + D(y) - x|`` at each node, a length.
-    reached : (*shape) bool; False where the residual is beyond the tolerance: no place of the result shows this tissue,
-        or none was found. F is there the best place known, and no promise.
+    field : forward displacements F, ``(*shape, dim)``, at the nodes x, ``y = x + F(x)``, read linearly in between.
+        Warping by it undoes what warping by the field does.
+    error : ``(*shape)`` float32, the residual ``|y + D(y) - x|`` at each node, a length.
+    reached : ``(*shape)`` bool; False where the residual is beyond the tolerance: no place of the result shows this
+        tissue, or none was found. F is there the best place known, and no promise.
     tolerance : the largest residual of a node that counts as reached.
     """
 

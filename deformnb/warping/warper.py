@@ -77,7 +77,7 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
     method : a name of :data:`METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
         edges). Default is linear, and nearest for labels and bool.
     step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
-        linearly; the error of the displacement is at most h^2/8 (|D_xx| + |D_yy| + |D_zz|), derivatives by voxel.
+        linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
         Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 

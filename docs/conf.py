@@ -1,0 +1,160 @@
+"""Sphinx: ``sh run docs`` builds the pages in ``docs/_build/html``. Nothing in them is fetched from elsewhere."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import latex2mathml.converter
+import numpy as np
+from docutils import nodes
+
+import deformnb as dn
+from deformnb.datasets import PHANTOMS
+
+HERE = Path(__file__).parent
+
+project = "deformnb"
+author = copyright = "The deformnb developers"  # noqa: A001 (Sphinx calls it so)
+version = release = dn.__version__
+
+extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode",
+              "sphinx_copybutton", "sphinx_design"]
+exclude_patterns = ["_build"]
+
+# -- pages in Markdown, and the notebooks ------------------------------------------------------------------------------
+myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]
+myst_heading_anchors = 3
+suppress_warnings = ["myst.header", "myst.xref_missing"]  # parts of the README are included, and it links to files
+nb_execution_mode = "off"  # -D nb_execution_mode=cache runs them, once: some six minutes
+nb_execution_timeout = 600
+nb_merge_streams = True
+nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # by default a script of a server; widgets are shown by their picture
+
+# -- the reference ----------------------------------------------------------------------------------------------------
+autosummary_generate = True
+autodoc_typehints = "none"  # the signature has them in full, the table of parameters says what they mean
+autodoc_member_order = "bysource"
+numpydoc_show_class_members = False
+numpydoc_class_members_toctree = False
+
+# -- looks ------------------------------------------------------------------------------------------------------------
+templates_path = ["_templates"]
+html_theme = "pydata_sphinx_theme"
+html_title = "deformnb"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_extra_path = ["_made"]
+html_math_renderer = "mathml"
+html_show_sourcelink = False
+html_theme_options = {
+    "show_nav_level": 1, "navigation_depth": 2, "header_links_before_dropdown": 6, "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"], "footer_start": ["copyright"], "footer_end": [],
+    "search_as_you_type": True, "show_version_warning_banner": False,
+}
+html_sidebars = {name: [] for name in ("index", "start", "how_it_works", "coming_from")}  # they have no pages below
+
+
+# -- equations: MathML, which browsers draw and screen readers read without a script -----------------------------------
+def _mathml(display: str) -> Any:
+    def visit(translator: Any, node: nodes.Element) -> None:
+        translator.body.append(latex2mathml.converter.convert(node.astext(), display=display))
+        raise nodes.SkipNode
+
+    return visit, None
+
+
+# -- what is made at each build ---------------------------------------------------------------------------------------
+def _make_live_page() -> None:
+    """The studio of the front page: the exported page of a procedural carp."""
+    target = HERE / "_made" / "carp.html"
+    target.parent.mkdir(exist_ok=True)
+    carp = PHANTOMS["fish"].make((64, 128, 64))
+    a, b = np.asarray(dn.project(carp, "-x", "mip").raster.spacing) * (128, 64)
+    points = dn.ControlPoints.from_arrays([[0.08 * a, 0.5 * b], [0.5 * a, 0.5 * b], [0.92 * a, 0.5 * b]],
+                                          [[0.08 * a, 0.66 * b], [0.5 * a, 0.38 * b], [0.92 * a, 0.66 * b]],
+                                          names=["head", "back", "tail"])
+    bend = dn.Deformation.on_picture(carp, "-x", points, trend="rigid")
+    dn.Studio(carp, bend, side="-x").export_html(target, title="A carp", controls=["strength", "shows", "reset"],
+                                              overwrite=True)
+
+
+def _public() -> dict[str, list[str]]:
+    """The names of each package, and those at the top, as ``dir()`` shows them."""
+    packages = {"deformnb": dn} | {f"deformnb.{name}": value for name in dir(dn)
+                                   if isinstance(value := getattr(dn, name), ModuleType)}
+    return {name: [one for one in dir(package)
+                   if not one.startswith("_") and not isinstance(getattr(package, one), ModuleType)]
+            for name, package in packages.items()}
+
+
+PUBLIC = _public()
+PACKAGE_OF = {name: package for package, names in PUBLIC.items() for name in names if package != "deformnb"}
+
+
+def _kind(package: str, name: str) -> str:
+    value = getattr(importlib.import_module(package), name)
+    return "Classes" if isinstance(value, type) else "Functions" if callable(value) else "Tables and constants"
+
+
+def _make_reference() -> None:
+    """A page for each package, and one for the names at the top, which leads to the pages of theirs."""
+    folder = HERE / "api"
+    folder.mkdir(exist_ok=True)
+    for package, names in PUBLIC.items():
+        is_top = package == "deformnb"
+        text = f"{package}\n{'=' * len(package)}\n\n{importlib.import_module(package).__doc__}\n"
+        for kind in ("Functions", "Classes", "Tables and constants"):
+            listed = [f"   ~{PACKAGE_OF[name]}.{name}" if is_top else f"   ~{package}.{name}"
+                      for name in names if _kind(package, name) == kind]
+            if listed:
+                options = "" if is_top else "   :toctree: generated\n"
+                text += "\n".join(["", kind, "-" * len(kind), "", ".. autosummary::", options, *listed, ""])
+        page = folder / f"{package}.rst"
+        if not page.exists() or page.read_text(encoding="utf-8") != text:  # Sphinx reads again what is newer
+            page.write_text(text, encoding="utf-8")
+
+
+def _find(app: Any, environment: Any, node: Any, content: Any) -> Any:
+    """Docstrings name the module in which something is, such as deformnb.rbf.fitting.fit_rbf: it is shown as public."""
+    if node.get("refdomain") != "py":
+        return None
+    parts = node["reftarget"].split(".")
+    at = next((k for k, part in enumerate(parts) if part in PACKAGE_OF), None)
+    if at is None:
+        return None
+    target = ".".join([PACKAGE_OF[parts[at]], *parts[at:]])
+    domain = environment.get_domain("py")
+    return domain.resolve_xref(environment, node["refdoc"], app.builder, "obj", target, node, content)
+
+
+def _spread(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Write "name : what it is" of a table of parameters in two lines; numpydoc takes the first line for its type."""
+    result, is_table = [], False
+    for k, line in enumerate(lines):
+        if k + 1 < len(lines) and re.fullmatch(r"-+", lines[k + 1]):
+            is_table = line in ("Parameters", "Attributes")
+        found = re.fullmatch(r"(\*{0,2}\w[\w, ]*) : (.+)", line) if is_table else None
+        result += [line] if found is None else [found[1], f"    {found[2]}"]
+    lines[:] = result
+
+
+def _copy_notebooks() -> None:
+    for notebook in (HERE.parent / "notebooks").glob("*.ipynb"):
+        copy = HERE / "notebooks" / notebook.name
+        copy.parent.mkdir(exist_ok=True)
+        if not copy.exists() or copy.read_bytes() != notebook.read_bytes():
+            copy.write_bytes(notebook.read_bytes())
+
+
+def setup(app: Any) -> None:
+    """What Sphinx calls at the start of a build."""
+    app.add_html_math_renderer("mathml", _mathml("inline"), _mathml("block"))
+    app.connect("autodoc-process-docstring", _spread, priority=100)  # before numpydoc
+    app.connect("missing-reference", _find)
+    _make_live_page()
+    _make_reference()
+    _copy_notebooks()

@@ -1,0 +1,45 @@
+"""The documentation: its pages build without a warning, need nothing from elsewhere, and their Python runs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PAGES = [DOCS / "start.md", *sorted(DOCS.glob("howto/*.md"))]
+WITH_CODE = [page for page in PAGES if BLOCK.search(page.read_text("utf-8"))]
+
+
+@pytest.mark.sampled(11)
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    scope: dict[str, object] = {}
+    for block in BLOCK.findall(page.read_text("utf-8")):
+        if "scan.nii.gz" not in block:  # a file of the reader's
+            exec(block, scope)  # one goes on where the one before has ended
+    assert "dn" in scope
+
+
+@pytest.mark.nightly
+def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-m", "sphinx", "--builder", "html", "--fail-on-warning", "--keep-going",
+                           "--quiet", "--doctree-dir", str(tmp_path / "trees"), str(DOCS), str(tmp_path / "html")],
+                          capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    pages = {page.relative_to(tmp_path / "html").as_posix(): page.read_text("utf-8")
+             for page in (tmp_path / "html").rglob("*.html")}
+    assert {"index.html", "carp.html", "howto/cuts.html", "notebooks/03_darcy_thompson_carp.html",
+            "api/generated/deformnb.rbf.fit_rbf.html"} <= pages.keys()
+    loaded = {(name, url) for name, text in pages.items()
+              for url in re.findall(r"<(?:script|img|iframe|source)[^>]*\ssrc=\"(\w+:[^\"]*)\"", text)
+              + re.findall(r"<link[^>]*rel=\"(?:stylesheet|preload|icon)\"[^>]*href=\"(\w+:[^\"]*)\"", text)}
+    assert {(name, url) for name, url in loaded if not url.startswith("data:")} == set()
+    assert "<math" in pages["how_it_works.html"]
+    assert "\\begin" not in pages["how_it_works.html"]
