@@ -389,6 +389,10 @@ def test_unknown_task_is_refused() -> None:
     assert "sh run help" in result.stderr
 
 
+def test_the_citation_names_this_version() -> None:
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == deformnb.__version__
+
+
 # -- files -------------------------------------------------------------------------------------------------------------
 
 
