@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from scripts import chromium
 
-from benchmarks import latency
+from benchmarks import latency, prediction
 from benchmarks.latency_cells import CASES
 from benchmarks.latency_page import HOOKS, Seat, Seen
 from benchmarks.latency_report import Results, Verdict, table, verdicts
@@ -165,3 +167,17 @@ def test_the_hooks_see_what_changes_the_screen() -> None:
                     "another grid": ["editor grid"], "lines elsewhere": [], "elsewhere": []}
     assert [kind for _, kind in inputs[0]] == ["pointermove", "keydown"]
     assert all(0 <= inputs[1] - t < 60_000 for t, _ in inputs[0])
+
+
+@pytest.mark.nightly
+def test_left_out_nodes_of_thompsons_grids_are_predicted_as_the_documentation_says() -> None:
+    said = (Path(__file__).parents[1] / "docs" / "prediction.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1:-1] for line in said.splitlines() if " to " in line and line.startswith("|")]
+    found = list(prediction.errors())
+    assert [(row[0].strip(), row[1].strip()) for row in rows] == [(pair, known) for pair, known, _ in found]
+    for row, (_, _, error) in zip(rows, found, strict=True):
+        assert error["deformnb"] < float(row[-1]) + 0.3, row  # pixels; a node is read with an error of about 2
+        assert error["thin plate"] == pytest.approx(float(row[-2]), abs=0.3)
+        assert error["affine"] == pytest.approx(float(row[-3]), abs=0.06)
+    medians = {method: np.median([error[method] for _, _, error in found]) for method in prediction.METHODS}
+    assert medians["deformnb"] < medians["thin plate"] < medians["affine"]
