@@ -18,7 +18,7 @@ from deformnb.rbf.rigid import RigidPart
 _HERE = KnownFiles()  # of all that belongs to no session
 
 # The markups of 3D Slicer, and the side files of arrays.
-_OTHER_JSON = (".mrk.json", ".npy.json", ".raw.json")
+_OTHER_JSON = (".bigwarp.json", ".mrk.json", ".npy.json", ".raw.json")
 
 
 def read_deformation(path: str | PathLike[str]) -> Deformation:
@@ -107,7 +107,7 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     stem = name[:len(name) - len(ending)].removesuffix(".json")
     volume = (" (write_volume(deformation.apply(volume), path) writes the deformed volume)"
               if any(name.lower().endswith(row.suffixes) for row in FORMATS.values()) else "")
-    if place.suffix.lower() in (".tfm", ".h5"):
+    if place.suffix.lower() in (".tfm", ".h5", ".zarr"):
         volume = " (write_transform(deformation, path, volume) writes a transform of ITK)"
     raise fail(place, f"{what} is written as JSON, and {ending} is another kind of file; "
                       f"name it {shown(stem)}.json{volume}.")

@@ -1,10 +1,11 @@
-"""Landmark files of plain text: TPS, NTS, Morphologika, the points of elastix, the parameters of PyGeM.
+"""Landmark files of plain text: TPS, NTS, Morphologika, elastix, PyGeM, and lists of points of vedo and VTK.
 
 Files of geometric morphometrics hold specimens with the same landmarks. Of two specimens the second is what the first
 corresponds to, as the moving and fixed places of BigWarp; of more the first is read. None of these formats states the
 directions of its axes: coordinates are taken as they are.
 
 TPS: F. J. Rohlf, tpsDig. NTS: NTSYS-pc. Morphologika: P. O'Higgins, N. Jones. elastix: its manual, section 4.3.
+Lists of points: vtkSimplePointsReader, one place to a line; vtkParticleReader, with which vedo reads, has a value more.
 """
 
 from __future__ import annotations
@@ -22,14 +23,24 @@ from deformnb.io.headers import fail, shown
 from deformnb.warping.points import Landmarks
 
 
-def coordinates(path: Path, words: Sequence[Any], which: str) -> list[float]:
-    """Finite numbers of words; VolumeFileError that names the landmark otherwise."""
-    try:
-        values = [float(word) for word in words]
-    except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
-        raise fail(path, f"the coordinates of {which} are no numbers.") from None
-    if not all(map(math.isfinite, values)):
-        raise fail(path, f"the coordinates of {which} are not finite.")
+def coordinates(path: Path, words: Sequence[Any], which: str, column: int | None = None) -> list[float]:
+    """Finite numbers of words; VolumeFileError that names the landmark or the line otherwise.
+
+    Parameters
+    ----------
+    which : what the words are of, such as "line 3".
+    column : the number of the first word's column, from 1 on; without it no column is named.
+    """
+    values = list[float]()
+    for k, word in enumerate(words):
+        where = which if column is None else f"{which}, column {column + k}"
+        try:
+            values.append(float(word))
+        except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
+            what = "nothing" if word is None else repr(shown(word, 20))
+            raise fail(path, f"{where}: {what} stands where a number is expected.") from None
+        if not math.isfinite(values[-1]):
+            raise fail(path, f"{where}: {shown(word, 20)} is not finite.")
     return values
 
 
@@ -51,16 +62,21 @@ def _pair(path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str
     return Landmarks(first, tuple(names), fixed, notes=notes)
 
 
-def _number_rows(path: Path, rows: list[str], first: int, counts: Sequence[int] = (2, 3)) -> NDArray[np.float64]:
-    """Places of lines, all of the same count of coordinates; ``first`` is the number of the first line."""
+def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[int] = (2, 3)) -> NDArray[np.float64]:
+    """Places of numbered lines, all of the same count of coordinates."""
     places = list[list[float]]()
-    for number, row in enumerate(rows, first):
+    for number, row in rows:
         words = re.split(r"[,\s]+", row.strip().strip(","))
         if len(words) not in counts or (places and len(words) != len(places[0])):
             raise fail(path, f"line {number} has {len(words)} numbers where a place of "
                              f"{' or '.join(map(str, counts if not places else [len(places[0])]))} is expected.")
-        places.append(coordinates(path, words, f"line {number}"))
+        places.append(coordinates(path, words, f"line {number}", 1))
     return np.array(places).reshape(len(places), -1)
+
+
+def _numbered(text: str) -> list[tuple[int, str]]:
+    """The lines of a text that are not empty, with their numbers."""
+    return [(number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip()]
 
 
 # ---- TPS -------------------------------------------------------------------------------------------------------------
@@ -83,7 +99,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
             rows = lines[at:at + count]
             if len(rows) < count or (count and not all(row.strip() for row in rows)):
                 raise fail(path, f"line {at} announces {count} landmarks, and fewer lines follow.")
-            places = _number_rows(path, rows, at + 1, (3,) if name.endswith("3") else (2,))
+            places = _number_rows(path, list(enumerate(rows, at + 1)), (3,) if name.endswith("3") else (2,))
             at += count
             if name.startswith("LM"):
                 specimens.append(places)
@@ -93,7 +109,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
         elif name in ("ID", "IMAGE") and titles:
             titles[-1] = value if name == "ID" else titles[-1] or value
         elif name == "SCALE" and specimens:
-            specimens[-1] = specimens[-1] * coordinates(path, [value], f"the scale in line {at}")[0]
+            specimens[-1] = specimens[-1] * coordinates(path, [value], f"line {at}, the scale")[0]
     found = _pair(path, specimens, titles)
     if curves:
         left = f"{curves} curves were left out; only landmarks are read"
@@ -127,21 +143,23 @@ def _rows(places: NDArray[np.float64], separator: str = " ") -> str:
 
 def read_nts(path: Path, text: str) -> Landmarks:
     """Landmarks of an NTS file with one row of coordinates to a specimen: ``1 specimens numbers missing dim=3``."""
-    lines = [line for line in text.split("\n") if line.strip() and not line.lstrip().startswith(('"', "'"))]
+    lines = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith(('"', "'"))]
     found = re.fullmatch(r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+\S+)*?\s+dim\s*=\s*([23])\s*",
-                         lines[0] if lines else "", re.IGNORECASE)
+                         lines[0][1] if lines else "", re.IGNORECASE)
     if found is None:
         raise fail(path, "its first line is not that of an NTS file of landmarks: 1, how many specimens, how many "
                          "numbers, 0, DIM=2 or DIM=3.")
     count, numbers, dim = int(found[1]), int(found[3]), int(found[6])
-    words, titles = " ".join(lines[1:]).split(), list[str]()
+    words = [(word, f"line {number}, column {column}") for number, line in lines[1:]
+             for column, word in enumerate(line.split(), 1)]
+    titles = list[str]()
     if found[2]:
-        titles, words = words[:count], words[count:]
+        titles, words = [word for word, _ in words[:count]], words[count:]
     if found[4]:
         words = words[numbers:]  # the names of the columns
     if len(words) != count * numbers or numbers % dim:
         raise fail(path, f"its first line announces {count} specimens of {numbers} numbers, and {len(words)} follow.")
-    values = np.array(coordinates(path, words, "its specimens")).reshape(count, -1, dim)
+    values = np.array([coordinates(path, [word], where)[0] for word, where in words]).reshape(count, -1, dim)
     return _pair(path, list(values), titles or [""])
 
 
@@ -156,44 +174,81 @@ def write_nts(landmarks: Landmarks) -> str:
 
 
 def read_txt(path: Path, text: str) -> Landmarks:
-    """Landmarks of a text: Morphologika's sections in brackets, or a list of points of elastix."""
-    return _read_morphologika(path, text) if text.lstrip().startswith("[") else _read_elastix(path, text)
+    """Landmarks of a text: Morphologika's sections in brackets, points of elastix or transformix, or bare places."""
+    begin = text.lstrip()
+    if begin.startswith("["):
+        return _read_morphologika(path, text)
+    if re.match(r"Point\s+\d+\s*;", begin):
+        return _read_transformix(path, text)
+    return read_xyz(path, text) if re.match(r"[-+.\d]", begin) else _read_elastix(path, text)
 
 
 def _read_morphologika(path: Path, text: str) -> Landmarks:
-    sections: dict[str, list[str]] = {}
-    for line in text.split("\n"):
+    sections: dict[str, list[tuple[int, str]]] = {}
+    for number, line in _numbered(text):
         if heading := re.fullmatch(r"\s*\[(.+?)\]\s*", line):
             sections[heading[1].strip().lower()] = []
-        elif line.strip() and sections:
-            sections[next(reversed(sections))].append(line)
-    counts = {key: _count(path, " ".join(sections.get(key, ["none"])).strip(), 1)
-              for key in ("individuals", "landmarks", "dimensions")}
-    rows = [row for row in sections.get("rawpoints", []) if not row.lstrip().startswith("'")]
+        elif sections:
+            sections[next(reversed(sections))].append((number, line))
+    counts = {}
+    for key in ("individuals", "landmarks", "dimensions"):
+        number, word = (sections.get(key) or [(1, "none")])[0]
+        counts[key] = _count(path, word.strip(), number)
+    rows = [row for row in sections.get("rawpoints", []) if not row[1].lstrip().startswith("'")]
     wanted = counts["individuals"] * counts["landmarks"]
     if len(rows) != wanted or counts["dimensions"] not in (2, 3):
         raise fail(path, f"it announces {counts['individuals']} individuals of {counts['landmarks']} landmarks in "
                          f"{counts['dimensions']} dimensions, and {len(rows)} places follow under [rawpoints].")
-    values = _number_rows(path, rows, 1, (counts["dimensions"],))
+    values = _number_rows(path, rows, (counts["dimensions"],))
     return _pair(path, list(values.reshape(counts["individuals"], -1, counts["dimensions"])),
-                 [*sections.get("names", []), ""])
+                 [*(line for _, line in sections.get("names", [])), ""])
 
 
 def _read_elastix(path: Path, text: str) -> Landmarks:
-    lines = [line.strip() for line in text.split("\n") if line.strip()]
-    if len(lines) < 2 or lines[0] not in ("point", "index"):
+    lines = _numbered(text)
+    kind = lines[0][1].strip() if len(lines) > 1 else ""
+    if kind not in ("point", "index"):
         raise fail(path, "it is neither Morphologika's ([individuals] ...) nor a list of points of elastix, whose "
-                         "first line is 'point'.")
-    if lines[0] == "index":
+                         "first line is 'point', nor of places alone.")
+    if kind == "index":
         raise fail(path, "it holds indices of voxels, which have no place without their volume.")
-    if len(lines) != 2 + _count(path, lines[1], 2):
-        raise fail(path, f"line 2 announces {lines[1]} points, and {len(lines) - 2} follow.")
-    return _pair(path, [_number_rows(path, lines[2:], 3)], [""])
+    if len(lines) != 2 + _count(path, lines[1][1].strip(), lines[1][0]):
+        raise fail(path, f"line {lines[1][0]} announces {lines[1][1].strip()} points, and {len(lines) - 2} follow.")
+    return _pair(path, [_number_rows(path, lines[2:])], [""])
+
+
+def _read_transformix(path: Path, text: str) -> Landmarks:
+    """Points that transformix mapped (outputpoints.txt): where they were, and as fixed places where they went."""
+    found: dict[str, list[tuple[int, str]]] = {"InputPoint": [], "OutputPoint": []}
+    for number, line in _numbered(text):
+        for name, rows in found.items():
+            place = re.search(rf"{name}\s*=\s*\[([^\]]*)\]", line)
+            if place is None:
+                raise fail(path, f"line {number} has no {name} = [ ... ], as transformix writes them.")
+            rows.append((number, place[1]))
+    return _pair(path, [_number_rows(path, rows) for rows in found.values()], [""])
 
 
 def write_txt(landmarks: Landmarks) -> str:
     """A list of points of elastix; without fixed places, for which it has no room."""
     return f"point\n{len(landmarks)}\n{_rows(landmarks.points)}"
+
+
+# ---- lists of places -------------------------------------------------------------------------------------------------
+
+
+def read_xyz(path: Path, text: str) -> Landmarks:
+    """Places in space, one to a line; a fourth number, as of particles, is left out with a note."""
+    rows = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith("#")]
+    values = _number_rows(path, rows, (3, 4))
+    found = _pair(path, [values[:, :3]] if len(values) else [], [""])
+    notes = ("the fourth number of each line was left out",) if values.shape[1] == 4 else ()
+    return Landmarks(found.points, notes=notes)
+
+
+def write_xyz(landmarks: Landmarks) -> str:
+    """Places, one to a line; without fixed places, for which it has no room."""
+    return _rows(landmarks.points)
 
 
 # ---- PyGeM -----------------------------------------------------------------------------------------------------------
@@ -203,18 +258,18 @@ _PRM_KEYS = ("original control points", "deformed control points")
 
 def read_prm(path: Path, text: str) -> Landmarks:
     """Control points before and after of a PyGeM parameter file; its kernel and radius are not read."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, list[tuple[int, str]]] = {}
     key = ""
-    for line in text.split("\n"):
+    for number, line in _numbered(text):
         name, sign, rest = line.partition(":")
-        if line.lstrip().startswith(("#", "[")) or not line.strip():
+        if line.lstrip().startswith(("#", "[")):
             continue
         if sign:
             key = name.strip().lower()
-        found.setdefault(key, []).append(rest if sign else line)
+        found.setdefault(key, []).append((number, rest if sign else line))
     if any(name not in found for name in _PRM_KEYS):
         raise fail(path, "it has no original and deformed control points, as PyGeM has for radial basis functions.")
-    before, after = (_number_rows(path, found[name], 1, (3,)) for name in _PRM_KEYS)
+    before, after = (_number_rows(path, found[name], (3,)) for name in _PRM_KEYS)
     if len(before) != len(after):
         raise fail(path, f"it has {len(before)} original and {len(after)} deformed control points.")
     return Landmarks(before, fixed=after)

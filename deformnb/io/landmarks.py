@@ -1,7 +1,7 @@
-"""Landmark files: BigWarp's CSV, the markups of 3D Slicer (.fcsv and .mrk.json), plain texts, and point tables.
+"""Landmark files: their table of formats, reading and writing, and the table of control points.
 
-Slicer states whether its places are LPS or RAS; here they are LPS always, and both are read. BigWarp's are physical
-lengths of the image, taken as they are; its moving points are the places, its fixed ones their counterparts.
+Places are LPS always; a file that states RAS is turned round. Lengths are millimetres where a file states its unit,
+and otherwise those of the file. Of pairs the moving points are the places, the fixed ones their counterparts.
 
 Control points are read from the text that the table of points copies, a spreadsheet passes on, or BigWarp writes.
 """
@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,23 +23,32 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import Damage, as_path, fail, regular_file, shown
+from deformnb.io.landmark_json import (
+    from_slicer,
+    holds_landmarks,
+    is_ras,
+    read_json,
+    write_bigwarp_json,
+    write_markups,
+)
+from deformnb.io.landmark_tables import read_csv, write_bigwarp, write_table
 from deformnb.io.landmark_texts import (
     coordinates,
     read_nts,
     read_prm,
     read_tps,
     read_txt,
+    read_xyz,
     write_nts,
     write_prm,
     write_tps,
     write_txt,
+    write_xyz,
 )
 from deformnb.rbf.points import ControlPoints
 from deformnb.warping.points import Landmarks
 
 _LONGEST = 1 << 26  # bytes: some hundred thousand landmarks
-_RAS = {"RAS": True, "LPS": False, "0": True, "1": False}  # the numbers are those of old versions of Slicer
-_TO_LPS = np.array([-1.0, -1.0, 1.0])
 _FCSV_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 
 
@@ -67,7 +75,7 @@ class LandmarkFormat:
 
 
 def is_landmarks(path: str | os.PathLike[str]) -> bool:
-    """True if the end of a name is that of a landmark file.
+    """True if the end of a name is that of a landmark file, or for .json if the file that is there holds landmarks.
 
     Examples
     --------
@@ -143,54 +151,11 @@ def landmark_suffixes() -> str:
 
 
 def _row(path: Path) -> LandmarkFormat | None:
-    return next((row for row in LANDMARK_FORMATS.values() if path.name.lower().endswith(row.suffix)), None)
-
-
-# ---- BigWarp ---------------------------------------------------------------------------------------------------------
-
-
-def _read_bigwarp(path: Path, text: str) -> Landmarks:
-    rows = [row for row in csv.reader(io.StringIO(text)) if row]
-    names, active = list[str](), list[bool]()
-    moving, fixed = list[list[float]](), list[list[float]]()
-    for number, row in enumerate(rows, 1):
-        half = (len(row) - 2) // 2
-        if half not in (2, 3) or len(row) != 2 + 2 * half or len(row) != len(rows[0]):
-            raise fail(path, f"row {number} has {len(row)} columns; BigWarp writes a name, true or false, the moving "
-                             "and the fixed place.")
-        if row[1].strip().lower() not in ("true", "false"):
-            raise fail(path, f"row {number} has '{shown(row[1], 20)}' where BigWarp writes true or false.")
-        places = _unset_as_nan(path, row[2:], f"row {number}")
-        if not np.isfinite(places[:half]).all():  # BigWarp keeps a row for a point that is set on one side only
-            continue
-        names.append(row[0])
-        active.append(row[1].strip().lower() == "true")
-        moving.append(places[:half])
-        fixed.append(places[half:])
-    if not names:
-        raise fail(path, "there is no landmark in it that has a moving place.")
-    skipped = len(rows) - len(names)
-    notes = (f"{skipped} landmarks without a moving place were left out",) if skipped else ()
-    return Landmarks(np.array(moving), tuple(names), np.array(fixed), np.array(active), notes)
-
-
-def _unset_as_nan(path: Path, words: Sequence[str], which: str) -> list[float]:
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        raise fail(path, f"the coordinates of {which} are no numbers.") from None
-    return [value if math.isfinite(value) else math.nan for value in values]
-
-
-def _write_bigwarp(landmarks: Landmarks) -> str:
-    out = io.StringIO()
-    fixed = np.full_like(landmarks.points, np.nan) if landmarks.fixed is None else landmarks.fixed
-    writer = csv.writer(out, quoting=csv.QUOTE_ALL, lineterminator="\n")
-    assert landmarks.active is not None
-    for name, on, a, b in zip(landmarks.names, landmarks.active, landmarks.points, fixed, strict=True):
-        places = [repr(float(c)) if math.isfinite(c) else "Infinity" for c in (*a, *b)]
-        writer.writerow([name, str(bool(on)).lower(), *places])
-    return out.getvalue()
+    name = path.name.lower()
+    found = next((row for row in LANDMARK_FORMATS.values() if name.endswith(row.suffix)), None)
+    if found is None and name.endswith(".json") and (kind := holds_landmarks(path)):
+        return LANDMARK_FORMATS[kind]
+    return found
 
 
 # ---- 3D Slicer -------------------------------------------------------------------------------------------------------
@@ -199,36 +164,24 @@ def _write_bigwarp(landmarks: Landmarks) -> str:
 def _read_fcsv(path: Path, text: str) -> Landmarks:
     ras, columns = True, _FCSV_COLUMNS.split(",")
     names, places, active = list[str](), list[list[float]](), list[bool]()
-    for row in csv.reader(io.StringIO(text)):
+    reader = csv.reader(io.StringIO(text))
+    for row in reader:
         if not row:
             continue
         key, _, value = row[0].lstrip("# ").partition("=")
         if row[0].startswith("#"):
             if key.strip() == "CoordinateSystem":
-                ras = _is_ras(path, value.strip())
+                ras = is_ras(path, value.strip())
             elif key.strip() == "columns":
                 columns = [value.strip(), *(c.strip() for c in row[1:])]
             continue
         found = dict(zip(columns, row, strict=False))
-        which = f"landmark {len(names) + 1}"
-        places.append(coordinates(path, [found.get(axis) for axis in "xyz"], which))
+        numbers = [columns.index(axis) + 1 if axis in columns else None for axis in "xyz"]
+        places.append([coordinates(path, [found.get(axis)], f"line {reader.line_num}", number)[0]
+                       for axis, number in zip("xyz", numbers, strict=True)])
         names.append(found.get("label", ""))
         active.append(found.get("sel", "1").strip() != "0")
-    return _from_slicer(path, names, places, active, [ras] * len(names))
-
-
-def _is_ras(path: Path, word: Any) -> bool:
-    if str(word) not in _RAS:
-        raise fail(path, f"its coordinate system '{shown(word, 20)}' is neither LPS nor RAS.")
-    return _RAS[str(word)]
-
-
-def _from_slicer(path: Path, names: list[str], places: list[list[float]], active: list[bool],
-                 ras: list[bool]) -> Landmarks:
-    if not places:
-        raise fail(path, "there is no landmark in it.")
-    points = np.array(places) * np.where(np.array(ras)[:, None], _TO_LPS, 1.0)
-    return Landmarks(points, tuple(names), active=np.array(active))
+    return from_slicer(path, names, places, active, [ras] * len(names))
 
 
 def _write_fcsv(landmarks: Landmarks) -> str:
@@ -241,50 +194,16 @@ def _write_fcsv(landmarks: Landmarks) -> str:
     return out.getvalue()
 
 
-def _read_markups(path: Path, text: str) -> Landmarks:
-    data = json.loads(text)
-    lists = data.get("markups") if isinstance(data, dict) else None
-    if not isinstance(lists, list):
-        raise fail(path, "this is no file of Slicer's markups: it has no list markups.")
-    names, places, active, ras = list[str](), list[list[float]](), list[bool](), list[bool]()
-    for markup in lists:
-        points = markup.get("controlPoints") if isinstance(markup, dict) else None
-        if not isinstance(points, list):
-            raise fail(path, "one of its markups has no list controlPoints.")
-        system = _is_ras(path, markup.get("coordinateSystem", "LPS"))
-        for point in points:
-            which = f"landmark {len(names) + 1}"
-            if not isinstance(point, dict):
-                raise fail(path, f"{which} is not an object with a position.")
-            if point.get("positionStatus", "defined") != "defined":  # a template's place that was never set
-                continue
-            position = point.get("position")
-            if not isinstance(position, list) or len(position) != 3:
-                raise fail(path, f"{which} has no position of three numbers.")
-            places.append(coordinates(path, position, which))
-            names.append(str(point.get("label", "")))
-            active.append(point.get("selected") is not False)
-            ras.append(system)
-    return _from_slicer(path, names, places, active, ras)
-
-
-def _write_markups(landmarks: Landmarks) -> str:
-    assert landmarks.active is not None
-    points = [{"id": str(k + 1), "label": name, "position": place.tolist(), "selected": bool(on),
-               "positionStatus": "defined"}
-              for k, (name, on, place) in enumerate(zip(landmarks.names, landmarks.active, landmarks.points,
-                                                        strict=True))]
-    schema = ("https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
-              "markups-schema-v1.0.3.json#")
-    markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
-    return json.dumps({"@schema": schema, "markups": [markup]}, indent=1, ensure_ascii=False) + "\n"
-
-
 LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
-    "markups": LandmarkFormat(".mrk.json", _read_markups, _write_markups, "file of Slicer's markups", has_names=True),
+    "markups": LandmarkFormat(".mrk.json", read_json, write_markups, "file of Slicer's markups", has_names=True),
+    "bigwarp json": LandmarkFormat(".bigwarp.json", read_json, write_bigwarp_json, "JSON of BigWarp's landmarks",
+                                   (2, 3), has_names=True, has_fixed=True),
     "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True),
-    "bigwarp": LandmarkFormat(".csv", _read_bigwarp, _write_bigwarp, "file of BigWarp's landmarks", (2, 3),
+    "table": LandmarkFormat(".points.csv", read_csv, write_table, "table with a line of names (OpenSim Creator)",
+                            (2, 3), has_names=True, has_fixed=True),
+    "bigwarp": LandmarkFormat(".csv", read_csv, write_bigwarp, "file of BigWarp's landmarks, or a table", (2, 3),
                               has_names=True, has_fixed=True),
+    "points": LandmarkFormat(".xyz", read_xyz, write_xyz, "list of points of vedo or VTK"),
     "tps": LandmarkFormat(".tps", read_tps, write_tps, "TPS file", (2, 3), has_fixed=True),
     "nts": LandmarkFormat(".nts", read_nts, write_nts, "NTS file", (2, 3), has_fixed=True),
     "elastix": LandmarkFormat(".txt", read_txt, write_txt, "list of points of elastix, or Morphologika's", (2, 3)),

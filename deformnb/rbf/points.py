@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,33 @@ from deformnb.checks import LARGEST_COORDINATE, is_finite, shown_value
 from deformnb.errors import DeformError
 
 _NAMES_SHOWN = 8  # by repr
+
+
+class HasPlaces(Protocol):
+    """Named places, as of Landmarks."""
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """The places, (N, 2) or (N, 3)."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """N texts."""
+
+    @property
+    def active(self) -> NDArray[np.bool_] | None:
+        """N switches, or none."""
+
+
+def _by_name(places: HasPlaces, which: str) -> dict[str, int]:
+    found = dict[str, int]()
+    for k, name in enumerate(places.names):
+        if not name or name in found:
+            why = f"{shown_value(name)} comes more than once" if name else f"landmark {k + 1} has no name"
+            raise DeformError(f"of the {which} landmarks {why}, so that they cannot be paired by name; correct it, or "
+                              'pair them with pair="order".')
+        found[name] = k
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +155,54 @@ class ControlPoints:
             # None becomes nan: a list may leave out single radii
             None if radius is None else _of_each(radius, np.float64, "radii"),  # type: ignore[arg-type]
         )
+
+    @classmethod
+    def from_landmarks(cls, moving: HasPlaces, fixed: HasPlaces, *, pair: str = "name") -> Paired:
+        """Pairs of two lists of landmarks, and who was left over: each moving place goes to its fixed counterpart.
+
+        Parameters
+        ----------
+        moving, fixed : Landmarks of the volume that is deformed, and of the one that it shall fit.
+        pair : "name" pairs those with the same name, in the order of the moving ones; "order" the first with the
+            first, and so on.
+
+        Returns
+        -------
+        The points and the labels of what has no counterpart in either list. A pair is active where both are.
+
+        Raises
+        ------
+        DeformError
+            If the lists have other dimensions, or for "name" a name is missing or occurs twice.
+
+        Examples
+        --------
+        >>> from deformnb.warping.points import Landmarks
+        >>> mouse = Landmarks([[0, 0, 0], [9, 0, 0]], ("nose", "tail"))
+        >>> atlas = Landmarks([[9, 1, 0], [5, 5, 0]], ("tail", "ear"))
+        >>> points, left_moving, left_fixed = ControlPoints.from_landmarks(mouse, atlas)
+        >>> points.displacement.tolist(), left_moving, left_fixed
+        ([[0.0, -1.0, 0.0]], ('nose',), ('ear',))
+        """
+        if moving.points.shape[1] != fixed.points.shape[1]:
+            raise DeformError(f"the moving landmarks have {moving.points.shape[1]} coordinates and the fixed ones "
+                              f"{fixed.points.shape[1]}; they must have the same.")
+        counts = len(moving.points), len(fixed.points)
+        if pair == "order":
+            found = [(k, k) for k in range(min(counts))]
+        elif pair == "name":
+            places = [_by_name(*each) for each in ((moving, "moving"), (fixed, "fixed"))]
+            found = [(k, places[1][name]) for name, k in places[0].items() if name in places[1]]
+        else:
+            raise DeformError(f'landmarks are paired by "name" or by "order", got {shown_value(pair)}.')
+        a, b = ([each[which] for each in found] for which in (0, 1))
+        active = [np.ones(n, bool) if side.active is None else side.active
+                  for side, n in zip((moving, fixed), counts, strict=True)]
+        points = cls.from_arrays(moving.points[a], fixed.points[b], active=active[0][a] & active[1][b],
+                                 names=[moving.names[k] or fixed.names[j] for k, j in found])
+        left = [tuple(side.names[k] or f"landmark {k + 1}" for k in range(n) if k not in used)
+                for side, n, used in zip((moving, fixed), counts, (set(a), set(b)), strict=True)]
+        return Paired(points, *left)
 
     @classmethod
     def empty(cls, dim: int = 2, next_id: int = 0) -> ControlPoints:
@@ -292,3 +367,17 @@ def _as_points(value: ArrayLike, what: str) -> NDArray[np.float64]:
     if array.ndim != 2:
         raise DeformError(f"{what} must have shape (N, 2) or (N, 3), got {array.shape}.")
     return array
+
+
+class Paired(NamedTuple):
+    """Two lists of landmarks in pairs.
+
+    Attributes
+    ----------
+    points : the pairs.
+    left_moving, left_fixed : labels of the landmarks without a counterpart.
+    """
+
+    points: ControlPoints
+    left_moving: tuple[str, ...]
+    left_fixed: tuple[str, ...]

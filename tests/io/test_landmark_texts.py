@@ -31,19 +31,19 @@ def test_two_specimens_are_pairs(name: str, tmp_path: Path) -> None:
     assert (found.points.tolist(), found.fixed.tolist(), found.notes) == (*PAIR, ())
 
 
-@pytest.mark.parametrize("suffix", [".tps", ".nts", ".prm", ".txt"])
+@pytest.mark.parametrize("suffix", [".tps", ".nts", ".prm", ".txt", ".xyz", ".points.csv"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_round_trip(suffix: str, dim: int, tmp_path: Path) -> None:
     places, fixed = (np.random.default_rng(k).normal(size=(5, dim)) * 1e3 for k in (0, 1))
     path = tmp_path / f"a{suffix}"
-    if suffix == ".prm" and dim == 2:
+    if suffix in (".prm", ".xyz") and dim == 2:
         with pytest.raises(VolumeFileError, match="two coordinates"):
             write_landmarks(Landmarks(places, fixed=fixed), path)
         return
     write_landmarks(Landmarks(places, fixed=fixed), path)
     again = read_landmarks(path)
     np.testing.assert_array_equal(again.points, places)
-    if suffix != ".txt":  # a list of elastix holds one place of each point
+    if suffix not in (".txt", ".xyz"):  # lists of points hold one place of each
         np.testing.assert_array_equal(again.fixed, fixed)
 
 
@@ -54,6 +54,15 @@ def test_the_first_of_several_specimens_is_read_and_curves_are_left_out(tmp_path
     assert (found.points.tolist(), found.fixed) == ([[1.0, 2.0]], None)
     assert found.notes == ("the first of 3 specimens was read, first; two of them would be read as pairs",
                            "1 curves were left out; only landmarks are read")
+
+
+def test_points_that_transformix_mapped_are_pairs(tmp_path: Path) -> None:
+    (tmp_path / "outputpoints.txt").write_text(
+        "Point\t0\t; InputIndex = [ 1 2 3 ]\t; InputPoint = [ 1.5 2 3 ]\t; OutputIndexFixed = [ 1 2 4 ]\t; "
+        "OutputPoint = [ 1.5 2.25 4 ]\t; Deformation = [ 0 0.25 1 ]\n")
+    found = read_landmarks(tmp_path / "outputpoints.txt")
+    assert found.fixed is not None
+    assert (found.points.tolist(), found.fixed.tolist()) == ([[1.5, 2.0, 3.0]], [[1.5, 2.25, 4.0]])
 
 
 def test_points_of_elastix(tmp_path: Path) -> None:

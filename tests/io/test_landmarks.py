@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import pyvista
+from format_table import agreed
 from oracle import assert_close
+from vtkmodules.vtkIOLegacy import vtkSimplePointsReader, vtkSimplePointsWriter
 
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, VolumeFileError
@@ -19,7 +22,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid
 from deformnb.warping.points import Landmarks, warp_landmarks
 
-EACH = pytest.mark.parametrize("suffix", ["mrk.json", "fcsv", "csv"])
+EACH = pytest.mark.parametrize("suffix", ["mrk.json", "fcsv", "csv", "bigwarp.json"])
 
 
 @EACH
@@ -49,6 +52,37 @@ def test_pairs_of_bigwarp(tmp_path: Path) -> None:
         Landmarks([[1, 2, 3]]).control_points()
 
 
+BIGWARP = ('{"type": "BigWarpLandmarks", "numDimensions": 3, "movingPoints": [[1, 2, 3], [7, 8, 9], [Infinity, 0, 0]],'
+           ' "fixedPoints": [[4, 5, 6], [Infinity, Infinity, Infinity], [1, 1, 1]], '
+           '"active": [true, false, true], "names": ["Pt-0", "Pt-1", "Pt-2"]}')
+
+
+@pytest.mark.parametrize("text", [BIGWARP, f'{{"type": "Thin Plate Spline", "landmarks": {BIGWARP}}}',
+                                  f'{{"Sources": [], "Transform": {{"landmarks": {BIGWARP}}}}}'])
+@pytest.mark.parametrize("name", ["a.json", "a.bigwarp.json"])
+def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
+    """By hand, after LandmarkTableModel.toJson of BigWarp 9: alone, in a transform and in a project."""
+    (tmp_path / name).write_text(text)
+    assert is_landmarks(tmp_path / name)
+    marks = read_landmarks(tmp_path / name)
+    assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
+    assert (marks.names, marks.notes) == (("Pt-0", "Pt-1"), ("1 landmarks without a moving place were left out",))
+    pairs = marks.control_points()
+    assert (pairs.source.tolist(), pairs.target.tolist()) == ([[1, 2, 3]], [[4, 5, 6]])
+
+
+def test_slicers_markups_are_known_by_what_is_in_them_and_state_their_unit(tmp_path: Path) -> None:
+    point = {"label": "nose", "position": [1, 2, 3]}
+    for unit, scale in (("um", 1e-3), (["mm", "UCUM", "millimeter"], 1.0)):
+        markup = {"coordinateSystem": "RAS", "coordinateUnits": unit, "controlPoints": [point]}
+        (tmp_path / "a.json").write_text(json.dumps({"markups": [markup]}))
+        assert is_landmarks(tmp_path / "a.json")
+        np.testing.assert_allclose(read_landmarks(tmp_path / "a.json").points, scale * np.array([[-1, -2, 3]]))
+    (tmp_path / "a.json").write_text((tmp_path / "a.json").read_text().replace("UCUM", "x").replace('"mm"', '"ell"'))
+    with pytest.raises(VolumeFileError, match="its unit"):
+        read_landmarks(tmp_path / "a.json")
+
+
 @pytest.mark.parametrize(("system", "wanted"), [("RAS", [-1, -2, 3]), ("0", [-1, -2, 3]), ("LPS", [1, 2, 3]),
                                                 ("1", [1, 2, 3])])
 def test_ras_and_lps(system: str, wanted: list[float], tmp_path: Path) -> None:
@@ -69,12 +103,13 @@ MARKUP = '{"markups": [{"coordinateSystem": "LPS", "controlPoints": [%s]}]}'
 
 
 @pytest.mark.parametrize(("name", "text", "match"), [
-    ("a.csv", "", "no landmark"), ("a.csv", "a,b,c\n", "row 1 has 3 columns"),
-    ("a.csv", "p,true,1,2,3,4,5,6\np,true,1,2,3,4\n", "row 2 has 6 columns"),
-    ("a.csv", "p,yes,1,2,3,4,5,6\n", "row 1 has 'yes'"), ("a.csv", "p,true,1,2,x,4,5,6\n", "row 1 are no numbers"),
+    ("a.csv", "", "no landmark"), ("a.csv", "a,b,c\n", "line 1 names no columns"),
+    ("a.csv", "p,true,1,2,3,4,5,6\np,true,1,2,3,4\n", "line 2 has 6 columns"),
+    ("a.csv", "p,yes,1,2,3,4,5,6\n", "line 1, column 2: 'yes'"),
+    ("a.csv", "p,true,1,2,x,4,5,6\n", "line 1, column 5: 'x'"),
     ("a.fcsv", "", "no landmark"), ("a.fcsv", "# CoordinateSystem = XYZ\n1,1,2,3\n", "neither LPS nor RAS"),
-    ("a.fcsv", "1,1,2,inf\n", "landmark 1 are not finite"), ("a.fcsv", "1,1,2\n", "landmark 1 are no numbers"),
-    ("a.mrk.json", "{", "cannot be read"), ("a.mrk.json", "[]", "no list markups"),
+    ("a.fcsv", "1,1,2,inf\n", "line 1, column 4: inf is not"), ("a.fcsv", "1,1,2\n", "line 1, column 4: nothing"),
+    ("a.mrk.json", "{", "cannot be read"), ("a.mrk.json", "[]", "with a list markups"),
     ("a.mrk.json", '{"markups": [3]}', "no list controlPoints"), ("a.mrk.json", MARKUP % "3", "not an object"),
     ("a.mrk.json", MARKUP % '{"position": [1, 2]}', "landmark 1 has no position"),
     ("a.mrk.json", MARKUP % '{"position": [1, 2, NaN]}', "not finite"), ("a.mrk.json", MARKUP % "", "no landmark"),
@@ -130,15 +165,52 @@ def test_names_say_what_are_landmarks() -> None:
     assert not is_landmarks("a.json")
 
 
+def test_two_lists_are_paired_by_name_or_order_and_the_rest_is_named() -> None:
+    moving = Landmarks([[0, 0, 0], [1, 0, 0], [2, 0, 0]], ("a", "b", "c"), active=[True, False, True])
+    fixed = Landmarks([[5, 5, 5], [6, 6, 6]], ("c", "b"))
+    points, left, others = ControlPoints.from_landmarks(moving, fixed)
+    assert (points.names, points.source.tolist(), points.target.tolist()) == (
+        ("b", "c"), [[1, 0, 0], [2, 0, 0]], [[6, 6, 6], [5, 5, 5]])
+    assert (points.active.tolist(), left, others) == ([False, True], ("a",), ())
+    by_order = ControlPoints.from_landmarks(moving, Landmarks([[9, 9, 9]] * 4), pair="order")
+    assert (by_order.points.names, by_order.left_moving, by_order.left_fixed) == (
+        ("a", "b", "c"), (), ("landmark 4",))
+    for other, pair, words in ((Landmarks([[0, 0, 0]]), "name", "landmark 1 has no name"),
+                               (Landmarks([[0, 0, 0]] * 2, ("a", "a")), "name", "more than once"),
+                               (Landmarks([[0, 0]], ("a",)), "name", "coordinates"),
+                               (fixed, "nearest", 'by "name"')):
+        with pytest.raises(DeformError, match=words):
+            ControlPoints.from_landmarks(moving, other, pair=pair)
+
+
 def test_the_samples_of_other_programs(real_data: Callable[[str], Path]) -> None:
     folder = real_data("landmarks")
     pairs = read_landmarks(folder / "bigwarp_3d.csv").control_points()
     assert pairs.dim == 3
-    assert_close(pairs.source[0], [193.1527102803737, 163.57943925233658, 130], atol=1e-9)
-    assert_close(pairs.target[0], [216.01797508417232, 233.3341910984992, 126.86263579832789], atol=1e-9)
+    limit = agreed("landmarks", "bigwarp", "BigWarp's samples, read only")
+    assert_close(pairs.source[0], [193.1527102803737, 163.57943925233658, 130], atol=limit)
+    assert_close(pairs.target[0], [216.01797508417232, 233.3341910984992, 126.86263579832789], atol=limit)
     assert read_landmarks(folder / "bigwarp_2d.csv").control_points().dim == 2
     ras = read_landmarks(folder / "slicer_ras.fcsv")
-    assert_close(ras.points[0], [-10.2321648, -3.71826, 6.6954888], atol=1e-9)
+    limit = agreed("landmarks", "fcsv", "3D Slicer's samples, read only")
+    assert_close(ras.points[0], [-10.2321648, -3.71826, 6.6954888], atol=limit)
     mice = [read_landmarks(folder / f"slicer_mouse_{name}.mrk.json") for name in ("A_J", "CAST_EIJ")]
     assert len(mice[0]) == len(mice[1])
-    assert_close(mice[0].points[0], [-9.21016, -25.0792, 9.31477], atol=1e-9)
+    limit = agreed("landmarks", "markups", "3D Slicer's samples, read only")
+    assert_close(mice[0].points[0], [-9.21016, -25.0792, 9.31477], atol=limit)
+
+
+def test_vtk_reads_and_writes_the_same_points(tmp_path: Path) -> None:
+    places = np.random.default_rng(0).normal(size=(5, 3)) * 100
+    write_landmarks(Landmarks(places), tmp_path / "ours.xyz")
+    reader = vtkSimplePointsReader()
+    reader.SetFileName(str(tmp_path / "ours.xyz"))
+    reader.Update()
+    limit = agreed("landmarks", "points", "VTK") * np.abs(places).max()
+    assert_close(pyvista.wrap(reader.GetOutput()).points, places, atol=limit)
+    writer = vtkSimplePointsWriter()
+    writer.SetInputData(pyvista.PolyData(places))
+    writer.SetDecimalPrecision(17)
+    writer.SetFileName(str(tmp_path / "theirs.xyz"))
+    writer.Write()
+    assert_close(read_landmarks(tmp_path / "theirs.xyz").points, places, atol=limit)

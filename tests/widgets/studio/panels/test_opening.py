@@ -32,6 +32,10 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     write_landmarks(Landmarks([place], ("mark",)), tmp_path / "mark.fcsv")
     assert "1 landmarks of mark.fcsv" in drop(tmp_path / "mark.fcsv")
     assert studio.session.points.names[-1] == "mark"
+    write_landmarks(Landmarks([place], ("second",)), tmp_path / "second.mrk.json")
+    (tmp_path / "second.mrk.json").rename(tmp_path / "second.json")  # known by what is in it
+    assert "1 landmarks of second.json" in drop(tmp_path / "second.json")
+    assert studio.session.points.names[-1] == "second"
 
     numbers = np.zeros(volume.shape, np.uint8)
     numbers[2:6], numbers[6:10] = 1, 2

@@ -1,0 +1,234 @@
+"""Landmarks as tables (.csv): BigWarp's, which has no line of names, and those of others, which have one or none.
+
+A line of names may call its columns as OpenSim Creator (name, x, y, z), Slicer (label, r, a, s), napari (axis-0 to
+axis-2, along z, y and x) and spreadsheets do, with a unit in brackets. Fixed places have names such as fixed_x,
+target_x or x2. OpenSim Creator ignores columns beyond its four, so that a table of pairs opens there as well.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from deformnb.io.headers import fail, shown
+from deformnb.io.landmark_json import UNITS, pairs
+from deformnb.io.landmark_texts import coordinates
+from deformnb.warping.points import Landmarks
+
+Rows = list[tuple[int, list[str]]]
+
+_AXES = {"x": (0, 1.0), "y": (1, 1.0), "z": (2, 1.0), "r": (0, -1.0), "a": (1, -1.0), "s": (2, 1.0), "l": (0, 1.0),
+         "p": (1, 1.0)}  # position among LPS, and the sign
+_MOVING = {"moving", "mov", "source", "src", "from", "before", "1"}
+_FIXED = {"fixed", "fix", "target", "tgt", "to", "after", "2"}
+_PLAIN = {"position", "pos", "coord", "coordinate", "coordinates", "point", "landmark", "centroid", "center", "centre"}
+_NAMES = ("name", "label", "landmark", "landmarks", "point", "points", "title", "description", "id", "index", "number",
+          "nr", "")
+_ACTIVE = ("active", "selected", "enabled", "use")
+_VOXELS = {"px", "pixel", "pixels", "vx", "voxel", "voxels", "index"}
+_FALSE = ("false", "0", "no", "off")
+
+
+def read_csv(path: Path, text: str) -> Landmarks:
+    """Landmarks of a table: of BigWarp, with a line of names, or of places with or without a name."""
+    rows = _rows(text)
+    if not rows:
+        raise fail(path, "there is no landmark in it.")
+    first = rows[0][1]
+    if len(first) in (6, 7, 8, 9) and (first[1].lower() in ("true", "false") or (
+            all(map(_is_number, first[-4:])) and not _is_number(first[1]))):
+        return _read_bigwarp(path, rows)
+    return _read_named(path, rows) if _is_heading(first) else _read_nameless(path, rows)
+
+
+def _rows(text: str) -> Rows:
+    """The rows that are not empty, with the numbers of their lines; columns end at tabs, semicolons or commas."""
+    first = text.lstrip("\n ").split("\n", 1)[0]
+    delimiter = next((d for d in "\t;" if d in first), ",")
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    kept = [(number, row) for number, row in rows if any(row) and not row[0].startswith("#")]
+    if delimiter != ",":  # where a comma is no column it is a decimal point, in spreadsheets of half the world
+        kept = [(number, [cell.replace(",", ".") if _is_number(cell.replace(",", ".")) else cell for cell in row])
+                for number, row in kept]
+    return kept
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_heading(row: list[str]) -> bool:
+    """True where not even the last two columns are numbers, or nothing."""
+    return not any(_is_number(cell) for cell in row[-2:])
+
+
+# ---- BigWarp ---------------------------------------------------------------------------------------------------------
+
+
+def _read_bigwarp(path: Path, rows: Rows) -> Landmarks:
+    """Rows of a name, true or false, in new versions a number, the moving and the fixed place."""
+    width = len(rows[0][1])
+    half = (width - 2) // 2
+    names, active, places = list[str](), list[bool](), list[list[float]]()
+    for number, row in rows:
+        if len(row) != width:
+            raise fail(path, f"line {number} has {len(row)} columns; BigWarp writes a name, true or false, the moving "
+                             "and the fixed place.")
+        if row[1].lower() not in ("true", "false"):
+            raise fail(path, f"line {number}, column 2: {shown(row[1], 20)!r} stands where BigWarp writes true or "
+                             "false.")
+        names.append(row[0])
+        active.append(row[1].lower() == "true")
+        places.append(_unset_as_nan(path, row[-2 * half:], number, width - 2 * half + 1))
+    both = np.array(places)
+    return pairs(path, names, active, both[:, :half], both[:, half:])
+
+
+def _unset_as_nan(path: Path, words: Sequence[str], line: int, column: int) -> list[float]:
+    """Numbers of a row, nan for those that are empty or infinite."""
+    return [math.nan if not word or (_is_number(word) and not math.isfinite(float(word))) else
+            coordinates(path, [word], f"line {line}", column + k)[0] for k, word in enumerate(words)]
+
+
+def write_bigwarp(landmarks: Landmarks) -> str:
+    """Rows of BigWarp; places that are not set are infinite."""
+    out = io.StringIO()
+    fixed = np.full_like(landmarks.points, np.nan) if landmarks.fixed is None else landmarks.fixed
+    writer = csv.writer(out, quoting=csv.QUOTE_ALL, lineterminator="\n")
+    assert landmarks.active is not None
+    for name, on, a, b in zip(landmarks.names, landmarks.active, landmarks.points, fixed, strict=True):
+        places = [repr(float(c)) if math.isfinite(c) else "Infinity" for c in (*a, *b)]
+        writer.writerow([name, str(bool(on)).lower(), *places])
+    return out.getvalue()
+
+
+# ---- tables of others ------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Columns:
+    """What the columns of a table are.
+
+    Parameters
+    ----------
+    moving, fixed : by axis the position of its column, its sign and its millimetres.
+    name, active : positions of columns.
+    notes : remarks.
+    """
+
+    moving: dict[int, tuple[int, float]] = field(default_factory=dict)
+    fixed: dict[int, tuple[int, float]] = field(default_factory=dict)
+    name: int | None = None
+    active: int | None = None
+    notes: tuple[str, ...] = ()
+
+
+def _read_named(path: Path, rows: Rows) -> Landmarks:
+    columns = _columns(path, *rows[0])
+    dim = max(columns.moving) + 1
+    names, active, moving, fixed = list[str](), list[bool](), list[list[float]](), list[list[float]]()
+    for number, row in rows[1:]:
+        cells = [*row, *[""] * (len(rows[0][1]) - len(row))]
+        both = [[sign * _unset_as_nan(path, [cells[at]], number, at + 1)[0]
+                 for at, sign in (places[axis] for axis in range(dim))] if places else [math.nan] * dim
+                for places in (columns.moving, columns.fixed)]
+        moving.append(both[0])
+        fixed.append(both[1])
+        names.append("" if columns.name is None else cells[columns.name])
+        active.append(columns.active is None or cells[columns.active].lower() not in _FALSE)
+    found = pairs(path, names, active, np.array(moving).reshape(-1, dim), np.array(fixed).reshape(-1, dim))
+    return Landmarks(found.points, found.names, found.fixed if columns.fixed else None, found.active,
+                     (*found.notes, *columns.notes))
+
+
+def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
+    found, units, napari = _Columns(), dict[str, float](), list[tuple[int, int]]()
+    words = [_words(path, line, k, cell, units) for k, cell in enumerate(heading)]
+    plain = {word for one in words for word in one}
+    for k, one in enumerate(words):
+        unit = units.get(str(k), 1.0)
+        if len(one) == 2 and one[0] == "axis" and one[1].isdecimal():
+            napari.append((int(one[1]), k))
+        axes = [word for word in one if word in _AXES]
+        rest = set(one) - set(axes[:1])
+        if len(axes) != 1 or rest - _MOVING - _FIXED - _PLAIN:
+            continue
+        if axes[0] not in "xyz" and not ({"r", "a", "s"} <= plain or {"l", "p", "s"} <= plain):
+            continue
+        axis, sign = _AXES[axes[0]]
+        (found.fixed if rest & _FIXED else found.moving).setdefault(axis, (k, sign * unit))
+    if napari and not found.moving:
+        last = max(number for number, _ in napari)
+        found.moving = {last - number: (k, 1.0) for number, k in napari if last - number < 3}
+        found.notes = ("the columns of napari are taken as lengths along z, y and x",)
+    if sorted(found.moving) not in ([0, 1], [0, 1, 2]) or (found.fixed and sorted(found.fixed) != sorted(found.moving)):
+        raise fail(path, f"line {line} names no columns x, y and z (or x and y), nor as many for fixed places: "
+                         f"{shown(', '.join(heading), 100)}.")
+    taken = {k for k, _ in (*found.moving.values(), *found.fixed.values())}
+    joined = ["_".join(one) for one in words]
+    found.name = next((k for name in _NAMES for k, one in enumerate(joined) if one == name and k not in taken), None)
+    found.active = next((k for name in _ACTIVE for k, one in enumerate(joined) if one == name), None)
+    if set(units.values()) - {1.0}:
+        found.notes += ("the unit of the file was turned into millimetres",)
+    return found
+
+
+def _words(path: Path, line: int, k: int, cell: str, units: dict[str, float]) -> list[str]:
+    """The words of a column's name without its unit, which is noted in millimetres."""
+    plain = cell.lower()
+    unit = re.search(r"[(\[]\s*([^)\]]*?)\s*[)\]]\s*$", plain)
+    if unit:
+        plain = plain[:unit.start()]
+    words = [word for word in re.split(r"[^a-z0-9µ\u03bc]+", plain) if word]
+    words = [part for word in words for part in (list(word) if re.fullmatch(r"[xyz][12]", word) else [word])]
+    last = unit[1] if unit else words[-1] if len(words) > 1 and words[-1] in {*UNITS, *_VOXELS} else None
+    if last in _VOXELS:
+        raise fail(path, f"line {line}, column {k + 1}: {shown(cell, 30)!r} is in voxels, which have no place without "
+                         "their volume.")
+    if last in UNITS:
+        units[str(k)] = UNITS[last]
+        words = words if unit else words[:-1]
+    return words
+
+
+def _read_nameless(path: Path, rows: Rows) -> Landmarks:
+    """Rows of a place or two, after a name or none."""
+    width = len(rows[0][1])
+    named = width in (4, 5, 7) or (width == 3 and not _is_number(rows[0][1][0]))
+    count = width - named
+    if count not in (2, 3, 4, 6):
+        raise fail(path, f"line {rows[0][0]} has {width} columns; expected are a name, x, y and z, twice as many "
+                         "coordinates for pairs, or a line of names such as name,x,y,z.")
+    names, places = list[str](), list[list[float]]()
+    for number, row in rows:
+        if len(row) != width:
+            raise fail(path, f"line {number} has {len(row)} columns, and line {rows[0][0]} has {width}.")
+        names.append(row[0] if named else "")
+        places.append(coordinates(path, row[named:], f"line {number}", 1 + named))
+    both = np.array(places)
+    half = count if count < 4 else count // 2
+    return Landmarks(both[:, :half], tuple(names), both[:, half:] if count > 3 else None)
+
+
+def write_table(landmarks: Landmarks) -> str:
+    """A line of names and one of each landmark: its name, its place, and its fixed place where there are some."""
+    axes = "xyz"[:landmarks.points.shape[1]]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["name", *axes, *([] if landmarks.fixed is None else [f"fixed_{axis}" for axis in axes])])
+    for k, (name, place) in enumerate(zip(landmarks.names, landmarks.points.tolist(), strict=True)):
+        fixed = [] if landmarks.fixed is None else landmarks.fixed[k].tolist()
+        writer.writerow([name, *map(repr, place), *(repr(c) if math.isfinite(c) else "" for c in fixed)])
+    return out.getvalue()
