@@ -30,8 +30,10 @@ EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 # Where the name of an import is not that of its distribution.
 DISTRIBUTION = {
+    "ants": "antspyx",
     "imageio_ffmpeg": "imageio-ffmpeg",
     "lazy_loader": "lazy-loader",
+    "ngff_zarr": "ngff-zarr",
     "nrrd": "pynrrd",
     "PIL": "pillow",
     "skimage": "scikit-image",
@@ -122,14 +124,14 @@ def test_conda_environment_equals_the_requirements() -> None:
     found = dict(re.fullmatch(r"([\w.-]+)(.*)", line).groups() for line in lines if isinstance(line, str))  # type: ignore[union-attr]
     assert found.pop("python") == PROJECT["requires-python"]
     assert found.pop("pip") == ""
-    wanted = _requirements("formats", "notebook")
+    wanted = _requirements("formats", "notebook", "zarr")
     assert found == {CONDA_NAME.get(name, name): bound for name, bound in wanted.items()}
 
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "movie", "notebook"]), ("tests", ["test"]), ("benchmarks", ["benchmark"]),
-     ("mutants", ["test"])],
+    [("deformnb", ["formats", "movie", "notebook", "zarr"]), ("tests", ["test", "peers"]),
+     ("benchmarks", ["benchmark"]), ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
@@ -138,7 +140,7 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 
 def test_everything_required_is_imported() -> None:
-    assert set(_requirements("formats", "movie")) - _imported(PACKAGE) == set()
+    assert set(_requirements("formats", "movie", "zarr")) - _imported(PACKAGE) == set()
 
 
 def test_doctor_looks_for_what_is_required() -> None:
@@ -178,6 +180,8 @@ OF_A_WHOLE_PACKAGE = {
     "app/test_app.py": "the application's parts together",
     "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
+    "io/test_format_table.py": "every format, and the program that agreed on it",
+    "io/test_peers.py": "formats and the programs with which they are exchanged",
 }
 
 

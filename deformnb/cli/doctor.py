@@ -24,6 +24,7 @@ OPTIONAL = {
     "nibabel": ("nibabel objects", "formats"),
     "imagecodecs": ("TIFF with LZW or PackBits, compressed DICOM, meshes with LZ4", "formats"),
     "pydicom": ("DICOM series", "formats"),
+    "zarr": ("transforms as OME-NGFF", "zarr"),
     "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),
 }

@@ -152,7 +152,7 @@ def _warp(options: argparse.Namespace) -> None:
     if Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
         raise DeformError(f"the session comes first: deformnb warp {given.name} {Path(options.session).name} "
                           f"{target.name}.")
-    if is_transform(options.session):
+    if is_transform(options.session, images=True):
         _apply_transform(options, follows)
         print(target)
         return

@@ -16,6 +16,8 @@ from .memory import available_memory as available_memory
 from .meshes import MESH_FORMATS as MESH_FORMATS
 from .meshes import read_mesh as read_mesh
 from .meshes import write_mesh as write_mesh
+from .transforms import TRANSFORM_FORMATS as TRANSFORM_FORMATS
 from .transforms import TRANSFORM_SUFFIXES as TRANSFORM_SUFFIXES
 from .transforms import read_transform as read_transform
 from .transforms import write_transform as write_transform
+from .vtk_transforms import to_vtk_transform as to_vtk_transform

@@ -66,6 +66,12 @@ def _fields(path: Path) -> tuple[dict[str, str], int]:
     raise fail(path, "its header has no line ElementDataFile; it is cut short or damaged.")
 
 
+def data_file(path: Path) -> Path:
+    """The file with the voxels: this one, or the one that its header names, which must lie beside it."""
+    name = _fields(path)[0]["elementdatafile"]
+    return path if name.upper() == "LOCAL" else detached_file(path, name)
+
+
 def _flag(path: Path, fields: dict[str, str], name: str, missing: bool) -> bool:
     value = fields.get(name.lower())
     if value is None:

@@ -102,6 +102,12 @@ def _fields(path: Path) -> _Text:
     return _Text(fields, keys, "\n".join(comments), end.end() if end else len(data))
 
 
+def data_file(path: Path) -> Path:
+    """The file with the voxels: this one, or the one that its header names, which must lie beside it."""
+    name = _fields(path).fields.get("datafile")
+    return path if name is None else detached_file(path, name)
+
+
 def read_header(path: Path) -> Header:
     """Geometry, type and place of the voxels of a NRRD file."""
     fields, keys, comments, end = _fields(path)

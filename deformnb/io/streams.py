@@ -272,7 +272,12 @@ def packed(pieces: Iterator[memoryview], encoding: str) -> Iterator[bytes | memo
 def needed_bytes(volume: Volume, encoding: str) -> int:
     """Free space that is required before a file is begun."""
     size = volume.grid.size * stored_dtype(volume).itemsize
-    return size if encoding == "raw" else int(_PACKED_SHARE * size)
+    return size if encoding == "raw" else packed_bytes(size)
+
+
+def packed_bytes(size: int) -> int:
+    """Free space that is required before so many bytes are packed into a file."""
+    return int(_PACKED_SHARE * size)
 
 
 def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overwrite: bool, progress: Progress | None,

@@ -10,13 +10,15 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import Header, fail, floats, integers, shown, triple, volume_shape
-from deformnb.io.streams import LEVEL, needed_bytes, slabs_of_bytes, stored_dtype, stream_blocks
+from deformnb.io.headers import Header, fail, floats, human_bytes, integers, shown, triple, volume_shape
+from deformnb.io.memory import available_memory
+from deformnb.io.streams import LEVEL, packed_bytes, slabs_of_bytes, stored_dtype, stream_blocks
 from deformnb.io.vtk_xml import TYPES, Tag, VtkXml
-from deformnb.volume.volume import Matrix3, Volume
+from deformnb.volume.volume import Grid, Matrix3, Volume
 
 _NAMES = {dtype: name for name, dtype in TYPES.items()}
 _BLOCK = 2**20
@@ -82,22 +84,59 @@ def _geometry(file: VtkXml) -> tuple[list[int], dict[str, Any]]:
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write VTI: appended raw zlib blocks of one MiB; bool becomes uint8, labels are called "labels"."""
+    name = "".join(c for c in volume.name if c.isprintable())
+    name = _LABELS if volume.is_labels else name if name not in ("", _LABELS) else "values"
     dtype = stored_dtype(volume)
-    size = volume.grid.size * dtype.itemsize
+    xml = _xml(volume.grid, "Scalars", name, dtype)
+    _write(path, xml, volume.values, dtype, overwrite, progress)
+
+
+def write_vectors(values: NDArray[Any], grid: Grid, name: str, remark: str, path: Path, overwrite: bool,
+                  progress: Progress | None = None) -> None:
+    """Write vectors (nz, ny, nx, 3) as VTI; the remark is a comment at the start, without two hyphens side by side."""
+    xml = _xml(grid, "Vectors", name, values.dtype, f"<!-- {remark} -->\n")
+    _write(path, xml, values, values.dtype, overwrite, progress)
+
+
+def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
+    """The vectors (nz, ny, nx, 3) of a VTI file's points: those that are active, or the first array of vectors."""
+    file = VtkXml(path, "ImageData")
+    arrays = [tag for tag in file.tags if tag.name == "DataArray" and tag.within("PointData")
+              and tag.attributes.get("NumberOfComponents") == "3"]
+    if not arrays:
+        raise fail(path, "it has no array of three components at its points, so it is no displacement field.")
+    owner = file.first("PointData")
+    active = None if owner is None else owner.attributes.get("Vectors")
+    array = next((tag for tag in arrays if tag.attributes.get("Name") == active), arrays[0])
+    extent, geometry = _geometry(file)
+    sizes = [high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)]
+    shape, _ = volume_shape(path, sizes, 3 * file.dtype(array).itemsize)
+    axes = np.asarray(geometry["direction"]) * np.asarray(geometry["spacing"])
+    geometry["origin"] = triple((np.asarray(geometry["origin"]) + axes @ np.array(extent[::2], dtype=float)).tolist())
+    grid, _ = Header(path, shape, file.dtype(array), lambda: iter(()), **geometry).grid()
+    stored = file.stored(array, 3 * math.prod(shape))
+    if stored.size > available_memory() // 3:
+        raise fail(path, f"its vectors take {human_bytes(stored.size)}, more than the memory here can hold.")
+    return stored.values().reshape(*shape, 3).astype(stored.dtype.newbyteorder("=")), grid
+
+
+def _write(path: Path, xml: bytes, values: NDArray[Any], dtype: np.dtype[Any], overwrite: bool,
+           progress: Progress | None) -> None:
+    size = values.size * dtype.itemsize
     blocks = -(-size // _BLOCK)
-    with atomic_write(path, overwrite=overwrite, needed=needed_bytes(volume, "zlib")) as file:
-        file.write(_xml(volume, dtype.str[1:]))
+    with atomic_write(path, overwrite=overwrite, needed=packed_bytes(size)) as file:
+        file.write(xml)
         begin = file.tell()
         file.write(bytes(8 * (3 + blocks)))  # the packed sizes, known at the end
-        counts = [file.write(zlib.compress(block, LEVEL)) for block in _blocks(volume, dtype, progress)]
+        counts = [file.write(zlib.compress(block, LEVEL)) for block in _blocks(values, dtype, progress)]
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")
         file.seek(begin)
         file.write(np.array([blocks, _BLOCK, size % _BLOCK, *counts], dtype="<u8").tobytes())
 
 
-def _blocks(volume: Volume, dtype: np.dtype[Any], progress: Progress | None) -> Iterator[bytes]:
+def _blocks(values: NDArray[Any], dtype: np.dtype[Any], progress: Progress | None) -> Iterator[bytes]:
     waiting = b""
-    for piece in slabs_of_bytes(volume.values, dtype, progress):
+    for piece in slabs_of_bytes(values, dtype, progress):
         data = waiting + bytes(piece)
         whole = len(data) // _BLOCK * _BLOCK
         for start in range(0, whole, _BLOCK):
@@ -107,28 +146,26 @@ def _blocks(volume: Volume, dtype: np.dtype[Any], progress: Progress | None) -> 
         yield waiting
 
 
-def _xml(volume: Volume, dtype: str) -> bytes:
+def _xml(grid: Grid, kind: str, name: str, dtype: np.dtype[Any], comment: str = "") -> bytes:
+    """All before the numbers; ``kind`` is "Scalars" or "Vectors"."""
     def words(values: Any) -> str:
         return " ".join(map(repr, values))
 
-    grid = volume.grid
-    name = "".join(c for c in volume.name if c.isprintable())
-    name = _LABELS if volume.is_labels else name if name not in ("", _LABELS) else "values"
     nz, ny, nx = grid.shape
     extent = f"0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"
     direction = words(np.ravel(grid.direction).tolist())
     places = f'Origin="{words(grid.origin)}" Spacing="{words(grid.spacing)}" Direction="{direction}"'
-    kind = 'byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor"'
+    header = 'byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor"'
+    components = ' NumberOfComponents="3"' if kind == "Vectors" else ""
+    array = f'type="{_NAMES[dtype.str[1:]]}" Name={quoteattr(name)}{components} format="appended" offset="0"'
     return f"""<?xml version="1.0"?>
-<VTKFile type="ImageData" version="1.0" {kind}>
+{comment}<VTKFile type="ImageData" version="1.0" {header}>
   <ImageData WholeExtent="{extent}" {places}>
     <Piece Extent="{extent}">
-      <PointData Scalars={quoteattr(name)}>
-        <DataArray type="{_NAMES[dtype]}" Name={quoteattr(name)} format="appended" offset="0"/>
+      <PointData {kind}={quoteattr(name)}>
+        <DataArray {array}/>
       </PointData>
     </Piece>
   </ImageData>
   <AppendedData encoding="raw">
    _""".encode()
-
-

@@ -12,10 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
+import SimpleITK
 from PIL import Image
 
 from deformnb import Volume
-from deformnb.io import FORMATS, write_volume
+from deformnb.io import FORMATS, write_landmarks, write_transform, write_volume
+from deformnb.io.displacement_images import image_of
+from deformnb.io.landmarks import LANDMARK_FORMATS
+from deformnb.io.transforms import TRANSFORM_SUFFIXES
+from deformnb.rbf.fields import Affine, DisplacementField, compose
+from deformnb.volume.volume import Grid
+from deformnb.warping.points import Landmarks
 
 CASES = 3000 if os.environ.get("HYPOTHESIS_PROFILE") == "nightly" else 150
 SECONDS = 20  # for one file: design limit; all but the largest are read in a few milliseconds
@@ -28,20 +36,36 @@ import faulthandler, random, resource, signal, sys
 from pathlib import Path
 import numpy as np
 from deformnb import DeformError
-from deformnb.io import describe_file, read_volume
-for package in ("pydicom", "imagecodecs"):  # outside the limits
+from deformnb.io import describe_file, read_landmarks, read_transform, read_volume
+from deformnb.volume.volume import Grid
+for package in ("pydicom", "imagecodecs", "SimpleITK", "zarr"):  # outside the limits
     try:
         __import__(package)
     except ImportError:
         pass
 
-folder, name, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], *map(int, sys.argv[3:])
+folder, name, kind, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], sys.argv[3], *map(int, sys.argv[4:])
+
+def read_a_volume():
+    volume = read_volume(folder / name, max_bytes=2**26)
+    describe_file(folder / name)
+    assert volume.values.shape == volume.grid.shape and volume.values.nbytes <= 2**27, last
+    assert np.isfinite(volume.grid.corners()).all(), last
+
+def read_a_transform():
+    field = read_transform(folder / name, Grid((3, 3, 3)))
+    assert field.dim == 3 and field.displacement(np.zeros((1, 3))).shape == (1, 3), last
+
+def read_some_landmarks():
+    assert np.isfinite(read_landmarks(folder / name).points).all(), last
+
+read = {"volume": read_a_volume, "transform": read_a_transform, "landmarks": read_some_landmarks}[kind]
 faulthandler.enable()
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
 if used:  # half a gibibyte more than now, of which a volume may take an eighth
     resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, resource.RLIM_INFINITY))
 signal.signal(signal.SIGALRM, lambda *_: sys.exit(f"too slow: {last}"))
-files = sorted(file for file in folder.iterdir() if not file.name.startswith("was."))
+files = sorted(file for file in folder.rglob("*") if file.is_file() and not file.name.startswith("was."))
 whole = {file: file.read_bytes() for file in files}
 good = 0
 
@@ -76,14 +100,11 @@ for case in range(cases):
     (folder / "was.txt").write_text(last)
     signal.alarm(seconds)
     try:
-        volume = read_volume(folder / name, max_bytes=2**26)
-        describe_file(folder / name)
+        read()
     except DeformError as error:
         assert str(error) and len(str(error)) < 2000 and "\\n" not in str(error), last
     else:
         good += 1
-        assert volume.values.shape == volume.grid.shape and volume.values.nbytes <= 2**27, last
-        assert np.isfinite(volume.grid.corners()).all(), last
     signal.alarm(0)
 print(good)
 """
@@ -110,17 +131,65 @@ def seeds(folder: Path, suffix: str) -> str:
     return name
 
 
-@pytest.mark.sampled(3)
-@pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: Path) -> None:
-    name = seeds(tmp_path, suffix)
-    seed = SUFFIXES.index(suffix)
-    command = [sys.executable, "-W", "ignore", "-c", CHILD, str(tmp_path), name, str(seed), str(CASES), str(SECONDS)]
+def transform_seeds(folder: Path, suffix: str) -> str:
+    """A composition or a field in an empty folder; returns its name."""
+    name = f"a{suffix}"
+    grid = Grid((4, 5, 6), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
+    numbers = np.random.default_rng(0).normal(size=(*grid.shape, 3))
+    if suffix == ".mat":
+        scipy.io.savemat(folder / name, {"AffineTransform_double_3_3": np.arange(12.0)[:, None],
+                                         "fixed": np.zeros((3, 1))}, format="4")
+    elif suffix == ".txt":
+        (folder / name).write_text('(Transform "AffineTransform")\n(NumberOfParameters 12)\n(TransformParameters '
+                                   "1 0 0 0 1 0 0 0 1 5 6 7)\n(CenterOfRotationPoint 1 2 3)\n(FixedImageDimension 3)\n"
+                                   '(InitialTransformParameterFileName "NoInitialTransform")\n')
+    elif suffix in (".nhdr", ".mhd"):  # read with the file beside them, and written in one
+        image = image_of(SimpleITK, DisplacementField(numbers, grid))
+        SimpleITK.WriteImage(image, str(folder / name))
+    else:
+        field = compose(DisplacementField(numbers, grid), Affine(np.eye(3), np.ones(3)))
+        write_transform(field, folder / name, grid)
+    return name
+
+
+def landmark_seeds(folder: Path, suffix: str) -> str:
+    """Five landmarks, with fixed places where the format has room for them; returns the name of their file."""
+    places = np.random.default_rng(0).normal(size=(2, 5, 3)) * 100
+    write_landmarks(Landmarks(places[0], tuple("abcde"), fixed=places[1]), folder / f"a{suffix}")
+    return f"a{suffix}"
+
+
+def _damage(folder: Path, name: str, kind: str, seed: int) -> None:
+    command = [sys.executable, "-W", "ignore", "-c", CHILD, str(folder), name, kind, str(seed), str(CASES),
+               str(SECONDS)]
     child = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-    last = (tmp_path / "was.txt").read_text() if (tmp_path / "was.txt").exists() else "before the first case"
+    last = (folder / "was.txt").read_text() if (folder / "was.txt").exists() else "before the first case"
     assert child.returncode == 0, f"{last}:\n{child.stderr[-3000:]}"
     assert int(child.stdout) < CASES  # some damage was noticed
+
+
+ONLY_POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
+
+
+@pytest.mark.sampled(3)
+@ONLY_POSIX
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: Path) -> None:
+    _damage(tmp_path, seeds(tmp_path, suffix), "volume", SUFFIXES.index(suffix))
+
+
+@pytest.mark.nightly
+@ONLY_POSIX
+@pytest.mark.parametrize("suffix", TRANSFORM_SUFFIXES)
+def test_random_damage_ends_in_a_transform_or_one_sentence(suffix: str, tmp_path: Path) -> None:
+    _damage(tmp_path, transform_seeds(tmp_path, suffix), "transform", TRANSFORM_SUFFIXES.index(suffix))
+
+
+@pytest.mark.nightly
+@ONLY_POSIX
+@pytest.mark.parametrize("kind", LANDMARK_FORMATS)
+def test_random_damage_ends_in_landmarks_or_one_sentence(kind: str, tmp_path: Path) -> None:
+    _damage(tmp_path, landmark_seeds(tmp_path, LANDMARK_FORMATS[kind].suffix), "landmarks", len(kind))
 
 
 def test_random_damage_in_a_folder_of_slices(tmp_path: Path) -> None:

@@ -1,0 +1,185 @@
+"""Files of ITK, ANTs, elastix, ngff-zarr and vedo: each program applies the other's to the same voxels or points.
+
+Each of the programs runs in a process of its own: ``tests/peer_programs.py``.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import peer_programs
+import pytest
+from format_table import agreed
+from scipy.ndimage import gaussian_filter
+
+import deformnb as dn
+from deformnb.io.landmarks import read_landmarks, write_landmarks
+from deformnb.io.transforms import read_transform, write_transform
+from deformnb.rbf.fields import AbstractField, Affine, DisplacementField
+from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.points import Landmarks
+
+_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+GRID = Grid((24, 28, 32), (1.5, 1.0, 2.0), (5.0, -30.0, 12.0), tuple(map(tuple, _TURN.tolist())))
+RANDOM = np.random.default_rng(5)
+_SMOOTH = gaussian_filter(RANDOM.normal(size=GRID.shape), 2)
+VOLUME = Volume((255 * (_SMOOTH - _SMOOTH.min()) / np.ptp(_SMOOTH)).astype(np.float32), GRID)
+AFFINE = Affine(np.eye(3) + RANDOM.uniform(-0.04, 0.04, (3, 3)), np.array([0.5, -0.8, 0.3]))
+BEND = DisplacementField(
+    np.stack([gaussian_filter(RANDOM.normal(size=GRID.shape), 4) * 60 for _ in range(3)], axis=-1), GRID)
+
+pytestmark = pytest.mark.nightly
+
+
+def _run(program: str, folder: Path, package: str) -> None:
+    if find_spec(package) is None:
+        pytest.skip(f"{package} is not installed: pip install deformnb[peers]")
+    child = subprocess.run([sys.executable, peer_programs.__file__, program, str(folder)], capture_output=True,
+                           text=True, timeout=550, check=False, cwd=folder)  # transformix writes into it
+    assert child.returncode == 0, child.stdout[-2000:] + child.stderr[-2000:]
+
+
+def _difference(known: np.ndarray, found: np.ndarray, outside: float = -1.0) -> float:
+    """The largest difference where both have values, which is nearly everywhere that either has."""
+    inside = (known != outside) & (found != outside)
+    assert inside.mean() > 0.4
+    assert inside.sum() > 0.98 * max((known != outside).sum(), (found != outside).sum())
+    return float(np.abs(known - found)[inside].max())
+
+
+def _warped(field: AbstractField) -> np.ndarray:
+    return dn.warp(VOLUME, field, fill=-1.0).values
+
+
+def _written(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
+    """A field and an affine map in files of these endings, and the volume warped by what each of them holds."""
+    both = dn.compose(BEND, AFFINE)
+    for suffix in suffixes:
+        write_transform(both, folder / f"transform.{suffix}", GRID)
+    sampled = _warped(DisplacementField.sample(both, GRID))
+    return {suffix: _warped(both) if suffix in ("tfm", "h5") else sampled for suffix in suffixes}
+
+
+def test_itk_applies_what_is_written(tmp_path: Path) -> None:
+    dn.write_volume(VOLUME, tmp_path / "volume.nrrd")
+    limits = {"tfm": agreed("transforms", "itk text", "ITK"), "h5": agreed("transforms", "itk hdf5", "ITK"),
+              "nrrd": agreed("transforms", "nrrd", "ITK"), "nii.gz": agreed("transforms", "nifti", "ITK"),
+              "mha": agreed("transforms", "metaimage", "ITK")}
+    known = _written(tmp_path, *limits)
+    _run("itk_resample", tmp_path, "itk")
+    for suffix, limit in limits.items():
+        assert _difference(known[suffix], np.load(tmp_path / f"transform.{suffix}.npy")) < limit, suffix
+
+
+def test_kernel_transforms_of_itk_are_the_same_maps_here(tmp_path: Path) -> None:
+    for name in ("source", "target", "places"):
+        np.save(tmp_path / f"{name}.npy", RANDOM.uniform(0, 20, (9, 3)))
+    _run("itk_kernels", tmp_path, "itk")
+    places = np.load(tmp_path / "places.npy")
+    files = sorted(tmp_path.glob("*.tfm"))
+    assert len(files) == 3
+    for file in files:
+        found = places + read_transform(file).displacement(places)
+        limit = agreed("transforms", "itk text", "ITK's kernel transforms")
+        assert np.abs(found - np.load(file.with_suffix(".npy"))).max() < limit, file.name
+
+
+def test_ants_applies_what_is_written_and_the_other_way_round(tmp_path: Path) -> None:
+    dn.write_volume(VOLUME, tmp_path / "volume.nii.gz")
+    limits = {"nii.gz": agreed("transforms", "nifti", "ANTs"), "h5": agreed("transforms", "itk hdf5", "ANTs"),
+              "tfm": agreed("transforms", "itk text", "ANTs")}
+    known = _written(tmp_path, *limits)
+    for name, value in (("matrix", AFFINE.matrix), ("offset", AFFINE.offset), ("vectors", BEND.values)):
+        np.save(tmp_path / f"{name}.npy", value)
+    _run("ants_resample", tmp_path, "ants")
+    for suffix, limit in limits.items():
+        assert _difference(known[suffix], np.load(tmp_path / f"transform.{suffix}.npy")) < limit, suffix
+    for name, limit in (("theirs.mat", agreed("transforms", "ants matrix", "ANTs")),
+                        ("theirs.nii.gz", limits["nii.gz"])):
+        warped = _warped(read_transform(tmp_path / name))
+        assert _difference(warped, np.load(tmp_path / f"{name}.npy")) < limit, name
+
+
+FIELD_FILE = f"""(Transform "DeformationFieldTransform")
+(DeformationFieldInterpolationOrder 1)
+(NumberOfParameters 0)
+(InitialTransformParameterFileName "NoInitialTransform")
+(HowToCombineTransforms "Compose")
+(DeformationFieldFileName "transform.mha")
+(FixedImageDimension 3)
+(MovingImageDimension 3)
+(FixedInternalImagePixelType "float")
+(MovingInternalImagePixelType "float")
+(Size {" ".join(map(str, GRID.shape[::-1]))})
+(Index 0 0 0)
+(Spacing {" ".join(map(str, GRID.spacing))})
+(Origin {" ".join(map(str, GRID.origin))})
+(Direction {" ".join(map(str, np.transpose(GRID.direction).ravel()))})
+(UseDirectionCosines "true")
+(ResampleInterpolator "FinalLinearInterpolator")
+(Resampler "DefaultResampler")
+(DefaultPixelValue -1)
+(ResultImageFormat "nrrd")
+(ResultImagePixelType "float")
+(CompressResultImage "false")
+"""
+
+
+def test_elastix_applies_what_is_written_and_the_other_way_round(tmp_path: Path) -> None:
+    dn.write_volume(VOLUME, tmp_path / "volume.nrrd")
+    dn.write_volume(dn.warp(VOLUME, dn.compose(BEND, AFFINE), fill=0.0), tmp_path / "moving.nrrd")
+    limits = {"nii.gz": agreed("transforms", "nifti", "elastix"), "mha": agreed("transforms", "metaimage", "elastix")}
+    for suffix in limits:
+        write_transform(BEND, tmp_path / f"transform.{suffix}", GRID)
+    (tmp_path / "field.txt").write_text(FIELD_FILE)
+    marks = GRID.index_to_point(RANDOM.uniform(4, 20, (12, 3)))
+    write_landmarks(Landmarks(marks), tmp_path / "points.txt")
+    _run("elastix_resample", tmp_path, "itk")
+    nodes = GRID.index_to_point(np.moveaxis(np.indices(GRID.shape)[::-1], 0, -1))
+    kinds = ("translation", "rigid", "similarity", "affine", "bspline")
+    for kind in kinds:
+        found = read_transform(tmp_path / f"{kind}.txt", GRID).displacement(nodes)
+        limit = agreed("transforms", "elastix", "elastix")
+        known = np.load(tmp_path / f"{kind}.npy")
+        assert np.abs(known).max() > 0.5
+        assert np.abs(found - known).max() < limit, kind
+    for name in ("theirs.mhd", "theirs.nii"):
+        found = read_transform(tmp_path / name).displacement(nodes)
+        assert np.abs(found - np.load(tmp_path / "bspline.npy")).max() < agreed("transforms", "elastix", "elastix")
+    for suffix, limit in limits.items():
+        assert _difference(_warped(BEND), np.load(tmp_path / f"transform.{suffix}.npy")) < limit
+    mapped = read_landmarks(tmp_path / "outputpoints.txt")
+    assert mapped.fixed is not None
+    assert np.abs(mapped.points - marks).max() < agreed("landmarks", "elastix", "elastix")
+    moved = marks + read_transform(tmp_path / "affine.txt").displacement(marks)
+    assert np.abs(mapped.fixed - moved).max() < agreed("landmarks", "elastix", "elastix")
+
+
+def test_ngff_zarr_reads_and_writes_the_same_fields(tmp_path: Path) -> None:
+    plain = Grid(GRID.shape, GRID.spacing, GRID.origin)
+    write_transform(DisplacementField(BEND.values, plain), tmp_path / "ours.zarr", plain)
+    np.save(tmp_path / "vectors.npy", BEND.values)
+    _run("ngff_exchange", tmp_path, "ngff_zarr")
+    limit = agreed("transforms", "ngff", "ngff-zarr")
+    assert np.abs(np.load(tmp_path / "ours.npy") - BEND.values).max() < limit
+    size, origin, spacing = np.load(tmp_path / "grid.npy").reshape(3, 3)
+    assert (tuple(size), tuple(origin), tuple(spacing)) == (GRID.shape[::-1], GRID.origin, GRID.spacing)
+    for name in ("theirs.zarr", "beside.zarr"):
+        found = read_transform(tmp_path / name)
+        assert isinstance(found, DisplacementField)
+        assert found.lattice == plain
+        assert np.abs(found.values - BEND.values).max() < limit
+
+
+def test_vedo_reads_and_writes_the_same_points(tmp_path: Path) -> None:
+    marks = GRID.index_to_point(RANDOM.uniform(4, 20, (12, 3)))
+    write_landmarks(Landmarks(marks), tmp_path / "ours.xyz")
+    np.save(tmp_path / "places.npy", marks)
+    _run("vedo_points", tmp_path, "vedo")
+    limit = agreed("landmarks", "points", "vedo") * np.abs(marks).max()
+    assert np.abs(np.load(tmp_path / "ours.npy") - marks).max() < limit
+    assert np.abs(read_landmarks(tmp_path / "theirs.xyz").points - marks).max() < 10 * limit  # it writes six digits
