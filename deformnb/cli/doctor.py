@@ -22,6 +22,7 @@ class Check:
 OPTIONAL = {
     "SimpleITK": ("SimpleITK objects", "formats"),
     "nibabel": ("nibabel objects", "formats"),
+    "h5py": ("transforms in HDF5", "formats"),
     "imagecodecs": ("TIFF with LZW or PackBits, compressed DICOM, meshes with LZ4", "formats"),
     "pydicom": ("DICOM series", "formats"),
     "zarr": ("transforms as OME-NGFF", "zarr"),

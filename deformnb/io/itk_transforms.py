@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.errors import VolumeFileError
 from deformnb.io.displacement_images import field_of_image, image_of, read_image, reason, write_by_name
 from deformnb.io.headers import detached_file, fail, human_bytes, shown
+from deformnb.io.memory import available_memory
 from deformnb.io.transform_parts import Part, sampled_parts
 from deformnb.rbf.fields import AbstractField, Affine, Identity, compose
 from deformnb.rbf.fitting import fit_rbf
@@ -31,9 +33,11 @@ _KERNELS = {"ThinPlateSplineKernelTransform": "linear", "ThinPlateR2LogRSplineKe
             "VolumeSplineKernelTransform": "cubic"}
 _KERNEL_TRANSFORM = re.compile(r"^Transform:\s*(\w+KernelTransform)_(?:double|float)_3_3\s*$", re.MULTILINE)
 
+_MOST_TRANSFORMS = 1000  # of one file
+_MOST_FIXED = 1 << 20  # numbers that describe a grid, or the targets of a kernel transform
+
 # An HDF5 file may begin with a user block of 512, 1024, ... bytes, which its readers skip and other programs may use
 # (HDF5 File Format Specification 3.0, section II.A: the superblock).
-_HDF5_MARK = b"\x89HDF\r\n\x1a\n"
 _USER_BLOCK = 512
 
 
@@ -48,8 +52,11 @@ def read_itk(path: Path, grid: Grid | None) -> AbstractField:
             return _read_elastix(path, text, grid)
         if found := _KERNEL_TRANSFORM.search(text):
             return _kernel_transform(path, text, found[1])
+        _check_text(path, text)
     elif name.endswith(".mat"):
         _check_matrix_file(path, size)
+    else:
+        _check_hdf5(path)
     sitk = optional_package("SimpleITK")
     try:
         transform = sitk.ReadTransform(str(path))
@@ -64,13 +71,12 @@ def write_itk(field: AbstractField, path: Path, grid: Grid, remark: str, overwri
     sitk = optional_package("SimpleITK")
     made = [_to_itk(sitk, part) for part in sampled_parts(field, grid, progress)]
     whole = made[0] if len(made) == 1 else sitk.CompositeTransform(made[::-1])  # ITK begins with the last one
-    head: Callable[[bytes], bytes] | None = None
-    if path.name.lower().endswith((".h5", ".hdf5")):
-        def head(start: bytes) -> bytes:
+
+    def head(start: bytes) -> bytes:
+        if path.name.lower().endswith((".h5", ".hdf5")):
             return f"{remark}\n".encode().ljust(_USER_BLOCK, b"\0")[:_USER_BLOCK] + start
-    else:
-        def head(start: bytes) -> bytes:  # the first line names the format
-            return start.replace(b"\n", f"\n# {remark}\n".encode(), 1)
+        return start.replace(b"\n", f"\n# {remark}\n".encode(), 1)  # the first line names the format
+
     write_by_name(path, lambda file: sitk.WriteTransform(whole, file), overwrite=overwrite, head=head)
 
 
@@ -104,6 +110,53 @@ def _field_of(path: Path, transform: Any, grid: Grid | None) -> AbstractField:
     image = sitk.TransformToDisplacementField(transform, sitk.sitkVectorFloat64, grid.shape[::-1], grid.origin,
                                               grid.spacing, np.ravel(grid.direction).tolist())
     return field_of_image(path, image)
+
+
+def _check_grid(path: Path, kind: str, fixed: Sequence[float], count: int) -> None:
+    """Refuse a field or a B-spline whose grid has not as many numbers as the file: ITK makes the grid first."""
+    if ("Field" in kind or "BSpline" in kind) and kind.endswith("_3_3"):
+        sizes = [float(n) for n in fixed[:3]]
+        if len(sizes) < 3 or not all(n >= 1 for n in sizes) or math.prod(sizes) * 3 != count:
+            raise fail(path, f"the grid of its {shown(kind, 60)} is of {shown(sizes, 60)} nodes, and {count} numbers "
+                             "are given; it is cut short or damaged.")
+
+
+def _check_text(path: Path, text: str) -> None:
+    """Compare the sizes of grids with the numbers that are there, of each transform of a text."""
+    for part in re.split(r"^\s*Transform\s*:", text, flags=re.MULTILINE)[1:]:
+        kind, *lines = part.split("\n")
+        rows = {key.strip(): value.split() for key, _, value in (line.partition(":") for line in lines)}
+        try:
+            sizes = [float(word) for word in rows.get("FixedParameters", [])[:3]]
+        except ValueError:
+            sizes = []
+        _check_grid(path, kind.strip(), sizes, len(rows.get("Parameters", [])))
+
+
+def _check_hdf5(path: Path) -> None:
+    """The same for an HDF5 file, from the shapes of its arrays."""
+    h5py = optional_package("h5py")
+    try:
+        with h5py.File(path, "r") as file:
+            group = file["TransformGroup"]
+            if len(group) > _MOST_TRANSFORMS:
+                raise fail(path, f"it holds {len(group)} transforms; at most {_MOST_TRANSFORMS} are read.")
+            for entry in group.values():
+                kind = entry["TransformType"][()]
+                name = kind[0].decode("ascii", "replace") if len(kind) else ""
+                # Old versions of ITK wrote "Tranform".
+                found = {key.replace("Tranform", "Transform"): entry[key] for key in entry}
+                fixed, parameters = (found.get(f"Transform{which}Parameters") for which in ("Fixed", ""))
+                if fixed is None or parameters is None:  # of a composite, whose parts follow
+                    continue
+                if fixed.size > _MOST_FIXED or parameters.size * 16 > available_memory():
+                    raise fail(path, f"its {shown(name, 60)} has {parameters.size} numbers, more than the memory here "
+                                     "can hold twice.")
+                _check_grid(path, name, fixed[:3].tolist() if fixed.size else [], parameters.size)
+    except VolumeFileError:
+        raise
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+        raise fail(path, f"it is no HDF5 file of ITK's transforms, or damaged ({shown(error, 100)}).") from None
 
 
 def _check_matrix_file(path: Path, size: int) -> None:

@@ -31,6 +31,8 @@ UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1000.
 def holds_landmarks(path: Path) -> str | None:
     """The kind of landmarks ("markups" or "bigwarp json") that a .json file holds, by its first keys; None for none."""
     try:
+        if not path.is_file():  # a pipe would wait for ever
+            return None
         with path.open("rb") as file:
             start = file.read(_START)
     except (OSError, ValueError):

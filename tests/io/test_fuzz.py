@@ -38,7 +38,7 @@ import numpy as np
 from deformnb import DeformError
 from deformnb.io import describe_file, read_landmarks, read_transform, read_volume
 from deformnb.volume.volume import Grid
-for package in ("pydicom", "imagecodecs", "SimpleITK", "zarr"):  # outside the limits
+for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outside the limits
     try:
         __import__(package)
     except ImportError:

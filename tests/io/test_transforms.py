@@ -6,6 +6,7 @@ import gzip
 from pathlib import Path
 from typing import Any
 
+import h5py
 import nibabel
 import numpy as np
 import pytest
@@ -240,6 +241,22 @@ def test_what_is_no_transform_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VolumeFileError, match="ends with one of"):
         write_transform(Identity(3), tmp_path / "e.png", GRID)
     assert not list(tmp_path.glob("e*"))
+
+
+def test_a_grid_larger_than_its_numbers_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    write_transform(_bend(), tmp_path / "a.tfm", GRID)
+    write_transform(_bend(), tmp_path / "a.h5", GRID)
+    text = (tmp_path / "a.tfm").read_text()
+    (tmp_path / "a.tfm").write_text(text.replace("FixedParameters: 22 18 14", "FixedParameters: 2200 1800 1400"))
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["TransformGroup/0/TransformFixedParameters"][:3] = [2200, 1800, 1400]
+    for name in ("a.tfm", "a.h5"):
+        with pytest.raises(VolumeFileError, match=r"2200\.0.* 16632 numbers"):
+            read_transform(tmp_path / name)
+    dn.write_volume(VOLUME, tmp_path / "v.nhdr")
+    (tmp_path / "b.nhdr").write_text((tmp_path / "v.nhdr").read_text().replace("data file: ", "data file: ../"))
+    with pytest.raises(VolumeFileError, match="own folder"):
+        read_transform(tmp_path / "b.nhdr")
 
 
 def test_the_command_writes_a_transform_and_its_inverse_and_warp_applies_it(tmp_path: Path) -> None:
