@@ -71,7 +71,7 @@ def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[i
             raise fail(path, f"line {number} has {len(words)} numbers where a place of "
                              f"{' or '.join(map(str, counts if not places else [len(places[0])]))} is expected.")
         places.append(coordinates(path, words, f"line {number}", 1))
-    return np.array(places).reshape(len(places), -1)
+    return np.array(places).reshape(len(places), len(places[0]) if places else counts[-1])
 
 
 def _numbered(text: str) -> list[tuple[int, str]]:
@@ -241,7 +241,7 @@ def read_xyz(path: Path, text: str) -> Landmarks:
     """Places in space, one to a line; a fourth number, as of particles, is left out with a note."""
     rows = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith("#")]
     values = _number_rows(path, rows, (3, 4))
-    found = _pair(path, [values[:, :3]] if len(values) else [], [""])
+    found = _pair(path, [values[:, :3]], [""])
     notes = ("the fourth number of each line was left out",) if values.shape[1] == 4 else ()
     return Landmarks(found.points, notes=notes)
 

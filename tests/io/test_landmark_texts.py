@@ -78,6 +78,7 @@ BAD = {
     "a.nts": [("1 2 6 0\n", "first line"), ("1 1 6 0 dim=3\n1 2 3\n", "and 3 follow"), ("", "first line")],
     "a.txt": [("index\n1\n1 2 3\n", "indices of voxels"), ("point\n2\n1 2 3\n", "announces 2"), ("words\n", "neither"),
               ("[individuals]\n1\n[landmarks]\n2\n[dimensions]\n2\n[rawpoints]\n1 2\n", "1 places follow")],
+    "a.xyz": [("# only\n", "no landmark"), ("1 2 3\n1 x 3\n", "line 2, column 2: 'x'"), ("1 2\n", "line 1 has 2")],
     "a.prm": [("[Control points]\noriginal control points: 1 2 3\n", "no original and deformed"),
               ("original control points: 1 2 3\n4 5 6\ndeformed control points: 1 2 3\n", "2 original and 1")],
 }
