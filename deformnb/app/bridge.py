@@ -57,6 +57,7 @@ class Bridge:
         self._answered = ""  # id of the message by a page that a widget takes now
         self._lock = threading.RLock()
         self._widgets: dict[str, ipw.Widget] = {}
+        self._closed: set[str] = set()  # a page may still speak to them until it learns that
         self._reach(app.studio)
 
     # -- for the server ------------------------------------------------------------------------------------------------
@@ -104,7 +105,12 @@ class Bridge:
                 opened |= self._reach(_widget_of(reference))
             if opened:
                 message["opened"] = opened
+                self._forget_closed()
             self._server.in_loop(self._server.publish, TOPIC, message)
+
+    def _forget_closed(self) -> None:
+        self._closed.update(name for name, widget in self._widgets.items() if widget.comm is None)
+        self._widgets = {name: widget for name, widget in self._widgets.items() if widget.comm is not None}
 
     # -- from a page ---------------------------------------------------------------------------------------------------
 
@@ -112,7 +118,7 @@ class Bridge:
         """The model id of the studio, and the states of all widgets."""
         def look() -> dict[str, Any]:
             with self._lock:
-                self._widgets = {name: widget for name, widget in self._widgets.items() if widget.comm is not None}
+                self._forget_closed()
                 return {name: widget.get_state() for name, widget in self._widgets.items()}
 
         states = await asyncio.wrap_future(self.app.thread.call(look))
@@ -127,6 +133,8 @@ class Bridge:
         """
         widget = self._widgets.get(name) if isinstance(name, str) else None
         if widget is None or widget.comm is None:
+            if widget is not None or (isinstance(name, str) and name in self._closed):
+                return
             raise DeformError("there is no such widget.")
         if not isinstance(number, str) or len(number) > _LONGEST_NAME:
             raise DeformError("a message has a number.")

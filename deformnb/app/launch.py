@@ -16,7 +16,7 @@ from pathlib import Path
 from deformnb.app import IDLE_MINUTES
 from deformnb.app.application import Application
 from deformnb.app.bridge import Bridge
-from deformnb.app.page import build_page
+from deformnb.app.page import build_page, name_page
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -49,6 +49,7 @@ def app_server(app: Application, *, host: str = "127.0.0.1", port: int = 0,
     def make(server: PageServer) -> Bridge:
         bridge = Bridge(app, server)
         build_page(server.trame, app)
+        app.studio.observe(lambda _change: server.in_loop(name_page, server.trame, app), "children")
         return bridge
 
     return PageServer(make, host=host, port=port, idle=idle)

@@ -19,6 +19,16 @@ def build_page(server: Any, app: Application) -> None:
     from trame_client.widgets.core import AbstractElement
 
     server.enable_module({"scripts": ["deformnb/app.js"], "styles": ["deformnb/app.css"], "vue_use": ["deformnb_app"]})
-    server.state.trame__title = f"{app.session.volume.name or 'volume'} - deformnb"
+    server.state.trame__title = _title(app)
     with DivLayout(server):
         AbstractElement("deformnb-studio")
+
+
+def name_page(server: Any, app: Application) -> None:
+    """Name the page after the volume that is open now; in the server's thread."""
+    with server.state:
+        server.state.trame__title = _title(app)
+
+
+def _title(app: Application) -> str:
+    return f"{app.session.volume.name or 'volume'} - deformnb"

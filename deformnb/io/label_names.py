@@ -1,4 +1,4 @@
-"""Names of labels: of the segments in a file of 3D Slicer, or in a table that lies beside a label volume."""
+"""Names of labels: of the segments in a file of 3D Slicer, or in a table of their own."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from pathlib import Path
 from deformnb.io.headers import as_path
 from deformnb.io.nrrd import segment_names
 
-_TABLES = (".csv", ".tsv", ".ctbl", ".txt", ".label")
+LABEL_TABLES = (".csv", ".tsv", ".ctbl", ".txt", ".label")
+"""Endings of the names of tables of label names."""
+
 _VOLUMES = re.compile(r"(\.seg)?(\.nrrd|\.nhdr|\.nii|\.mha|\.mhd|\.tiff?|\.vti)(\.gz)?$", re.IGNORECASE)
 _LONGEST = 1 << 20  # bytes: some ten thousand labels
 _NUMBERS = frozenset({"label", "value", "index", "id", "idx", "labelvalue", "integer_label", "key"})
 _NAMES = frozenset({"name", "structure", "text", "label_name", "labelname", "anatomy", "region"})
+_PLACES = frozenset({"x", "y", "z", "source_a", "source_x"})  # columns of landmarks and points, which are named too
 _ITK_SNAP = re.compile(r'\s*(\d+)(?:\s+[\d.]+){3,6}\s+"([^"]*)"')
 _COLOUR_TABLE = re.compile(r"\s*(\d+)\s+(\S+)((?:\s+[\d.]+){3,4})\s*$")
 
@@ -38,13 +41,32 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
         return own
     stem = _VOLUMES.sub("", path.name)
-    for ending in _TABLES:
-        table = path.with_name(stem + ending)
-        if table.is_file() and table.stat().st_size <= _LONGEST:
-            names = _table(table.read_text(encoding="utf-8-sig", errors="replace"))
-            if names:
-                return names
+    for ending in LABEL_TABLES:
+        if names := read_label_table(path.with_name(stem + ending)):
+            return names
     return {}
+
+
+def is_label_table(name: str) -> bool:
+    """Check whether a file is named as tables of label names are; files of other kinds are named so too."""
+    return name.lower().endswith(LABEL_TABLES)
+
+
+def read_label_table(path: str | Path) -> dict[int, str]:
+    r"""Names by label of a table, such as :func:`read_label_names` looks for; empty for a file that is none.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "bones.csv"
+    >>> _ = file.write_text("label,name\n95,femur\n96,tibia\n")
+    >>> read_label_table(file)
+    {95: 'femur', 96: 'tibia'}
+    """
+    path = as_path(path)
+    if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
+        return {}
+    return _table(path.read_text(encoding="utf-8-sig", errors="replace"))
 
 
 def _table(text: str) -> dict[int, str]:
@@ -66,7 +88,7 @@ def _columns(rows: list[list[str]]) -> dict[int, str]:
     head = [cell.strip().lower().replace(" ", "_") for cell in rows[0]]
     number = next((k for k, cell in enumerate(head) if cell in _NUMBERS), None)
     name = next((k for k, cell in enumerate(head) if cell in _NAMES), None)
-    if number is None or name is None:
+    if number is None or name is None or _PLACES.intersection(head):
         return {}
     return {int(row[number]): row[name].strip() for row in rows[1:]
             if len(row) > max(number, name) and row[number].strip().isdecimal()}

@@ -84,6 +84,7 @@ class Session(traitlets.HasTraits):
     history : what "undo" and "redo" would do, in words.
     notice : the last message to the user, such as a trend that was changed along with a kernel; first the notes of the
         volume.
+    first : the document with which it began.
     saved : the document that is safe in a file of its user's, as it was last written or opened; None if none is.
     output : the grid of the result, which is what can be seen of it too (the field of view); None is the volume's own.
         It is part of the document: setting it is an edit that can be undone, and it is saved, restored and written as
@@ -147,6 +148,7 @@ class Session(traitlets.HasTraits):
         self._home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
         super().__init__(**traits)
         first = self._checked(deformation)
+        self.first = first
         self._show(_State(first, len(first.steps) - 1, 0))
         self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in (*volume.notes, laid) if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference

@@ -113,14 +113,13 @@ def _try(close: Callable[[], None]) -> None:
         _LOG.exception("a widget that was not finished could not be closed")
 
 
-def close_all(widget: Any) -> None:
-    """Close a widget and all that it is made of: children, layouts, styles."""
+def close_all(*widgets: Any) -> None:
+    """Close widgets and all that they are made of: children, layouts, styles."""
     parts: dict[int, Any] = {}
-    _collect(widget, parts)
+    for widget in widgets:
+        _collect(widget, parts)
     for part in parts.values():
-        if part is not widget:
-            part.close()
-    ipw.Widget.close(widget)
+        part.close()
 
 
 def _collect(widget: Any, parts: dict[int, Any]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from running_app import RunningApp, connected, edit_of, heard
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_for
 
 from deformnb.app.application import Application
 from deformnb.app.bridge import SETTABLE
@@ -158,6 +158,29 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
     running.settled()  # the reason is told before the points go back
     assert running.session.points == before
     assert running.studio.editor.points == before
+
+
+def test_a_volume_that_is_opened_in_place_reaches_the_pages() -> None:
+    with RunningApp(Application(_bar(), side="+y")) as running:
+        studio = running.studio
+        before = studio.editor.model_id
+        other = Volume.from_array(_bar().values[:, ::2], name="other")
+
+        async def talk() -> tuple[Any, Any]:
+            async with connected(running) as page:
+                await page.call("deformnb.open")
+                running.application.thread.call(lambda: studio.open_volume(other))
+                news = await heard(page, lambda m: studio.model_id == m.get("result", {}).get("widget"))
+                message = {"method": "custom", "content": {"type": "act"}}
+                return news["result"], await page.call("deformnb.comm", before, message, "1", [])
+
+        news, answer = asyncio.run(talk())
+        running.settled()
+        assert studio.editor.model_id in news["opened"]
+        assert before not in news["opened"]
+        assert answer is None  # a page speaks to a widget until it learns that it is closed
+        assert running.application.session.volume is other
+        wait_for(lambda: running.server.trame.state["trame__title"] == "other - deformnb")
 
 
 def test_a_name_that_is_html_stays_text() -> None:

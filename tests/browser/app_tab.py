@@ -123,7 +123,7 @@ class Tab:
 
         eventually(lambda: count() == (points, moved))
         self.page.wait_for_function("""([count, moved]) => {
-          const points = document.querySelector('.dnb-editor').deformnb.points;
+          const points = document.querySelector('.dnb-editor')?.deformnb?.points ?? [];
           return points.length === count && points.filter(({ source, target }) =>
             Math.hypot(source[0] - target[0], source[1] - target[1]) > 1e-6).length === moved; }""",
                                     arg=[points, moved], timeout=PATIENCE)

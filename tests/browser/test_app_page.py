@@ -56,6 +56,7 @@ def tab(browser: Any, fresh: RunningApp) -> Iterator[Tab]:
     opened.close()
 
 
+RAMP = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 16 16\nencoding: raw\n"
 DROP = """([name, text]) => {
   const stage = document.querySelector('.dnb-ed-stage'), dataTransfer = new DataTransfer();
   dataTransfer.items.add(new File([text], name));
@@ -255,7 +256,21 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         assert app.session.points.names[-1] == "nose"
         tab.page.evaluate(DROP, ["scan.zip", "PK"])
         tab.page.get_by_text("scan.zip is no file that can be opened here").wait_for()
+        first = app.session
+        tab.page.evaluate(DROP, ["ramp.nrrd", f"{RAMP}\n{''.join(chr(1 + k % 120) for k in range(16**3))}"])
+        tab.page.get_by_text("Open ramp.nrrd in place of cube.nii?").wait_for()
+        tab.page.locator(".dnb-studio-messages").get_by_role("button", name="Open", exact=True).click()
+        eventually(lambda: app.session is not first)
+        tab.page.wait_for_function("document.title === 'ramp - deformnb'", timeout=PATIENCE)
+        tab.drawn()
+        tab.has(4, 0)
+        tab.page.get_by_role("button", name="History").click()
+        tab.page.get_by_role("button", name="Back to cube.nii").click()
+        tab.drawn()
+        tab.has(6, 1)
+        assert app.session is first
         tab.close()
+        assert tab.errors == []
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (1280, "light"), (390, "light")])

@@ -95,7 +95,7 @@ class StudioHead(SyncedWidget):
         super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume))
         self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)
         self._run = run or (lambda work: work())
-        self._first = _bare(session.deformation)
+        self._first = _bare(session.first)
         self._observer = weakly(self, StudioHead._update, lambda head: head.comm is not None)
         session.observe(self._observer, _WATCHED)
         self.on_msg(self._received)

@@ -65,6 +65,7 @@ class PanelParts:
     labels, label_names : numbered parts of the volume and what they are called.
     target : what the volume shall look like, to be chosen in the panel of fitting.
     preview : shows a step that is on its way and no edit yet; None gives it up.
+    open_volume : opens a volume in place of the session's.
     """
 
     session: Session
@@ -78,8 +79,9 @@ class PanelParts:
     export_html: Callable[..., None]
     labels: Volume | None
     label_names: Mapping[int, str] | None
-    target: Volume | None = None
-    preview: Preview | None = None
+    target: Volume | None
+    preview: Preview
+    open_volume: Callable[[Volume], None]
 
 
 @dataclass(frozen=True)
@@ -151,13 +153,14 @@ def make_panels(s: PanelParts) -> StudioPanels:
         *map(Section, (points, shapes, fit, thompson)),
     ]
     wand = Wand(s.session, s.editors.plane, s.worker, s.guard, shapes.add_regions)
+    compare = ComparePanel(s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target)
     display = DisplayPanel(s.session, s.guard, s.view, s.opacity)
     groups = {
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
         "View": [Section(display, is_open=True),
                  Section(PictureLookPanel(s.session, s.guard, s.editors.plane), is_open=True),
-                 Section(ComparePanel(s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target))],
+                 Section(compare)],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
         "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
     }
@@ -166,7 +169,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
                         VolumePanel(s.session, s.guard, s.view, s.slices),
                         ExamplesPanel(s.session, s.guard, is_start=True),
-                        OpenPanel(s.session, s.guard, points, shapes, fit), [result_box], wand)
+                        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume), [result_box], wand)
 
 
 def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,

@@ -177,6 +177,21 @@ def preview_png(editor: Any, view: Any) -> bytes:
     return as_png(np.asarray(whole))
 
 
+_PARTS = ("session", "view", "_shown", "_words", "_worker", "_edits", "_editors", "_link", "_picture", "_slices",
+          "_opacity", "_panels", "_wand", "_bar")  # attributes that are replaced with the session
+
+
+def _end(parts: Mapping[str, Any]) -> None:
+    """End what runs of the parts of a studio, whatever there is of them by now."""
+    for name in ("_worker", "_link", "_slices", "_editors"):
+        if name in parts:
+            parts[name].close()
+    for panel in parts.get("_panels", ()):
+        panel.close()
+    if "_wand" in parts:
+        parts["_wand"].close()
+
+
 _LATER = 2.0  # seconds of rest after which the times of the view are looked at again
 
 
@@ -221,6 +236,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     >>> studio.close()
     """
 
+    children: Any
     deformation = traitlets.Instance(Deformation)
 
     def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
@@ -231,34 +247,41 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  output: Grid | None = None) -> None:
         given = volume_from(volume)
-        shown = as_labels(labels, given), label_names, as_target(target, given)
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
-        self.session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
-                               source=source_of(volume), **look)
+        session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
+                          source=source_of(volume), **look)
         if isinstance(deformation, (str, PathLike)):
-            self.session.files.remember(deformation)
-        self.deformation = self.session.deformation
-        self._shown = (self.session.deformation, self.session.index, self.session.key)
+            session.files.remember(deformation)
+        self._options = view, height, folder
+        self._begin(session, as_labels(labels, given), label_names, as_target(target, given))
+
+    def _begin(self, session: Session, labels: Volume | None = None, label_names: Mapping[int, str] | None = None,
+               target: Volume | None = None) -> None:
+        """Make the parts of a studio for a session; where that fails the parts before, if any, stay as they were."""
+        before = {name: self.__dict__.pop(name) for name in _PARTS if name in self.__dict__}
+        self.session = session
+        self._shown = (session.deformation, session.index, session.key)
         self._panels: list[Panel] = []
         self._words = StudioStatus()
         self._worker = Worker("deformnb-studio", failed=self._words.failed)
         is_whole = threading.Event()
         self._worker.call(is_whole.wait)  # nothing is done for half a studio
         try:
-            with closed_on_failure(self._end):
-                self._make(view, height, folder, *shown)
+            with closed_on_failure(lambda: _end(vars(self))):
+                self._make(before, labels, label_names, target)
         except BaseException:
-            for part in (self._words.box, self._words.status):
-                close_all(part)
+            close_all(self._words.box, self._words.notice, self._words.status)
+            self.__dict__.update(before)
             raise
         finally:
             is_whole.set()
         self._worker.latest("warm up", self.session.warm_up)
         self._request_status()
 
-    def _make(self, view: str | AbstractView, height: int, folder: str | PathLike[str], labels: Volume | None,
-              label_names: Mapping[int, str] | None, target: Volume | None) -> None:
-        """Make the parts; once all are there, take the place of what the cell has shown before."""
+    def _make(self, before: Mapping[str, Any], labels: Volume | None, label_names: Mapping[int, str] | None,
+              target: Volume | None) -> None:
+        """Make the parts; once all are there, take the place of those before, or of what the cell has shown before."""
+        view, height, folder = self._options
         self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._request_status))
         self.view = make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
@@ -270,18 +293,34 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         panels = self._make_panels(folder, labels, label_names, target)
         self._panels, self._wand = panels.all, panels.wand
         head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
-        close_earlier_of_this_cell(self)
+        rows = arranged(head, self._editors, self.view, panels, self._words, height)
+        if before:
+            self._leave(before)
+            panels.history.lead_back(before["session"], self._weakly(Studio._open_session))
+        else:
+            close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.show)  # finds what that one has left
         panels.history.recovery = self._bar.recovery
-        rows = arranged(head, self._editors, self.view, panels, self._words, height)
         self._words.box.children = (self._picture.ways_on, self._words.notice)
-        super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
-        self.add_class("dnb-studio")
+        if before:
+            shown, self.children = self.children, (self._bar, *rows)
+            close_all(*shown)
+        else:
+            super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
+            self.add_class("dnb-studio")
+        self.deformation = self.session.deformation
         self._listen()
         self._picture.turn()
         self._link.show(self._editors.current)
         self._words.status.value = status_text(self.session)
         self._words.show(self.session.notice)
+
+    def _leave(self, before: Mapping[str, Any]) -> None:
+        """End the parts that are replaced; the edits that are in no file are written by the autosave."""
+        _end(before)
+        before["_bar"].close()
+        if before["view"] is self.view:
+            before["_editors"].beside.children = ()
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
@@ -290,7 +329,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
                                       self._slices, self._opacity, folder, self.export_html, labels, names, target,
-                                      self._link.preview))
+                                      self._link.preview, self._weakly(Studio.open_volume)))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -318,7 +357,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         editor.on_history(self._weakly(Studio._travel))
 
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
-        return weakly(self, method, lambda studio: not studio._worker.is_closed)
+        worker = self._worker  # each session has its own
+        return weakly(self, method, lambda studio: studio._worker is worker and not worker.is_closed)
 
     def _points_changed(self, change: Any) -> None:
         self._edits.points_changed(change["owner"], change["new"])
@@ -435,6 +475,46 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Go on with a saved document; can be undone."""
         self.session.open(path, allow_other_volume=allow_other_volume)
 
+    def open_volume(self, volume: Volume | NDArray[Any] | str | PathLike[str],
+                    deformation: Deformation | str | PathLike[str] | None = None, *,
+                    side: str | Plane | None = None) -> None:
+        """Go on with another volume in this place, with a session, an editor and a view of its own.
+
+        The edits of the volume before are kept: the menu "History" leads back to them, also when the other volume is
+        opened again later.
+
+        Parameters
+        ----------
+        volume, deformation, side : as of the studio.
+
+        Raises
+        ------
+        DeformError
+            If it cannot be opened; everything stays as it was.
+
+        Examples
+        --------
+        >>> from deformnb.datasets import PHANTOMS
+        >>> studio = Studio(PHANTOMS["bar"].make((8, 8, 8)))
+        >>> studio.open_volume(PHANTOMS["fish"].make((8, 8, 16)))
+        >>> studio.volume.name
+        'carp (phantom)'
+        >>> studio.close()
+        """
+        given = volume_from(volume)
+        session = Session(given, as_deformation(deformation), view=side or best_view(given), source=source_of(volume))
+        if isinstance(deformation, (str, PathLike)):
+            session.files.remember(deformation)
+        self._open_session(session)
+
+    def _open_session(self, session: Session) -> None:
+        before = self.session
+        self._words.show(f"Opening {session.volume.name or 'the volume'} \u2026")
+        with parts_of_another():
+            self._begin(session)
+        name = before.volume.name or "the volume before"
+        self.session.notice = f"{session.volume.name or 'The volume'} is open; History leads back to {name}."
+
     def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None, *,
                size: tuple[int, int] | None = None, fps: float = 24.0, overwrite: bool = False) -> Path:
         """Write a file; its suffix chooses what: see :data:`EXPORTS`, and ``.html`` for a page.
@@ -524,19 +604,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if worker is None or worker.is_closed:
             super().close()
             return
-        self._end()
-        close_all(self)
-
-    def _end(self) -> None:
-        """End what runs, whatever there is of it by now."""
-        self._worker.close()
-        for part in ("_link", "_slices", "_editors"):
-            if hasattr(self, part):
-                getattr(self, part).close()
-        for panel in self._panels:
-            panel.close()
-        if hasattr(self, "_wand"):
-            self._wand.close()
+        _end(vars(self))
+        close_all(*self.children, self.layout)
+        super().close()
 
     # -- display -------------------------------------------------------------------------------------------------------
 

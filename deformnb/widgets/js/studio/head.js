@@ -60,14 +60,13 @@ class StudioHead {
     window.addEventListener("change", (event) => this.#chosen(event), { signal });
     /** @type {SidePanel | null} */
     this.side = null;
-    this.arrivals = new MutationObserver(() => this.#addSidePanel());
+    this.arrivals = new MutationObserver(() => this.#arrived());
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
     this.#draw();
     requestAnimationFrame(() => {
-      this.arrange();
       if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
-      this.#addSidePanel();
+      this.#arrived();
       if (this.studio && !signal.aborted) nameControls(this.studio, signal);
     });
   }
@@ -100,11 +99,17 @@ class StudioHead {
     }
   }
 
+  /** More of the studio has come: until its panel and its editor are there. */
+  #arrived() {
+    this.#addSidePanel();
+    this.arrange();
+    if (this.side && this.#editor) this.arrivals.disconnect();
+  }
+
   /** The splitter and the memory of the panel, once it has come. */
   #addSidePanel() {
     const [body, panel] = [".dnb-studio-body", ".dnb-studio-panel"].map((name) => this.studio?.querySelector(name));
     if (this.side || this.closing.signal.aborted || !(body instanceof HTMLElement) || !(panel instanceof HTMLElement)) return;
-    this.arrivals.disconnect();
     this.side = new SidePanel(body, panel);
   }
 
@@ -113,7 +118,8 @@ class StudioHead {
     const panes = this.studio?.querySelector(".dnb-studio-panes");
     if (!(panes instanceof HTMLElement) || !panes.offsetWidth) return;
     for (const name of PANES) this.#addAlone(panes, name);
-    const raster = this.#editor?.model.get("raster");
+    const editor = this.#editor, raster = editor?.model.get("raster");
+    if (!editor) return;
     if (!raster?.shape) { panes.classList.add("dnb-panes-stacked"); return; } // three pictures of space: the whole width
     const [width, height] = [raster.shape[1] * raster.spacing[0], raster.shape[0] * raster.spacing[1]], w = panes.clientWidth, h = panes.clientHeight;
     const beside = Math.min(w / 2 / width, h / height), above = Math.min(w / width, h / 2 / height);
@@ -213,7 +219,7 @@ class StudioHead {
     const { model } = this, { undo = "", redo = "" } = model.get("history") ?? {};
     setText(this.name, model.get("name"));
     setText(this.facts, model.get("facts"));
-    this.opener.title = "Open landmarks, a session, labels or a volume; or drop the file on the studio";
+    this.opener.title = "Open a volume, labels and their names, landmarks, or a session; or drop the file on the studio";
     for (const [button, words, label] of /** @type {const} */ ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]])) {
       button.disabled = !words;
       button.title = words ? `${label}: ${words}` : `Nothing to ${label.toLowerCase()}`;

@@ -30,7 +30,8 @@ from deformnb.widgets.worker import Worker
 
 _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
-_EMPTY = "No key frames yet. Drag points, then press \u201cAdd key frame\u201d; drag on, and add another one."
+_EMPTY = ("No key frames yet. Press \u201cAdd key frame\u201d for the start; drag points, and press it again for the "
+          "next moment.")
 _STYLE = {"description_width": "initial"}
 # The front end reports the time at which it has stopped only after an edit has stopped it: that shall not hide the
 # edit again.
@@ -57,6 +58,7 @@ class AnimationPanel(Panel):
         self._chosen = -1
         self._known = session.deformation
         self._quiet_until = 0.0
+        self._held = -1.0  # moment of the key frame at which the player was put, until it leaves that
         self.items = ItemList(label="Key frames", columns=["Time", "Points", ""], commands=["double", "remove"],
                               switches=False, empty=_EMPTY)
         self.items.on_act(self._act)
@@ -76,8 +78,8 @@ class AnimationPanel(Panel):
             key_frames.move_key, index=self._chosen, time=value)))
         self._update = self._button("Update", "The chosen key frame becomes what the document is now",
                                     "update a key frame", lambda d: key_frames.update_key(d, self._chosen))
-        add = self._button("Add key frame", "The document as it is now; where the player rests between two key frames, "
-                           "or one second after the last", "add a key frame", self._added)
+        add = button("Add key frame", "The document as it is now; where the player rests between two key frames, or "
+                     "one second after the last", lambda: self.guard(self._add))
         self._here = self._button("Edit this moment", "The document becomes what the player shows, to be edited",
                                   "go to a moment", self._at_moment)
         self.box = ipw.VBox([self.items, row(add, self._update, self._time, self._here), self.player,
@@ -90,7 +92,10 @@ class AnimationPanel(Panel):
     def animation(self) -> Animation | None:
         """Animation for the player; None without key frames, and right after an edit, whose result is to be seen."""
         document = self.session.deformation
-        if not document.keyframes or (time.monotonic() < self._quiet_until and not self.player.is_playing):
+        if abs(self.player.time - self._held) > key_frames.APART:
+            self._held = -1.0
+        rests = self._held >= 0 or time.monotonic() < self._quiet_until
+        if not document.keyframes or (rests and not self.player.is_playing):
             return None
         # Of the document only what an animation depends on: its steps of now are no part of it.
         return Animation(replace(document, steps=document.keyframes[0].steps, name="", volume=None, extra={}))
@@ -108,9 +113,16 @@ class AnimationPanel(Panel):
         self._chosen = chosen
         self.refresh()
 
-    def _added(self, deformation: Deformation) -> Deformation:
+    def _add(self) -> None:
+        """Add a key frame, and rest there: what is dragged from now on is for the next one."""
         moment = self.player.time if self._is_between() else None
-        return key_frames.add_key(deformation, moment)
+        self._edit("add a key frame", lambda document: key_frames.add_key(document, moment))
+        self._go(self._chosen)
+        document = self.session.deformation
+        added, following = document.keyframes[self._chosen].time, key_frames.free_time(document)
+        play = " Or play what is there." if len(document.keyframes) > 1 else ""
+        self.session.notice = (f"Key frame {self._chosen + 1} is at {added:.4g} s. Drag on and press \u201cAdd key "
+                               f"frame\u201d again for the next, at {following:.4g} s.{play}")
 
     def _is_between(self) -> bool:
         """True if the player rests between two key frames."""
@@ -147,8 +159,10 @@ class AnimationPanel(Panel):
 
     def _go(self, index: int) -> None:
         self._chosen = index
-        self._rest()
-        self.player.time = self.session.deformation.keyframes[index].time
+        if self.player.is_playing:
+            self._rest()
+        self._held = self.session.deformation.keyframes[index].time
+        self.player.time = self._held
 
     def _rest(self) -> None:
         """The view shows the document, not a moment."""

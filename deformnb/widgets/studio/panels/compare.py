@@ -14,7 +14,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.cell_widgets import close_all, parts_of_another
 from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose, row
-from deformnb.widgets.studio.panels.registration import NO_TARGET, FitTarget
+from deformnb.widgets.studio.panels.registration import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.studio.status import reason_of
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.worker import Worker
@@ -50,6 +50,12 @@ class ComparePanel(Panel):
         self._menu = self.add(chooser, lambda: self._wanted, self._choose)
         session.observe(weakly(self, ComparePanel._follow_colours), "transfer")
         self.box = ipw.VBox([row(self._menu), self._line])
+        self.refresh()
+
+    def take(self, volume: Volume) -> None:
+        """Show a volume beside."""
+        self._chosen.offer(volume)
+        self._choose(GIVEN)
         self.refresh()
 
     def arrange(self) -> None:

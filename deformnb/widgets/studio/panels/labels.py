@@ -14,7 +14,7 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.formats import FORMATS, read_volume, supported
-from deformnb.io.label_names import read_label_names
+from deformnb.io.label_names import LABEL_TABLES, is_label_table, read_label_names, read_label_table
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
@@ -55,11 +55,13 @@ class LabelChooser(Panel):
         super().__init__(session, guard)
         self._take, self._files = take, FolderFiles(folder)
         self._labels: Volume | None = None
+        self._table: Mapping[int, str] = {}  # of names, which came by itself
         self._opened = _NONE
         self.file = self.add(menu("Labels", [_CLOSED], "A label volume of this scan in the folder, such as bones.nii.gz"
                                   " or 3D Slicer's .seg.nrrd"), lambda: self._opened, self._open)
-        self.upload = FileInput(self._take_file, guard, check_volume_name, label="Open label file",
-                                tip="Label volume of this scan from this computer", accept=supported().replace(" ", ""))
+        self.upload = FileInput(self._take_file, guard, _check_name, label="Open label file",
+                                tip="Label volume of this scan from this computer, and a table of its names",
+                                accept=",".join([supported().replace(" ", ""), *LABEL_TABLES]))
         self.list = ipw.SelectMultiple(tooltip="Labels; Ctrl or Shift chooses several",
                                        layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"))
         add = [button(text, tip, self._taker(what)) for text, tip, what in (
@@ -90,13 +92,23 @@ class LabelChooser(Panel):
         if name == _NONE:
             return
         path = self._files.folder / plain_name(name)
-        self.take(path, read_volume(path, is_labels=True))
+        self.take(name, read_volume(path, is_labels=True), read_label_names(path))
 
     def _take_file(self, path: Path, progress: Progress) -> None:
-        self.take(path, read_volume(path, is_labels=True, progress=progress))
+        if is_label_table(path.name):
+            names = read_label_table(path)
+            if not names:
+                raise DeformError(f"{path.name} is no table of label names: it needs columns such as label and name.")
+            self.session.notice = self.take_names(path.name, names)
+            return
+        self.take(path.name, read_volume(path, is_labels=True, progress=progress), read_label_names(path))
 
-    def take(self, path: Path, labels: Volume) -> None:
+    def take(self, name: str, labels: Volume, names: Mapping[int, str]) -> None:
         """Show the labels of a file that has been read.
+
+        Parameters
+        ----------
+        name : of the file; names : what it calls its labels, empty for those of a table that has come before.
 
         Raises
         ------
@@ -105,11 +117,34 @@ class LabelChooser(Panel):
         """
         box, own = labels.grid.corners(), self.session.volume.grid.corners()
         if (box.max(axis=0) < own.min(axis=0)).any() or (box.min(axis=0) > own.max(axis=0)).any():
-            raise DeformError(f"{path.name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
+            raise DeformError(f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
                               "open the labels of this scan.")
-        self._show(labels, read_label_names(path))
-        self._opened = path.name
+        self._show(labels, names or self._table)
+        self._opened = name
         self.refresh()
+
+    def take_names(self, table: str, names: Mapping[int, str]) -> str:
+        """Call the labels as a table does: those that are shown, and those of the next file that names none.
+
+        Parameters
+        ----------
+        table : name of its file; names : what it calls the labels.
+
+        Returns
+        -------
+        What has been done, in words.
+        """
+        self._table = names
+        if self._labels is None:
+            return f"{table} names {len(names)} labels: open the label volume that they belong to."
+        chosen = self.list.value
+        self.list.options = [(names.get(n, words), n) for words, n in self.list.options]
+        self.list.value = chosen
+        return f"{table} names {sum(n in names for n in self._numbers)} of the {len(self._numbers)} labels."
+
+    @property
+    def _numbers(self) -> list[int]:
+        return [number for _, number in self.list.options]
 
     def _show(self, labels: Volume, names: Mapping[int, str]) -> None:
         present = np.unique(labels.values)
@@ -139,10 +174,11 @@ class LabelChooser(Panel):
                 for name, mask in zip(self.list.label, masks, strict=True)]
 
 
-def check_volume_name(name: str) -> None:
-    """DeformError for the name of a file that is no volume file."""
-    if not is_volume_name(name):
-        raise DeformError(f"{name} is no kind of volume file; open {supported()}.")
+def _check_name(name: str) -> None:
+    """DeformError for the name of a file that is no volume file and no table."""
+    if not (is_volume_name(name) or is_label_table(name)):
+        raise DeformError(f"{name} is no kind of volume file; open {supported()}, or a table of label names "
+                          f"({', '.join(LABEL_TABLES)}).")
 
 
 def is_volume_name(name: str) -> bool:

@@ -1,11 +1,13 @@
 """Files that are dropped on the studio or chosen under "Open": the name and the contents choose what becomes of them.
 
 Landmarks become points, a session replaces the one that is open, a label volume shows its labels under "Rigid parts and
-cuts", and any other volume is the target under "Match to another picture".
+cuts", and a table of names becomes those of the labels. Any other volume can take the place of the one that is open,
+stand beside it, or be the target under "Match to another picture": that is asked.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,13 +18,14 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
 from deformnb.io.formats import read_volume, supported
-from deformnb.io.label_names import read_label_names
+from deformnb.io.label_names import LABEL_TABLES, is_label_table, read_label_names, read_label_table
 from deformnb.io.landmarks import is_landmarks, landmark_suffixes
 from deformnb.io.transforms import is_transform
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume, label_note
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.studio.controls import Guard, Panel
+from deformnb.widgets.studio.panels.compare import ComparePanel
 from deformnb.widgets.studio.panels.files import Question
 from deformnb.widgets.studio.panels.labels import is_volume_name
 from deformnb.widgets.studio.panels.points import PointsPanel
@@ -30,7 +33,8 @@ from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
 
 _SESSION = ".json"
-_KINDS = f"landmarks ({landmark_suffixes()}), a session ({_SESSION}), a label volume or another volume ({supported()})"
+_KINDS = (f"a volume or labels ({supported()}), names of labels ({', '.join(LABEL_TABLES)}), landmarks "
+          f"({landmark_suffixes()}) or a session ({_SESSION})")
 
 
 class OpenPanel(Panel):
@@ -38,31 +42,40 @@ class OpenPanel(Panel):
 
     Parameters
     ----------
-    points : takes landmarks; shapes : takes labels; fit : takes targets.
+    points : takes landmarks; shapes : takes labels; fit : takes targets; compare : shows a second volume.
+    open_volume : opens a volume in place of the one that is open.
 
     Attributes
     ----------
-    box : takes what is dropped on the studio; warning : the question whether a session of another volume is opened.
+    box : takes what is dropped on the studio.
+    warning : the question what becomes of a volume, and whether a session of another volume is opened.
     """
 
     title = "Open"
 
-    def __init__(self, session: Session, guard: Guard, points: PointsPanel, shapes: ShapesPanel, fit: FitPanel) -> None:
+    def __init__(self, session: Session, guard: Guard, points: PointsPanel, shapes: ShapesPanel, fit: FitPanel,
+                 compare: ComparePanel, open_volume: Callable[[Volume], None]) -> None:
         super().__init__(session, guard)
-        self._points, self._shapes, self._fit = points, shapes, fit
+        self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
+        self._open_volume = open_volume
         self.question = Question(guard)
         self.warning = self.question.box
         self.box = FileInput(self._take, guard, _check_name, drops=True,
-                             tip="Open landmarks, a session, a label volume or another volume")
+                             tip="Open a volume, labels and their names, landmarks, or a session")
 
     def _take(self, path: Path, progress: Progress) -> None:
         self.question.forget()
-        if is_landmarks(path):
+        if names := read_label_table(path):  # of landmarks there are .csv and .txt files too
+            self.session.notice = self._shapes.labels.take_names(path.name, names)
+            self._shapes.reveal()
+        elif is_landmarks(path):
             self._points.files.take(path)
         elif path.suffix.lower() == _SESSION:
             self._take_session(path)
-        else:
+        elif is_volume_name(path.name):
             self._take_volume(path, progress)
+        else:
+            raise DeformError(f"{path.name} is no table of label names: it needs columns such as label and name.")
 
     def _take_session(self, path: Path) -> None:
         document = read_document(path)[0]
@@ -77,30 +90,46 @@ class OpenPanel(Panel):
         self.session.notice = self.session.notice or f"Opened {name}; undo leads back."
 
     def _take_volume(self, path: Path, progress: Progress) -> None:
-        volume = read_volume(path, progress=progress)
-        if not is_segmentation(path, volume):
-            self._fit.take(volume)
-            self._fit.reveal()
-            self.session.notice = (f'{path.name} is the target under "Match to another picture". To deform it instead, '
-                                   "open it by itself: Studio(...) in a notebook, or deformnb app.")
+        volume, names = read_volume(path, progress=progress), read_label_names(path)
+        if names or is_segmentation(volume):
+            self._take_labels(path.name, volume, names)
             return
-        self._shapes.labels.take(path, replace(volume, is_labels=True))
+        present = self.session.volume.name or "the volume that is open"
+        kept = f" The edits of {present} stay under History." if self.session.history.get("undo") else ""
+        self.question.ask(f"Open {path.name} in place of {present}?{kept}", "Open",
+                          lambda: self._open_volume(volume),
+                          {"Show beside": lambda: self._show_beside(path.name, volume),
+                           "Match to it": lambda: self._take_target(path.name, volume),
+                           "Use as labels": lambda: self._take_labels(path.name, volume, names)})
+
+    def _show_beside(self, name: str, volume: Volume) -> None:
+        self._compare.take(volume)
+        self._compare.reveal()
+        self.session.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'
+
+    def _take_target(self, name: str, volume: Volume) -> None:
+        self._fit.take(volume)
+        self._fit.reveal()
+        self.session.notice = f'{name} is the target under "Match to another picture".'
+
+    def _take_labels(self, name: str, volume: Volume, names: Mapping[int, str]) -> None:
+        self._shapes.labels.take(name, replace(volume, is_labels=True), names)
         self._shapes.reveal()
         count = len(self._shapes.labels.list.options)
-        self.session.notice = (f'{path.name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
+        self.session.notice = (f'{name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
                                'parts and cuts", and make them rigid parts or cuts.')
 
 
-def is_segmentation(path: Path, volume: Volume) -> bool:
-    """Check whether the voxels of a file are labels: as it says, as 3D Slicer names them, or as they look."""
-    if volume.is_labels or read_label_names(path) or label_note(volume.values):
+def is_segmentation(volume: Volume) -> bool:
+    """Check whether the voxels of a volume are labels: as its file says, or as they look."""
+    if volume.is_labels or label_note(volume.values):
         return True
     return volume.dtype.kind in "biu" and len(np.unique(volume.values[:: max(1, volume.shape[0] // 8)])) <= 2
 
 
 def _check_name(name: str) -> None:
-    """DeformError for the name of a file of another kind; text files (.txt) are read as landmarks."""
-    if not (is_landmarks(name) or name.lower().endswith(_SESSION) or is_volume_name(name)):
+    """DeformError for the name of a file of another kind; text files (.txt) are read as landmarks or label names."""
+    if not (is_landmarks(name) or is_label_table(name) or name.lower().endswith(_SESSION) or is_volume_name(name)):
         if is_transform(name):
             raise DeformError(f"{name} is a transform, and no session: deformnb warp {name} VOLUME RESULT applies it.")
         raise DeformError(f"{name} is no file that can be opened here; drop or choose {_KINDS}.")

@@ -74,10 +74,9 @@ class FitTarget:
         self.key, self.note = NO_TARGET, ""
         self.volume: Volume | None = None
 
-    def give(self, volume: Volume) -> None:
-        """Take a volume as the one that can be chosen first, and choose it."""
+    def offer(self, volume: Volume) -> None:
+        """Take a volume as the one that can be chosen first."""
         self._given = volume
-        self.choose(GIVEN)
 
     def choices(self) -> list[tuple[str, str]]:
         """(words, key) of all that can be chosen."""
@@ -317,7 +316,8 @@ class FitPanel(Panel):
         """Make a volume the target that is chosen."""
         if self._is_busy:
             raise DeformError("a fit is under way; stop it first.")
-        self.target.give(volume)
+        self.target.offer(volume)
+        self.target.choose(GIVEN)
         self.message.value = _words(self.target.note or _HINT)
         self.refresh()
         self.choice.value = GIVEN

@@ -127,6 +127,13 @@ class HistoryPanel(Panel):
         session.observe(self._observer, "history")
         self.refresh()
 
+    def lead_back(self, former: Session, open_session: Callable[[Session], None]) -> None:
+        """Offer to open the session of another volume again, as it was left."""
+        name = former.volume.name or "the volume before"
+        back = button(f"Back to {name}", f"Open {name} again, with its edits and their history",
+                      lambda: self.guard(lambda: open_session(former)))
+        self.box.children = (back, *self.box.children)
+
     def _history_changed(self, _change: Any) -> None:
         self.refresh()
 

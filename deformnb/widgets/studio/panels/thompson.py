@@ -25,7 +25,7 @@ from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, row, slider
-from deformnb.widgets.studio.editors import make_editor, show_step
+from deformnb.widgets.studio.editors import make_editor, show_step, show_view_state
 from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.files import plain_name
 from deformnb.widgets.worker import Worker
@@ -34,6 +34,7 @@ _OVERLAYS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, 
              ("principal strains", "strain"), ("uncertainty", "uncertainty")]
 _IN_SPACE = "Points in space deform no picture, so there is no grid to show: choose a step on a picture."
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
+_WATCHED = ["deformation", "index", "key", "history", "method", "depth", "transfer", "window", "colour_map"]
 _CELLS = 12  # of a printed grid, where the picture shows none
 _LOOK = ('<div style="line-height: 1.35">The left grid lies on the original. <b>Drag the nodes of the right grid</b>: '
          "each becomes a control point; Delete removes that point.</div>")
@@ -202,16 +203,18 @@ class ThompsonPanel(Panel):
         """End the thread, and the editor of a panel that stands alone."""
         self._thread.close()
         if self.is_alone:
-            self.session.unobserve(self._session_changed, ["deformation", "index", "key", "history"])
+            self.session.unobserve(self._session_changed, _WATCHED)
             self.editor.close()
 
     # -- alone ---------------------------------------------------------------------------------------------------------
 
     def _listen(self) -> None:
+        self._drawn = self.session.automatic_picture()
         self.editor.observe(self._points_changed, "points")
         self.editor.observe(self._shapes_changed, ["cuts", "parts"])
         self.editor.on_history(lambda way: getattr(self.session, way)())
-        self.session.observe(self._session_changed, ["deformation", "index", "key", "history"])
+        self.editor.observe(self._window_chosen, "window")
+        self.session.observe(self._session_changed, _WATCHED)
 
     def _points_changed(self, change: Any) -> None:
         if change["new"] != self.session.points:
@@ -226,6 +229,9 @@ class ThompsonPanel(Panel):
             self._taken(lambda: self.session.edit_cuts(change["new"]) if what == "cuts"
                         else self.session.edit_parts(change["new"], points=points))
 
+    def _window_chosen(self, change: Any) -> None:
+        self.guard(lambda: self.session.set_trait("window", tuple(change["new"]) or None))
+
     def _taken(self, edit: Callable[[], None]) -> None:
         """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""
         if not self.guard(edit):
@@ -236,9 +242,10 @@ class ThompsonPanel(Panel):
             self.editor.history = dict(change["new"])
             return
         if self.session.step.plane is not None:
-            picture = self.session.picture()
-            if self.editor.picture is not picture:
-                self.editor.picture = picture
+            picture = self.session.automatic_picture()
+            if self._drawn is not picture:  # the editor's own is in the window of the session
+                self.editor.picture = self._drawn = picture
+            show_view_state(self.editor, self.session)
             show_step(self.editor, self.session)
         self.refresh()
 

@@ -93,6 +93,9 @@ def test_key_frames_are_added_chosen_updated_moved_and_removed(bench: Bench) -> 
     assert bench.titles == ["0 s", "1 s"]
     assert [row["facts"][1] for row in bench.panel.items.rows] == ["", "as it is now"]
     assert (bench.panel.items.chosen, bench.panel.player.duration, bench.panel.player.marks) == (1, 1.0, [0.0, 1.0])
+    assert bench.panel.player.time == 1.0
+    assert "Key frame 2 is at 1 s" in bench.session.notice
+    assert "the next, at 2 s" in bench.session.notice
 
     bench.act("choose", 0)
     assert bench.session.points.target[3].tolist() == [28.0, 7.5]

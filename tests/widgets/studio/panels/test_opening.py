@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import weakref
 from pathlib import Path
+from typing import Any
 
+import ipywidgets as ipw
 import numpy as np
+import pytest
 from uploads import uploaded
 
 from deformnb.datasets import PHANTOMS
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
 from deformnb.io.formats import write_volume
 from deformnb.io.landmarks import write_landmarks
 from deformnb.volume.volume import Volume
@@ -15,13 +21,20 @@ from deformnb.warping.points import Landmarks
 from deformnb.widgets.studio.panels.labels import LabelChooser
 from deformnb.widgets.studio.panels.opening import OpenPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
+from deformnb.widgets.studio.panels.steps import HistoryPanel
 from deformnb.widgets.studio.studio import Studio
+
+
+def answer(opening: OpenPanel, words: str) -> None:
+    """Press the button of an answer to the question that is asked."""
+    assert opening.question.box.layout.display == ""
+    next(button for button in opening.question.box.children[1:] if button.description == words).click()
 
 
 def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     volume = PHANTOMS["bar"].make((12, 16, 20))
     studio = Studio(volume, folder=tmp_path)
-    opening, fit = (next(p for p in studio._panels if isinstance(p, kind)) for kind in (OpenPanel, FitPanel))
+    opening, fit = panel_of(studio, OpenPanel), panel_of(studio, FitPanel)
     labels: LabelChooser = opening._shapes.labels
 
     def drop(path: Path) -> str:
@@ -43,10 +56,23 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     assert "bones.nrrd has 2 labels" in drop(tmp_path / "bones.nrrd")
     assert [name for name, _ in labels.list.options] == ["label 1", "label 2"]
 
+    (tmp_path / "names.csv").write_text("label,name\n2,tibia\n9,rib\n")
+    assert "names.csv names 1 of the 2 labels" in drop(tmp_path / "names.csv")
+    assert [name for name, _ in labels.list.options] == ["label 1", "tibia"]
+
     grey = np.random.default_rng(1).integers(0, 999, volume.shape).astype(np.int16)
     write_volume(Volume(grey, volume.grid), tmp_path / "other.nrrd")
-    assert "other.nrrd is the target" in drop(tmp_path / "other.nrrd")
+    drop(tmp_path / "other.nrrd")
+    answer(opening, "Match to it")
+    assert "other.nrrd is the target" in studio._words.notice.value
     np.testing.assert_array_equal(fit.target.volume.values, grey)
+    drop(tmp_path / "other.nrrd")
+    answer(opening, "Show beside")
+    studio.wait()
+    np.testing.assert_array_equal(opening._compare._chosen.volume.values, grey)
+    drop(tmp_path / "other.nrrd")
+    answer(opening, "Use as labels")
+    assert "is no label volume" in studio._words.notice.value
 
     studio.save(tmp_path / "kept.json")
     before = studio.deformation
@@ -56,7 +82,8 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
 
     before = studio.deformation
     for name, words in (("notes.odt", "notes.odt is no file that can be opened here"),
-                        ("notes.txt", "notes.txt: it is neither"), ("affine.tfm", "affine.tfm is a transform")):
+                        ("notes.txt", "notes.txt: it is neither"), ("names.tsv", "names.tsv is no table of label"),
+                        ("affine.tfm", "affine.tfm is a transform")):
         (tmp_path / name).write_text("hello")
         assert words in drop(tmp_path / name)
     (tmp_path / "cut.nrrd").write_bytes((tmp_path / "other.nrrd").read_bytes()[:500])
@@ -71,3 +98,65 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     opening.question.agree.click()
     assert "else.json" in studio.session.history["undo"]
     studio.close()
+
+
+def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Path) -> None:
+    studio = Studio(PHANTOMS["bar"].make((12, 16, 20)), folder=tmp_path)
+    first, opening = studio.session, panel_of(studio, OpenPanel)
+    shown = weakref.ref(studio.view)
+    studio.editor.points = studio.editor.points.add([9.0, 7.0], [9.0, 9.0])
+    other = PHANTOMS["fish"].make((8, 10, 24))
+    write_volume(other, tmp_path / "fish.nrrd")
+    seen: list[Deformation] = []
+    studio.observe(lambda change: seen.append(change["new"]), "deformation")
+    uploaded(opening.box, "fish.nrrd", (tmp_path / "fish.nrrd").read_bytes())
+    assert studio.session is first
+    assert "edits of bar" in opening.question.text.value
+    answer(opening, "Open")
+    assert studio.session is not first
+    np.testing.assert_array_equal(studio.volume.values, other.values)
+    assert seen == [studio.deformation]
+    assert "History leads back to bar" in studio._words.notice.value
+    assert shown() is not studio.view
+    assert opening.box.comm is None  # the parts before are closed
+    first.change(trend="none")  # and whoever still holds their session changes nothing here
+    assert studio.editor.settings.trend != "none"
+    studio.editor.points = studio.editor.points.add([9.0, 5.0], [9.0, 6.0])
+    assert studio.session.history["undo"] == "add point 4"
+
+    back = panel_of(studio, HistoryPanel).box.children[0]
+    assert back.description == "Back to bar (phantom)"
+    back.click()
+    assert studio.session is first
+    assert studio.session.history["undo"] == "change trend"
+    assert len(studio.editor.points) == 5
+    assert seen[-1] is first.deformation
+    studio.undo()
+    assert studio.editor.settings.trend != "none"
+    studio.close()
+
+
+def test_a_volume_that_cannot_be_opened_leaves_everything_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    studio = Studio(PHANTOMS["bar"].make((8, 8, 12)))
+    studio.wait()
+    kept = {name: getattr(studio, name) for name in ("session", "view", "editor", "children")}
+    widgets = set(ipw.widgets.widget._instances)
+    with pytest.raises(DeformError, match="no side"):
+        studio.open_volume(PHANTOMS["bar"].make((8, 8, 8)), side="no side")
+    monkeypatch.setattr("deformnb.widgets.studio.studio.arranged", failing)
+    with pytest.raises(DeformError, match="no room"):
+        studio.open_volume(PHANTOMS["bar"].make((8, 8, 8)))
+    assert kept == {name: getattr(studio, name) for name in kept}
+    assert set(ipw.widgets.widget._instances) <= widgets
+    studio.editor.points = studio.editor.points.add([4.0, 4.0], [4.0, 5.0])
+    assert studio.session.history["undo"] == "add point 4"
+    studio.close()
+
+
+def failing(*_given: Any) -> Any:
+    raise DeformError("no room.")
+
+
+def panel_of(studio: Studio, kind: type[Any]) -> Any:
+    """The panel of a kind."""
+    return next(panel for panel in studio._panels if isinstance(panel, kind))

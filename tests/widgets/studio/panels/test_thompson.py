@@ -51,6 +51,17 @@ def test_alone_a_drag_of_a_node_is_one_edit_of_the_session_and_can_be_undone(pan
     assert panel.editor.points == before
 
 
+def test_alone_it_shows_the_window_the_colour_map_and_the_projection_of_the_session(panel: ThompsonPanel) -> None:
+    panel.session.window, panel.session.colour_map = (20.0, 90.0), "viridis"
+    assert panel.editor.window == [20.0, 90.0]
+    assert panel.editor.colour_map == "viridis"
+    panel.session.method = "slice"
+    np.testing.assert_array_equal(panel.editor.picture.values, panel.session.automatic_picture().values)
+    assert (panel.editor.picture.window, panel.editor.slices["count"]) == ((20.0, 90.0), 20)
+    panel.editor.window = []  # as a double click on the bar of grey values does
+    assert panel.session.window is None
+
+
 def test_what_others_do_to_the_session_is_shown(panel: ThompsonPanel) -> None:
     panel.session.edit_points(panel.session.points.add([12.0, 8.0], [14.0, 8.0]))
     panel.session.edit_cuts([Cut(Line([(12, 20), (12, -5)]))])
