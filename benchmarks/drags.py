@@ -32,30 +32,41 @@ target = unit.target[np.abs(unit.target - 0.66).max(axis=1) > 0.09]
 source = target + 0.4 * (unit.source - unit.target)[:len(target)]
 points = dn.ControlPoints.from_arrays(corner + size * source, corner + size * target)
 editor = Editor(picture, points, height=450, {extra})
+follows = view.follow, editor, dn.Deformation((editor.step(),)).field(volume.grid)
+"""
+
+# Three slices through the middle of the volume, and a point there to be dragged.
+_SPACE = """
+middle = (np.array([nx, ny, nz]) - 1) / 2
+points = problem.control_points({count}, 3, nx).add(middle - 12, middle)
+editor = SpaceEditor(volume, points, height=450)
+follows = view.edit_points, editor
 """
 
 CASES: dict[str, tuple[tuple[int, int, int], int, str]] = {
     "16 points": ((256, 256, 256), 16, ""), "64 points": ((256, 256, 256), 64, ""),
     "200 points": ((256, 256, 256), 200, ""), "200 points, cut": ((256, 256, 256), 200, _CUT),
-    "200 points, part": ((256, 256, 256), 200, _PART), "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
+    "200 points, part": ((256, 256, 256), 200, _PART), "16 points, space": ((256, 256, 256), 15, _SPACE),
+    "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
 }
-"""Columns, rows and slices of the volume, number of points, and what else the editor is given."""
+"""Columns, rows and slices of the volume, number of points, and what else the editor is given: or another editor."""
 
 _CELL = f"""
 import sys
 sys.path.insert(0, {{checkout!r}})
 import numpy as np
 import deformnb as dn
-from deformnb.widgets import Editor, LiveView
+from deformnb.widgets import Editor, LiveView, SpaceEditor
 from ipywidgets import HBox
 from benchmarks import problem
 assert dn.__file__.startswith({{checkout!r}}), dn.__file__
 nx, ny, nz = {{size}}
 values = problem.volume(nx, "uint8").values[:nz]
 volume = dn.Volume(np.ascontiguousarray(values), dn.Grid((nz, ny, nx)))
-{{editor}}
 view = LiveView(volume, width={WIDTH}, height={HEIGHT})
-view.follow(editor, dn.Deformation((editor.step(),)).field(volume.grid))
+{{editor}}
+follow, *given = follows
+follow(*given)
 times = []
 """
 
@@ -71,7 +82,7 @@ _WATCHED = """() => { const { observer, tasks } = window.deformnbTasks; observer
 def cells(case: str, checkout: Path) -> list[str]:
     """The notebook of a case, with the package of a checkout."""
     size, count, extra = CASES[case]
-    editor = _EDITOR.format(count=count, extra=extra)
+    editor = (_SPACE if extra == _SPACE else _EDITOR).format(count=count, extra=extra)
     return [_CELL.format(checkout=str(checkout), size=size, editor=editor), "HBox([editor, view])"]
 
 

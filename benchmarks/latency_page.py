@@ -25,12 +25,13 @@ _VIEW_BOX = """() => {
   return found && found.width > 0 ? { x: found.x, y: found.y, width: found.width, height: found.height } : null;
 }"""
 
-# The point nearest the middle of the picture, where a drag moves what is seen.
+# The point nearest the middle of the picture, where a drag moves what is seen; in slices those far from them are marks.
 _POINT = """() => {
   const at = (e) => { const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; };
   const middle = at(document.querySelector(".dnb-editor .dnb-ed-canvas"));
   const far = (e) => { const [x, y] = at(e); return Math.hypot(x - middle[0], y - middle[1]); };
-  const disc = [...document.querySelectorAll(".dnb-editor .dnb-ed-disc")].sort((a, b) => far(a) - far(b))[0];
+  const disc = [...document.querySelector(".dnb-editor .dnb-ed-svg")
+    .querySelectorAll("[data-id]:not(.dnb-sp-far) .dnb-ed-disc")].sort((a, b) => far(a) - far(b))[0];
   return disc.closest("[data-id]").dataset.id;
 }"""
 

@@ -8,6 +8,7 @@ now. Python sends its offer and the time of the last autosave. The front end req
 from __future__ import annotations
 
 import logging
+import threading
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -56,6 +57,7 @@ class RestoreBar(SyncedWidget):
     def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], show: Callable[[str], None],
                  **options: Any) -> None:
         self._recovery: Recovery | None = None
+        self._showing = threading.RLock()  # the thread that writes shows news as well as that of an edit
         super().__init__()
         self._guard = guard
         self.on_msg(self._received)
@@ -72,7 +74,7 @@ class RestoreBar(SyncedWidget):
         """Show what is offered now."""
         if self._recovery is None or self.comm is None:
             return
-        with self.hold_sync():
+        with self._showing, self.hold_sync():
             if self.offer != self._recovery.offer:
                 self.version += 1
                 self.offer = self._recovery.offer

@@ -21,6 +21,10 @@ const TEXT = "input:not([type=range], [type=checkbox], [readonly]), textarea, [c
  * @property {(event: KeyboardEvent) => void} keyed
  */
 
+let isLeaving = false; // whether the page is being closed or loaded again, which ends what waits for Python
+window.addEventListener("pagehide", () => { isLeaving = true; });
+window.addEventListener("pageshow", () => { isLeaving = false; });
+
 /** @type {Component<Studio>} */
 const AppStudio = {
   props: {},
@@ -40,6 +44,7 @@ const AppStudio = {
         this.shown = view.luminoWidget;
         Widget.attach(view.luminoWidget, place);
       } catch (error) {
+        if (this.manager !== manager || isLeaving) return; // the page or its connection has gone meanwhile
         console.error(error);
         place.textContent = `The studio could not be shown: ${/** @type {Error} */ (error).message}`;
       }

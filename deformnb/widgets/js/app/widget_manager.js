@@ -93,6 +93,9 @@ export class WidgetManager extends ManagerBase {
     this.session = session;
     /** @type {Map<string, SocketComm>} */
     this.comms = new Map();
+    this.isClosed = false;
+    /** @type {Promise<void>} the states of all widgets are there; messages may come before them */
+    this.opened = new Promise((resolve) => { this.haveOpened = resolve; });
     this.subscription = session.subscribe(TOPIC, (/** @type {CommMessage[]} */ [message]) => this.receive(message));
   }
 
@@ -100,11 +103,14 @@ export class WidgetManager extends ManagerBase {
   async open() {
     const { studio, widgets } = await this.session.call("deformnb.open", []);
     this.#add(widgets);
+    this.haveOpened?.();
     return this.create_view(await this.get_model(studio));
   }
 
   /** @param {CommMessage} message */
   async receive({ widget, data, buffers, parent, opened = {} }) {
+    await this.opened;
+    if (this.isClosed) return;
     this.#add(opened);
     await this.get_model(widget); // it listens from then on
     this.comms.get(widget)?.receive({ content: { data: withViews(data) }, buffers: buffers.map(withViews),
@@ -139,6 +145,7 @@ export class WidgetManager extends ManagerBase {
   async _get_comm_info() { return {}; }
 
   async close() {
+    this.isClosed = true;
     await this.session.unsubscribe(this.subscription)?.catch?.(() => {});
     await this.clear_state();
   }
