@@ -212,16 +212,23 @@ def read_part(r: Reader) -> RigidPart:
     weight, name, enabled = r.text("weight", "saturated"), r.text("name", ""), r.flag("enabled", True)
     pivot = None if r.data.get("pivot") is None else r.numbers("pivot")
     if r.data.get("motion") is not None:
-        m = r.part("motion")
-        shift = m.numbers("shift")
-        rows = [Reader({"row": v}, f"{m.where}.matrix[{k}]").numbers("row", len(shift))
-                for k, v in enumerate(m.value("matrix", (list, tuple), ...))]
+        motion = motion_from_data(r.data["motion"], f"{r.where}.motion")
     try:
-        if r.data.get("motion") is not None:
-            motion = RigidMotion(tuple(rows), shift)
         return RigidPart(region, motion, weight, reach, name, enabled, pivot)
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
+
+
+def motion_from_data(data: Any, where: str = "motion") -> RigidMotion:
+    """The rigid motion of JSON data; DeformError naming the place if it is none."""
+    r = Reader(data, where)
+    shift = r.numbers("shift")
+    rows = [Reader({"row": v}, f"{where}.matrix[{k}]").numbers("row", len(shift))
+            for k, v in enumerate(r.value("matrix", (list, tuple), ...))]
+    try:
+        return RigidMotion(tuple(rows), shift)
+    except DeformError as error:
+        raise DeformError(f"{error} (in {where})") from None
 
 
 FORMAT = "deformnb-deformation"

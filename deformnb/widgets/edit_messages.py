@@ -13,19 +13,19 @@ import logging
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import prod
 from typing import Any
 
 import numpy as np
 import traitlets
 
-from deformnb.document.json_format import cut_from_data, cut_to_data, part_from_data, part_to_data
+from deformnb.document.json_format import cut_from_data, cut_to_data, motion_from_data, part_from_data, part_to_data
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.cuts import MOST_CUTS, Cut
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.widgets.messages import PointData
 
 LONGEST_MESSAGE = 65536
@@ -127,6 +127,7 @@ class EditMessage(Message):
     points : all points after the edit.
     drawn : what the front end has measured in a drag that ends with it: ``hz`` (pictures a second) and ``ms`` (from a
         movement to its picture); else empty.
+    part : the rigid part that is being dragged, as its place among the parts and its motion; None for none.
     """
 
     phase: str
@@ -134,6 +135,14 @@ class EditMessage(Message):
     joins: bool
     points: ControlPoints
     drawn: dict[str, float] = field(default_factory=dict)
+    part: tuple[int, RigidMotion | None] | None = None
+
+    def with_part(self, parts: tuple[RigidPart, ...]) -> tuple[RigidPart, ...]:
+        """The rigid parts, that which is being dragged with its motion of now."""
+        if self.part is None or self.part[0] >= len(parts):
+            return parts
+        index, motion = self.part
+        return (*parts[:index], replace(parts[index], motion=motion), *parts[index + 1 :])
 
 
 @dataclass(frozen=True)
@@ -201,7 +210,19 @@ def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int
     if not _is_id(least):
         raise DeformError("the next id of an edit must be a whole number from 0.")
     points = points_from_json(content.get("points"), max(least, next_id), dim)
-    return EditMessage(sender, seq, phase, kind, joins, points, _drawn(content.get("drawn")))
+    return EditMessage(sender, seq, phase, kind, joins, points, _drawn(content.get("drawn")),
+                       _moved_part(content.get("part")))
+
+
+def _moved_part(told: Any) -> tuple[int, RigidMotion | None] | None:
+    if told is None:
+        return None
+    if not isinstance(told, dict) or not _is_id(told.get("index")):
+        raise DeformError("a part that is dragged needs its place among the parts.")
+    motion = None if told.get("motion") is None else motion_from_data(told["motion"])
+    if motion is not None and len(motion.shift) != 2:
+        raise DeformError("a part on a picture moves in the picture.")
+    return told["index"], motion
 
 
 def _drawn(said: Any) -> dict[str, float]:

@@ -69,6 +69,8 @@ class PointsEdit(TypedDict):
     joins: Annotated[NotRequired[bool], "whether it goes on with the edit before it"]
     next_id: Annotated[NotRequired[int], "least id that was never given"]
     points: Annotated[list[PointData], "all points"]
+    part: Annotated[NotRequired[dict[str, Any]],
+                    "index and motion (matrix and shift, or null at rest) of a rigid part that is being dragged"]
     drawn: Annotated[NotRequired[dict[str, float]],
                      "hz, pictures per second of the drag, and ms, milliseconds to a picture"]
 

@@ -14,6 +14,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart, without_conflicts
 from deformnb.volume.plane import Picture, Raster
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
 
 pytestmark = pytest.mark.needs_browser
@@ -76,15 +77,28 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     page.answered()
     assert page.editor.chosen_shape == {"what": "parts", "index": 0}
     x, y = page.on_screen(INSIDE)
+    moves: list[EditMessage] = []
+    page.editor.on_edit(moves.append, details=True)
+    page.wait(f"{PAGE}.model.get('live')")
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 40, y - 25, steps=4)
     page.wait(f"{PAGE}.layered.fit.rigid[0].back.isStill === false")
     assert page.page.locator(".dnb-ed-hint").inner_text() == f"moved {40 / k:.1f}, {-25 / k:.1f}"
-    assert page.editor.parts == (BONE,)  # Python hears of it at the end
+    assert page.editor.parts == (BONE,)  # on its way it is no edit
+    page.answered()
+    (on_the_way,) = moves[-1].with_part(page.editor.parts)
+    page.page.keyboard.press("Escape")
+    page.answered()
+    assert moves[-1].with_part(page.editor.parts) == (BONE,)  # and one that is given up ends where it began
+    page.page.mouse.up()
+    page.page.mouse.move(x, y)
+    page.page.mouse.down()
+    page.page.mouse.move(x + 40, y - 25, steps=4)
     page.page.mouse.up()
     page.answered()
     (part,) = page.editor.parts
+    assert_motion(on_the_way, part.motion)
     assert part.region == BONE.region
     assert_motion(part, RigidMotion.turn(0, MIDDLE, (40 / k, -25 / k)))
     assert_as_the_core(page, picture, 100_000)

@@ -61,7 +61,8 @@ def test_editors_read_what_the_type_says(kind: MessageKind) -> None:
     point = {"id": 0, "name": "", "source": [1.0, 2.0], "target": [2.0, 2.0], "active": True, "weight": 1.0,
              "locked": False, "radius": None}
     values = {"sender": "a", "seq": 3, "phase": "end", "kind": "add", "joins": False, "next_id": 1, "points": [point],
-              "drawn": {"hz": 60.0}, "what": "cuts", "shapes": [], "index": 0, "shape": {}, "way": "undo"}
+              "drawn": {"hz": 60.0}, "what": "cuts", "shapes": [], "index": 0, "shape": {}, "way": "undo",
+              "part": {"index": 0, "motion": None}}
     names = [name for name, _, _ in kind.fields()]
     full = {"type": kind.name, **{name.rstrip("?"): values[name.rstrip("?")] for name in names}}
     read = {"shapes": shapes_from_page, "choose": choice_from_page}.get(kind.name, lambda it: message_from_page(it, 0))

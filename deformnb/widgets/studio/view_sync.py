@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from deformnb.document.deformation import Deformation, Step
@@ -16,6 +17,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.textures import MOST_MAPS, count_maps
 from deformnb.widgets.worker import Worker
 
@@ -105,11 +107,19 @@ class StudioLink:
             self._observed.on_edit(self._moved, remove=True)
         self._observed = editor
         if editor is not None:
-            editor.on_edit(self._moved)
+            editor.on_edit(self._moved, details=True)
 
-    def _moved(self, points: ControlPoints, phase: str) -> None:
-        if phase == "move":
-            self._latest(lambda: self.field_of(points))
+    def _moved(self, edit: EditMessage) -> None:
+        if edit.phase == "move":
+            self._latest(lambda: self._field_on_the_way(edit))
+
+    def _field_on_the_way(self, edit: EditMessage) -> AbstractField:
+        """The displacement of the whole document while points or a rigid part of the edited step are dragged."""
+        session, parts = self._session, edit.with_part(self._session.step.parts)
+        if parts is session.step.parts:
+            return self.field_of(edit.points)
+        step = replace(session.step, parts=parts).with_points(edit.points, min(session.key, len(session.step.maps) - 1))
+        return session.deformation.with_step(session.index, step).field(session.volume.grid)
 
     def _latest(self, make: Callable[[], AbstractField]) -> None:
         if not self._worker.is_closed:

@@ -27,6 +27,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
 
 if TYPE_CHECKING:
@@ -317,7 +318,7 @@ class Following:
         self._editor, self._refit = editor, refit
         self._put = weakref.WeakMethod(put)
         self._moving: tuple[ControlPoints, PlanarFit] | None = None
-        editor.on_edit(self._apply)
+        editor.on_edit(self._moved, details=True)
         editor.observe(self._changed, _OBSERVED)
 
     def goes_on(self, editor: Any, index: int) -> bool:
@@ -334,16 +335,20 @@ class Following:
 
     def close(self) -> None:
         """Stop observing the editor."""
-        self._editor.on_edit(self._apply, remove=True)
+        self._editor.on_edit(self._moved, remove=True)
         self._editor.unobserve(self._changed, _OBSERVED)
 
-    def _apply(self, points: ControlPoints, phase: str) -> None:
+    def _moved(self, edit: EditMessage) -> None:
+        how = self._editor.fitting()
+        parts = edit.with_part(how.parts)
+        self._apply(edit.points, how if parts is how.parts else replace(how, parts=parts), edit.phase)
+
+    def _apply(self, points: ControlPoints, how: PlanarFit, phase: str) -> None:
         put = self._put()
         if put is None:
             return
-        how = self._editor.fitting()
         self._moving = (points, how) if phase == "move" else None
         put(partial(self._refit, points, how))
 
     def _changed(self, change: Any) -> None:
-        self._apply(self._editor.points, "end")
+        self._apply(self._editor.points, self._editor.fitting(), "end")

@@ -7,6 +7,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
+from front_end import deliver
 
 from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
@@ -14,10 +15,12 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import Polygon
+from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
-from deformnb.widgets.edit_messages import EditMessage
+from deformnb.widgets.edit_messages import EditMessage, points_to_json
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.view.base import AbstractView, ViewMeta
@@ -85,6 +88,24 @@ def test_a_view_of_ones_own_follows_an_editor() -> None:
     view.follow(None, extrusion(1.0))
     assert not editor.live
     assert view.gone(middle) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_view_of_ones_own_follows_a_rigid_part_on_its_way() -> None:
+    part = RigidPart(Polygon([(3, 3), (7, 3), (7, 6), (3, 6)]))
+    view, editor = Mine(), Editor(None, points(), parts=[part])
+    inside = PLANE.from_plane([5.0, 4.5])
+    view.follow(editor, extrusion(0.0))
+    motion = {"matrix": [[1, 0], [0, 1]], "shift": [1.5, 0]}
+    edit = {"type": "edit", "sender": "a", "phase": "move", "kind": "move", "joins": False,
+            "points": points_to_json(points())}
+    deliver(editor, {**edit, "seq": 1, "part": {"index": 0, "motion": motion}})
+    assert view.gone(inside) == pytest.approx(1.5, abs=1e-4)
+    assert editor.parts == (part,)
+    for k, wrong in enumerate(({"index": -1}, {"index": 0, "motion": {"shift": [0, 0, 0]}}, [0], {"motion": None})):
+        deliver(editor, {**edit, "seq": 2 + k, "part": wrong})
+    assert view.gone(inside) == pytest.approx(1.5, abs=1e-4)
+    deliver(editor, {**edit, "seq": 9})  # as at the end of a drag that is given up
+    assert view.gone(inside) == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_view_of_ones_own_follows_in_the_box_that_was_named_last() -> None:

@@ -34,6 +34,8 @@ export class PartTools {
     this.handles = new MotionHandles(editor.svg, editor.shapeTools.handles.grips);
     /** @type {PartDrag | null} */
     this.drag0 = null;
+    this.isLive = false; // whether the part has moved since Python was told
+    this.isSent = false; // whether Python has been told anything of this drag
   }
 
   /** The part that is chosen and switched on, and its place in the list. */
@@ -93,6 +95,7 @@ export class PartTools {
     if (editor.isLocked || !own) return;
     this.drag0 = { ...own, handle, points, shapes, wasFine: !editor.error, start: editor.placeAt(from),
       now: { points, shapes, held: [] } };
+    this.isSent = false;
     editor.foldStop.begin();
   }
 
@@ -114,7 +117,19 @@ export class PartTools {
     Object.assign(editor, { points: drag0.now.points, shapes: drag0.now.shapes });
     const shown = drag0.now.shapes.parts[index];
     editor.hint(this.#words(shown, handle, drag0.now.held.length));
+    this.isLive = true;
     editor.changed(true);
+  }
+
+  /** Send the part on its way, if Python follows the drag. */
+  sendMove() {
+    const { editor, drag0 } = this;
+    if (drag0 && this.isLive && editor.model.get("live")) {
+      const { index, now: { points, shapes } } = drag0;
+      editor.sender.move(points, { index, motion: shapes.parts[index].motion });
+      this.isSent = true;
+    }
+    this.isLive = false;
   }
 
   /**
@@ -142,6 +157,7 @@ export class PartTools {
     if (!isCancelled && after && this.#edit(part, after, index, kind, { wasFine })) return;
     Object.assign(editor, { points: editor.sender.points, shapes: editor.sender.shapes });
     editor.changed();
+    if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
   }
 
   /**

@@ -173,6 +173,7 @@ export class PointTools {
       this.isSent = true;
     }
     this.isLive = false;
+    editor.partTools.sendMove();
   }
 
   /** @param {Held} held */

@@ -15,11 +15,12 @@ import { LONGEST_EDIT } from "../maths/constants.js";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.js";
 import { History } from "./undo_list.js";
 
-/** @import { Bus, Model, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
+/** @import { Bus, Model, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
 
 /**
  * @typedef {{ points: Point[], shapes: Shapes }} State
  * @typedef {"points" | "status" | "history"} Change
+ * @typedef {{ index: number, motion: Motion }} MovedPart
  * @typedef {{ now: () => number, later: (f: () => void, ms: number) => number, cancel: (id: number) => void }} Clock
  */
 
@@ -63,7 +64,7 @@ export class Sender {
     this.history = new History();
     /** @type {Record<"move" | "end", Set<number>>} numbers of the messages in flight */
     this.waiting = { move: new Set(), end: new Set() };
-    /** @type {{ move: Point[] | null, end: { kind: string, joins: boolean, points: Point[] } | null }} */
+    /** @type {{ move: { points: Point[], part?: MovedPart } | null, end: { kind: string, joins: boolean, points: Point[] } | null }} */
     this.pending = { move: null, end: null };
     this.status = ""; // "", "busy", "unanswered", "detached" or "lost"
     this.isAnswered = false;
@@ -197,9 +198,13 @@ export class Sender {
     this.#send("end", { type: "choose", what: null, ...chosen });
   }
 
-  /** Send points during a drag. @param {Point[]} points */
-  move(points) {
-    this.pending.move = points;
+  /**
+   * Send points during a drag, or a rigid part on its way and the points with it.
+   * @param {Point[]} points
+   * @param {MovedPart | null} [part]
+   */
+  move(points, part = null) {
+    this.pending.move = { points, ...(part && { part }) };
     this.#next();
   }
 
@@ -307,9 +312,9 @@ export class Sender {
     const { pending, waiting } = this, isBusy = this.status !== "";
     if (pending.end && waiting.end.size < (isBusy ? 1 : MOST_IN_FLIGHT)) this.flush();
     if (pending.move && !isBusy && waiting.move.size < MOST_IN_FLIGHT) {
-      const points = pending.move;
+      const moved = pending.move;
       pending.move = null;
-      this.#send("move", { type: "edit", phase: "move", kind: "move", joins: false, points });
+      this.#send("move", { type: "edit", phase: "move", kind: "move", joins: false, ...moved });
     }
   }
 
