@@ -51,7 +51,7 @@ LIMIT = 256**3
 MOST_BYTES = 9_000_000
 """Bytes that the voxels take in a file by default, as text: with scripts and pictures it stays below 10 MB."""
 
-CONTROLS = {"strength": "Strength", "kernel": "Kernel", "shows": "Original or deformed", "density": "Grid",
+CONTROLS = {"strength": "Strength", "kernel": "Kernel", "shows": "Compare", "density": "Grid",
             "reset": "Reset", "download": "Download points", "clip": "Clipping"}
 """Controls of a page by name, with their labels."""
 

@@ -7,9 +7,9 @@ from typing import Any
 from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
-from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.editor.space_slices import PANES
@@ -46,7 +46,7 @@ class StudioSlices:
         self.is_shown = is_shown
         for widget in self._place.children:
             widget.layout.display = None if (widget is self._widget) == is_shown else "none"
-        self._editor.on_edit(self._moved, remove=not is_shown)
+        self._editor.on_edit(self._moved, remove=not is_shown, details=True)
         self.follow()
 
     def follow(self) -> None:
@@ -78,13 +78,13 @@ class StudioSlices:
         widget.set_look(session.window or self._window, session.colour_map)
         widget.before = session.field()
 
-    def _preview(self, points: ControlPoints, phase: str) -> None:
-        if phase == "move":
-            self._worker.latest("slices", weakly(self, lambda slices: slices._show(points), StudioSlices._is_open))
+    def _preview(self, edit: EditMessage) -> None:
+        if edit.phase == "move":
+            self._worker.latest("slices", weakly(self, lambda slices: slices._show(edit), StudioSlices._is_open))
 
-    def _show(self, points: ControlPoints) -> None:
+    def _show(self, edit: EditMessage) -> None:
         try:
-            field = self._link.field_of(points)
+            field = self._link.field_on_the_way(edit)
         except DeformError:  # two points met on their way; the edit will report it if it ends so
             return
         if self._widget is not None:

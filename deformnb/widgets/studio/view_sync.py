@@ -111,9 +111,9 @@ class StudioLink:
 
     def _moved(self, edit: EditMessage) -> None:
         if edit.phase == "move":
-            self._latest(lambda: self._field_on_the_way(edit))
+            self._latest(lambda: self.field_on_the_way(edit))
 
-    def _field_on_the_way(self, edit: EditMessage) -> AbstractField:
+    def field_on_the_way(self, edit: EditMessage) -> AbstractField:
         """The displacement of the whole document while points or a rigid part of the edited step are dragged."""
         session, parts = self._session, edit.with_part(self._session.step.parts)
         if parts is session.step.parts:

@@ -21,6 +21,7 @@ from waiting import PATIENCE, Threads
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.widgets import LiveView, Studio
+from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.studio.controls import Panel, fill
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.studio import latency_text
@@ -166,7 +167,7 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
     with monkeypatch.context() as patched:
         patched.setattr(type(studio._link), "field_of", fails)
         studio._words.show("")
-        studio._link._moved(studio.session.points, "move")
+        studio._link._moved(EditMessage("a", 1, "move", "move", False, studio.session.points))
         wait_for(lambda: "of the status line" in notice_of(studio))
     drag(studio, a_drag(studio, 1.0))  # and it goes on
     studio.wait()
