@@ -96,10 +96,7 @@ class LabelChooser(Panel):
 
     def _take_file(self, path: Path, progress: Progress) -> None:
         if is_label_table(path.name):
-            names = read_label_table(path)
-            if not names:
-                raise DeformError(f"{path.name} is no table of label names: it needs columns such as label and name.")
-            self.session.notice = self.take_names(path.name, names)
+            self.take_table(path)
             return
         self.take(path.name, read_volume(path, is_labels=True, progress=progress), read_label_names(path))
 
@@ -123,28 +120,25 @@ class LabelChooser(Panel):
         self._opened = name
         self.refresh()
 
-    def take_names(self, table: str, names: Mapping[int, str]) -> str:
+    def take_table(self, path: Path) -> None:
         """Call the labels as a table does: those that are shown, and those of the next file that names none.
 
-        Parameters
-        ----------
-        table : name of its file; names : what it calls the labels.
-
-        Returns
-        -------
-        What has been done, in words.
+        Raises
+        ------
+        DeformError
+            If the file is no table of label names; the labels stay as they are called.
         """
+        names = read_label_table(path)
+        if not names:
+            raise DeformError(f"{path.name} is no table of label names: it needs columns such as label and name.")
         self._table = names
         if self._labels is None:
-            return f"{table} names {len(names)} labels: open the label volume that they belong to."
-        chosen = self.list.value
+            self.session.notice = f"{path.name} names {len(names)} labels: open the label volume that they belong to."
+            return
+        chosen, numbers = self.list.value, [number for _, number in self.list.options]
         self.list.options = [(names.get(n, words), n) for words, n in self.list.options]
         self.list.value = chosen
-        return f"{table} names {sum(n in names for n in self._numbers)} of the {len(self._numbers)} labels."
-
-    @property
-    def _numbers(self) -> list[int]:
-        return [number for _, number in self.list.options]
+        self.session.notice = f"{path.name} names {sum(n in names for n in numbers)} of the {len(numbers)} labels."
 
     def _show(self, labels: Volume, names: Mapping[int, str]) -> None:
         present = np.unique(labels.values)

@@ -65,17 +65,15 @@ class OpenPanel(Panel):
 
     def _take(self, path: Path, progress: Progress) -> None:
         self.question.forget()
-        if names := read_label_table(path):  # of landmarks there are .csv and .txt files too
-            self.session.notice = self._shapes.labels.take_names(path.name, names)
+        if is_label_table(path.name) and (read_label_table(path) or not is_landmarks(path)):  # both have .csv files
+            self._shapes.labels.take_table(path)
             self._shapes.reveal()
         elif is_landmarks(path):
             self._points.files.take(path)
         elif path.suffix.lower() == _SESSION:
             self._take_session(path)
-        elif is_volume_name(path.name):
-            self._take_volume(path, progress)
         else:
-            raise DeformError(f"{path.name} is no table of label names: it needs columns such as label and name.")
+            self._take_volume(path, progress)
 
     def _take_session(self, path: Path) -> None:
         document = read_document(path)[0]
