@@ -1,7 +1,8 @@
 """Examples of a deformation for any volume: each is one edit of a session that shows what a tool is for.
 
-Each places control points around what is bright on the picture (:func:`~deformnb.imaging.demo.subject_box`), in place
-of those of the step being edited, so that one undo brings everything back.
+Each places control points around what is bright on the picture, along its principal axes
+(:func:`~deformnb.imaging.demo.subject_axes`) or in its box (:func:`~deformnb.imaging.demo.subject_box`), in place of
+those of the step being edited, so that one undo brings everything back.
 """
 
 from __future__ import annotations
@@ -10,12 +11,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deformnb.datasets.darcy import thompson_map
 from deformnb.document.deformation import Step
 from deformnb.document.edits import untouched_step
 from deformnb.errors import DeformError
-from deformnb.imaging.demo import subject_box
+from deformnb.imaging.demo import subject_axes, subject_box
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
@@ -44,17 +46,18 @@ class Example:
     make: Callable[[Step, Picture], Step]
 
 
-def _along(picture: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle of the subject on a picture, half of its longer side, and half of its shorter one, as vectors (2,)."""
-    a0, a1, b0, b1 = subject_box(picture)
-    half = np.array([a1 - a0, b1 - b0]) / 2
-    long, short = np.diag(half)
-    return np.array([a0 + a1, b0 + b1]) / 2, *((long, short) if half[0] >= half[1] else (short, long))
+def _within(picture: Picture) -> tuple[NDArray[np.float64], ...]:
+    """The axes of the subject, shortened so that no corner of the box along them lies beyond the picture."""
+    middle, long, short = subject_axes(picture)
+    a0, a1, b0, b1 = picture.raster.box
+    room = np.minimum(middle - (a0, b0), (a1, b1) - middle)
+    share = min(1.0, float((room / (np.abs(long) + np.abs(short))).min()))
+    return middle, share * long, share * short
 
 
 def bend(step: Step, picture: Picture) -> Step:
     """The subject is bent to an arc of a circle, its middle line keeping its length: points on three lines."""
-    middle, long, short = _along(picture)
+    middle, long, short = _within(picture)
     size = np.linalg.norm(long)
     along, across = long / size, short / np.linalg.norm(short)
     u, v = (grid.ravel()[:, None] for grid in np.meshgrid(size * np.linspace(-1, 1, 5), (-1.0, 0.0, 1.0)))
@@ -71,7 +74,7 @@ def cut_open(step: Step, picture: Picture) -> Step:
 
     A point on either side is moved away from the cut; points around it hold the rest.
     """
-    middle, long, short = _along(picture)
+    middle, long, short = _within(picture)
     held = [middle + sign * place for sign in (-1, 1) for place in (0.9 * long, 0.95 * short, 0.55 * long + 0.8 * short,
                                                                      0.55 * long - 0.8 * short)]
     source = np.array([*held, middle - 0.1 * short, middle + 0.1 * short])
