@@ -1,4 +1,7 @@
-"""Three linked slices of the deformed volume in the place of a studio's view: axial, coronal and sagittal."""
+"""Three linked slices of the deformed volume in the place of a studio's view: axial, coronal and sagittal.
+
+Their cross-hair and the picture's own slice, where it shows one, move together.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +37,8 @@ class StudioSlices:
         self._widget: SpaceEditor | None = None
         self._window: tuple[float, float] | None = None  # the automatic one
         self._moved = weakly(self, StudioSlices._preview, StudioSlices._is_open)
+        self._of_picture = weakly(self, StudioSlices._follow_picture, StudioSlices._is_open)
+        session.observe(self._of_picture, ["depth", "method"])
         self.is_shown = False
 
     def show(self, is_shown: bool) -> None:
@@ -43,6 +48,8 @@ class StudioSlices:
         if self._widget is None:
             self._widget = self._make()
             self._place.children = (*self._place.children, self._widget)
+            self._widget.observe(weakly(self, StudioSlices._follow_cursor, StudioSlices._is_open), "cursor")
+            self._follow_picture()
         self.is_shown = is_shown
         for widget in self._place.children:
             widget.layout.display = None if (widget is self._widget) == is_shown else "none"
@@ -55,8 +62,9 @@ class StudioSlices:
             self._worker.latest("slices", weakly(self, StudioSlices._follow, StudioSlices._is_open))
 
     def close(self) -> None:
-        """Stop observing the editor; whoever closes the place closes the slices too."""
+        """Stop observing the editor and the session; whoever closes the place closes the slices too."""
         self._editor.on_edit(self._moved, remove=True)
+        self._session.unobserve(self._of_picture, ["depth", "method"])
 
     def _make(self) -> SpaceEditor:
         session = self._session
@@ -77,6 +85,28 @@ class StudioSlices:
         assert widget is not None
         widget.set_look(session.window or self._window, session.colour_map)
         widget.before = session.field()
+
+    def _has_slice(self) -> bool:
+        return self._session.method == "slice" and self._session.step.plane is not None
+
+    def _follow_cursor(self, _change: Any = None) -> None:
+        """Show the slice of the picture that is nearest to the cross-hair."""
+        session, widget = self._session, self._widget
+        if widget is None or not self._has_slice():
+            return
+        slices = session.slices
+        index = slices.index(float(session.plane.to_plane([widget.cursor])[0, 2]))
+        if index != slices.index(session.depth):
+            session.depth = slices.depth(index)
+
+    def _follow_picture(self, _change: Any = None) -> None:
+        """Move the cross-hair across the picture to its slice, unless it lies there already."""
+        session, widget = self._session, self._widget
+        if widget is None or not self._has_slice():
+            return
+        a, b, c = session.plane.to_plane([widget.cursor])[0]
+        if session.slices.index(float(c)) != session.slices.index(session.depth):
+            widget.cursor = session.plane.from_plane([(a, b, session.depth)])[0].tolist()
 
     def _preview(self, edit: EditMessage) -> None:
         if edit.phase == "move":
