@@ -139,7 +139,7 @@ class DrawShape(TypedDict):
     """Start drawing a shape."""
 
     type: Literal["draw"]
-    tool: Literal["cut", "part", "ground"]
+    tool: Literal["cut", "part", "fixed"]
 
 
 class ProposedParts(TypedDict):

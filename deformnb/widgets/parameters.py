@@ -162,9 +162,8 @@ PARAMETERS: dict[str, AbstractParameter] = {
                          "interpolate": "Interpolate: between key pictures"}),
     "mode": Choice("Steps", "Composed in order each step deforms the result of those before; added up their "
                    "displacements are summed", MODES, {"compose": "Compose in order", "blend": "Add up"}),
-    "cut_rule": Choice("Visible at a cut", "What is seen where the two sides of a cut have been moved over each other",
-                       CUT_RULES, {"source": "Each side wherever it has moved to",
-                                   "paper": "Each side on its own side only (as in the paper)"}),
+    "cut_rule": Choice("Sides seen", "What is seen where the two sides of a cut have been moved over each other",
+                       CUT_RULES, {"source": "Wherever they moved", "paper": "Own side only (paper)"}),
     # Volume
     "projection": Choice("Rendering", "How the volume is drawn", ("shaded", "composite", "mip"),
                          {"mip": "Maximum (MIP)"}),

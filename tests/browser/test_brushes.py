@@ -65,7 +65,7 @@ def nearest(points: ControlPoints) -> float:
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("way", [(0.55, 0.0), (-0.3, 0.4), (0.0, -0.5)])
 @pytest.mark.parametrize("has_points", [True, False])
-def test_a_smudge_takes_along_what_lies_under_it_and_nothing_beyond(
+def test_a_moving_brush_takes_along_what_lies_under_it_and_nothing_beyond(
         opened: Any, picture: Picture, points: ControlPoints, way: tuple[float, float], has_points: bool) -> None:
     page = opened(Editor(picture, points.remove(4) if has_points else None))
     radius = brush(page, "s")
@@ -80,7 +80,7 @@ def test_a_smudge_takes_along_what_lies_under_it_and_nothing_beyond(
     outside = outside[np.linalg.norm(outside - MIDDLE - along, axis=1) > 1.35 * radius]
     assert np.linalg.norm(moved(page.editor, outside), axis=1).max() < 0.16 * length
     names = [name for name in page.points.names if name and name != "top right"]
-    assert set(names) == {"smudge 1"}
+    assert set(names) == {"move 1"}
     still = np.linalg.norm(page.points.displacement, axis=1) < 0.1 * length
     ring = np.linalg.norm(page.points.target - MIDDLE, axis=1) > 1.6 * radius
     assert still[ring].all()
@@ -108,7 +108,7 @@ def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(opened: A
     assert page.points.ids == points.ids
     assert np.array_equal(page.points.target, points.target)
     page.page.keyboard.press("Control+y")
-    assert "smudge 1" in page.points.names
+    assert "move 1" in page.points.names
 
 
 @pytest.mark.nightly
@@ -154,8 +154,8 @@ def test_wild_strokes_end_before_the_picture_folds(opened: Any, picture: Picture
     assert len(page.points) > len(points)
 
 
-@pytest.mark.parametrize(("pixels", "name"), [(50, "expand 1"), (-60, "shrink 1")])
-def test_the_other_brush_expands_to_the_right_and_shrinks_to_the_left(
+@pytest.mark.parametrize(("pixels", "name"), [(50, "grow 1"), (-60, "shrink 1")])
+def test_the_other_brush_grows_to_the_right_and_shrinks_to_the_left(
         opened: Any, picture: Picture, points: ControlPoints, pixels: int, name: str) -> None:
     page = opened(Editor(picture, points.remove(4)))
     radius = brush(page, "e")
@@ -279,7 +279,7 @@ def test_names_are_shown_where_a_point_is_selected(opened: Any, picture: Picture
     brush(page, "s")
     stroke(page, MIDDLE, beside(5.0))
     stroke(page, [30.0, 60.0], [34.0, 60.0])
-    assert {name for name in page.points.names if re.match("smudge", name)} == {"smudge 1", "smudge 2"}
+    assert {name for name in page.points.names if re.match("move", name)} == {"move 1", "move 2"}
     names = ("() => [...document.querySelectorAll('.dnb-ed-name')].filter((t) => getComputedStyle(t).visibility === "
              "'visible').map((t) => t.textContent)")
     page.page.mouse.move(0, 0)  # a name is shown under the pointer too

@@ -131,6 +131,20 @@ def test_the_ring_is_where_the_determinant_is_least(opened: Any, picture: Pictur
     assert f"min det J {det[seen].min():.2f}" in told.replace("\u2212", "-")
 
 
+def test_folds_in_the_air_around_the_body_are_told_apart(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points))
+    page.drag(points.target[4], OVER)
+    assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
+    page.editor.air = float(picture.values.max())  # nothing but air
+    page.settled()
+    assert page.page.locator(".dnb-ed-folds").inner_text() == "\u2713 no folds in tissue"
+    assert not red(page).any()
+    assert layer(page).any()  # in grey
+    page.editor.air = float(picture.values.min()) - 1  # no air at all
+    page.settled()
+    assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
+
+
 def test_stages_unfold_what_one_fit_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     page.drag(points.target[4], OVER)

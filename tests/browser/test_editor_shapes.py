@@ -217,15 +217,38 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
     assert (len(editor.parts), editor.points) == (1, without_conflicts(points, [part], how))
 
 
-def test_the_ground_lies_on_the_far_side_of_its_line(opened: Any, picture: Picture) -> None:
+def test_the_fixed_side_is_the_half_that_bears_its_name_until_the_sides_are_swapped(opened: Any,
+                                                                                    picture: Picture) -> None:
     page = opened(Editor(picture, two_sides()))
-    draw(page, "g", [(20, 65), (120, 70)], end=None)
+    draw(page, "g", [(20, 40), (120, 45)], end=None)
     region = page.editor.parts[0].region
-    ground = HalfSpace(region.point, region.normal)
-    assert ground.signed_distance([[70.0, 20.0], [70.0, 78.0]]) == pytest.approx([47.4, -10.5], abs=0.6)
-    page.page.keyboard.press("f")
-    page.answered()
-    assert page.editor.parts[0].region.normal == pytest.approx(-np.array(region.normal))
+    assert page.editor.parts[0].name == "fixed side"
+    fixed = HalfSpace(region.point, region.normal)
+    assert fixed.signed_distance([[70.0, 20.0], [70.0, 78.0]]) == pytest.approx([22.5, -35.5], abs=0.6)
+
+    def names_half() -> list[float]:
+        label = page.page.locator(".dnb-ed-shape-name").bounding_box()
+        stage = page.page.locator(".dnb-ed-stage").bounding_box()
+        x, y = label["x"] + label["width"] / 2 - stage["x"], label["y"] + label["height"] / 2 - stage["y"]
+        return page.js(f"{PAGE}.placeAt([{x}, {y}])")
+
+    assert fixed.signed_distance([names_half()])[0] < 0
+    for press in (lambda: page.page.keyboard.press("f"), lambda: page.page.locator(".dnb-ed-swap").click(),
+                  lambda: (page.page.locator(".dnb-ed-swap").focus(), page.page.keyboard.press("Enter"))):
+        normal = page.editor.parts[0].region.normal
+        press()
+        page.answered()
+        assert page.editor.parts[0].region.normal == pytest.approx(-np.array(normal))
+    assert fixed.signed_distance([names_half()])[0] > 0
+
+
+def test_the_side_of_what_was_dragged_is_not_the_fixed_one(opened: Any, picture: Picture) -> None:
+    points = two_sides()
+    low = int(np.argmax(points.target[:, 1]))
+    page = opened(Editor(picture, points.move(points.ids[low], points.target[low] + [2.0, 1.0])))
+    draw(page, "g", [(20, 40), (120, 45)], end=None)
+    region = page.editor.parts[0].region
+    assert HalfSpace(region.point, region.normal).signed_distance([points.target[low]])[0] > 0
 
 
 # ---- reshaping ------------------------------------------------------------------------------------------------------

@@ -240,8 +240,21 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(opene
     mask = Mask(picture.values > 100, picture.raster)
     editor.wand = {"region": region_to_data(mask), "words": "100 to 200", "share": 1.0}
     page.wait("document.querySelector('.dnb-ed-wand-line').getAttribute('d').length > 10")
+    inside = """([x, y]) => { const fill = document.querySelector('.dnb-ed-wand-fill');
+        return fill.isPointInFill(new DOMPoint(x, y)); }"""
+    box = page.page.locator(".dnb-ed-svg").bounding_box()
+    seen, dark = (np.argwhere(part)[len(np.argwhere(part)) // 2] for part in (mask.values, ~mask.values))
+    for (line, column), is_in in ((seen, True), (dark, False)):  # all of it is marked, and nothing else
+        at = np.subtract(page.on_screen(np.array([picture.raster.columns[column], picture.raster.rows[line]])),
+                         (box["x"], box["y"]))
+        assert page.page.evaluate(inside, at.tolist()) is is_in
     page.page.get_by_role("button", name="Make rigid part").click()
     page.settled()
     assert [m.what for m in asked[-1:]] == ["part"]
-    assert page.page.locator(".dnb-ed-wand-bar").is_hidden()
+    assert page.page.locator(".dnb-ed-wand-bar").is_visible()  # for the next one
+    page.page.mouse.click(x + 3, y)
+    page.settled()
+    assert asked[-1].what == "preview"
+    page.page.keyboard.press("Escape")
+    page.wait("document.querySelector('.dnb-ed-wand-bar').hidden")
     assert page.points == before

@@ -90,11 +90,11 @@ def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(opened: Any, pict
     page = opened(Editor(picture, points, wand={"region": None}))
     tips = dict(page.js("[...document.querySelectorAll('.dnb-editor [data-command]')].map((b) => "
                         "[b.dataset.command, [b.title, b.getAttribute('aria-keyshortcuts')]])"))
-    assert tips["add"] == ["Add points: click where (Double-click, A)", "A"]
+    assert tips["add"] == ["Add points: press on a feature and drag it, or click (Double-click, A)", "A"]
     assert tips["undo"] == ["Undo (Ctrl+Z)", "Control+Z"]
     assert tips["mirror-axis"] == ["Lay the line of the mirror level or upright (Shift+M)", "Shift+M"]
     assert tips["zoom-in"][1] == "+"
-    for command, key in (("smudge", "s"), ("size", "e"), ("cut", "x"), ("part", "p"), ("ground", "g"), ("grid", "n"),
+    for command, key in (("move", "s"), ("grow", "e"), ("cut", "x"), ("part", "p"), ("fixed", "g"), ("grid", "n"),
                          ("compare", "c"), ("mirror", "m"), ("snap", "Shift+N"), ("stop", "t"), ("radius", "r"),
                          ("select", "b"), ("wand", "q")):
         button = page.page.locator(f"[data-command={command}]")

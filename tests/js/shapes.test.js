@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
 import {
-  cornersOf, groundThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, partTurned,
+  cornersOf, fixedSideThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, partTurned,
   placeBefore, placeMoved, removedCorner, shapeLabel, simplified, stopsAt, turnAndShift, turnedRegion, wayBefore,
   withStop,
 } from "../../deformnb/widgets/js/maths/shapes.js";
@@ -23,7 +23,7 @@ test("a half plane is turned by two places on its line", () => {
 
 for (const [p, q] of [[[0, 40], [100, 50]], [[100, 50], [0, 40]]]) {
   test(`the ground from ${p} to ${q} is away from the middle`, () => {
-    const { point, normal } = groundThrough(p, q, [50, 10]);
+    const { point, normal } = fixedSideThrough(p, q, [50, 10]);
     assert.ok((50 - point[0]) * normal[0] + (10 - point[1]) * normal[1] > 0);
     assert.ok(Math.abs(Math.hypot(...normal) - 1) < 1e-12);
   });

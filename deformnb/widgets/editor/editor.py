@@ -197,6 +197,8 @@ class Editor(EditedPoints):
     read_only : True shows points that cannot be changed.
     beyond : (a0, a1, b0, b1), a box on the picture's plane: as far the deformed picture is drawn where it reaches
         beyond the picture itself; empty for no farther than that.
+    air : value of the picture up to which there is air: folds in the air around the body are told apart. Default is
+        None, for which all of the picture counts.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
     cuts, parts : lists of :class:`~deformnb.rbf.cuts.Cut` and :class:`~deformnb.rbf.rigid.RigidPart` of dimension 2, or
         the plain data of :mod:`deformnb.document.json_format`, which the traits then hold.
@@ -265,6 +267,7 @@ class Editor(EditedPoints):
     ghost = traitlets.Bytes(b"", help="another picture as PNG, laid over this one").tag(sync=True)
     ghost_opacity = traitlets.Float(0.0, min=0.0, max=1.0).tag(sync=True)
     raster = traitlets.Dict().tag(sync=True)
+    air = traitlets.Float(None, allow_none=True, help="value of the picture up to which nothing is seen").tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
     window = traitlets.List(traitlets.Float(), help="values shown as black and white, set by hand").tag(sync=True)
@@ -343,10 +346,10 @@ class Editor(EditedPoints):
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
-    def draw(self, tool: Literal["cut", "part", "ground"]) -> None:
-        """Start drawing in the front end: a "cut", a rigid "part", or the "ground"."""
-        if tool not in ("cut", "part", "ground"):
-            raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "ground".')
+    def draw(self, tool: Literal["cut", "part", "fixed"]) -> None:
+        """Start drawing in the front end: a "cut", a rigid "part", or a "fixed" side."""
+        if tool not in ("cut", "part", "fixed"):
+            raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "fixed".')
         self.send(DrawShape(type="draw", tool=tool))
 
     def choose(self, what: str | None, index: int = 0) -> None:

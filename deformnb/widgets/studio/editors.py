@@ -19,6 +19,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
+from deformnb.volume.transfer import levels
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
@@ -64,9 +65,17 @@ def show_view_state(editor: Any, session: Session) -> None:
     if isinstance(editor, Editor):
         editor.window = list(session.window or ())
         editor.colour_map = session.colour_map
+        editor.air = _air(session)
         slices = session.slices if session.method == "slice" and session.step.plane is not None else None
         editor.slices = {} if slices is None else vars(slices)
         editor.slice = 0 if slices is None else slices.index(session.depth)
+
+
+def _air(session: Session) -> float | None:
+    """The value of the picture up to which nothing is seen; None where its values are not those of the volume."""
+    if session.step.plane is None or session.method not in ("slice", "mip"):
+        return None
+    return 0.0 if session.volume.is_labels else levels(session.volume)[1]
 
 
 def _box_on_picture(session: Session) -> list[float]:

@@ -17,7 +17,7 @@ from deformnb.session.session import Session
 JOINING = ("nudge", "turn", "scale")
 """Kinds of edits that keys do: held down they are one step of the history."""
 
-_STROKE = re.compile(r"(smudge|expand|shrink) \d+")
+_STROKE = re.compile(r"(move|grow|shrink|smudge|expand) \d+")
 
 
 def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> str:
@@ -32,8 +32,8 @@ def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> s
     'lock point 1'
     >>> edit_label(points, points.move(0, [0, 3]).move(1, [4, 1]), "turn")
     'turn 2 points'
-    >>> edit_label(points, points.add([9, 9], name="smudge 4"), "brush")
-    'smudge 4'
+    >>> edit_label(points, points.add([9, 9], name="move 4"), "brush")
+    'move 4'
     """
     if kind in ("turn", "scale", "brush"):
         return _tool(before, after, kind)

@@ -77,8 +77,10 @@ class Wand:
         if region is None:
             raise DeformError("click on the picture with the wand first.")
         step = self._session.step
-        self._take(what, [(f"region {len(step.parts) + len(step.cuts) + 1}", region)])
+        name = f"region {len(step.parts) + len(step.cuts) + 1}"
+        self._take(what, [(name, region)])
         self._forget()
+        self._show(words=f"{name} is a {'cut' if what == 'cut' else 'rigid part'}. Click on the next one; Esc ends")
 
     def _preview(self) -> None:
         request = self._request

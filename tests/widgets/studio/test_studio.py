@@ -27,6 +27,7 @@ from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import SIDES, VIEWS
+from deformnb.volume.transfer import levels
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
@@ -352,6 +353,38 @@ def test_the_page_goes_through_the_slices(studio: Studio) -> None:
     session.method = "mip"
     studio.wait()
     assert studio.editor.slices == {}
+
+
+def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_together(studio: Studio) -> None:
+    session = studio.session
+    controls(studio)["Slices"].value = True
+    session.method = "slice"
+    studio.wait()
+    place = next(box for box in all_of(studio) if studio.view in getattr(box, "children", ()))
+    three, slices, plane = place.children[1], session.slices, session.plane
+
+    def at(a: float, b: float, c: float) -> list[float]:
+        return plane.from_plane([(a, b, c)])[0].tolist()
+
+    three.cursor = at(2.0, 3.0, slices.depth(1))
+    studio.wait()
+    assert session.depth == slices.depth(1)
+    assert studio.editor.slice == 1
+    assert_array_equal(studio.editor.picture.values, session.picture().values)
+    studio.editor.set_state({"slice": 4})
+    studio.wait()
+    assert three.cursor == pytest.approx(at(2.0, 3.0, slices.depth(4)))
+    session.method = "mip"
+    three.cursor = at(2.0, 3.0, slices.depth(0))
+    assert session.depth == slices.depth(4)  # which shows no slice
+
+
+def test_air_around_the_body_is_known_where_the_picture_has_values_of_the_volume(studio: Studio) -> None:
+    air = levels(studio.volume)[1]
+    for method, wanted in (("mip", air), ("slice", air), ("mean", None), ("composite", None)):
+        studio.session.method = method
+        studio.wait()
+        assert studio.editor.air == wanted
 
 
 def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:

@@ -124,7 +124,7 @@ def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
     assert studio.editor.parts[0].name == "floor"
     assert studio.editor.cut_rule == "paper"
     assert (studio.editor.step().cuts, studio.editor.step().parts) == ((cut,), (part,))
-    controls(studio)["Visible at a cut"].value = "source"
+    controls(studio)["Sides seen"].value = "source"
     assert studio.editor.cut_rule == studio.session.step.cut_rule == "source"
     studio.session.add_step()
     studio.wait()
@@ -214,7 +214,7 @@ def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:
     assert part.name == "femur"
     flat = np.array([[6.0, 8.0], [1.0, 8.0]])  # +y: a is x, b is down from the top slice
     assert (part.region.signed_distance(flat) < 0).tolist() == [True, False]
-    buttons["Ground"].click()
+    buttons["Fixed side"].click()
     ground = made.session.step.parts[1].region
     assert (ground.signed_distance([[5.0, 15.0], [5.0, 2.0]]) < 0).tolist() == [True, False]
     made.session.add_step(in_space=True)

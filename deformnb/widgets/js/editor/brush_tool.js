@@ -7,11 +7,11 @@ import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 /** @import { EditorView } from "./editor.js" */
 
 /** @type {Record<string, string>} */
-const BRUSH_WORDS = { smudge: "Smudge", size: "Expand" };
+const BRUSH_WORDS = { move: "Move", grow: "Grow" };
 /** @type {Record<string, string>} */
 const BRUSH_HINTS = {
-  smudge: "Drag to push what lies in the circle. [ and ] or the wheel change its size, Esc ends",
-  size: "Press and drag right to expand what lies in the circle, left to shrink it. [ and ] change its size, Esc ends",
+  move: "Drag to move what lies in the circle. [ and ] or the wheel change its size, Esc ends",
+  grow: "Press and drag right to grow what lies in the circle, left to shrink it. [ and ] change its size, Esc ends",
 };
 const BRUSH_PIXELS = [8, 400]; // CSS pixels of the radius, least and most
 const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
@@ -129,8 +129,8 @@ export class Brush {
     editor.invalidate();
     if (!stroke) return;
     const was = { points: stroke.points, middle: stroke.middle, swell: stroke.swell };
-    if (stroke.tool === "smudge") stroke.smudge(editor.placeAt(at));
-    else stroke.size((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
+    if (stroke.tool === "move") stroke.move(editor.placeAt(at));
+    else stroke.grow((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
     if (editor.pointTools.paintStroke(stroke)) return;
     Object.assign(stroke, was); // no further: it would fold, or enter what is rigid
   }
@@ -139,7 +139,7 @@ export class Brush {
     if (!this.stroke) return;
     const { stroke } = this;
     this.stroke = null;
-    const isIdle = stroke.tool === "smudge" ? stroke.done === 0 : stroke.swell === 0;
+    const isIdle = stroke.tool === "move" ? stroke.done === 0 : stroke.swell === 0;
     this.editor.pointTools.endDrag(isCancelled || isIdle, "brush");
     if (!isCancelled && !isIdle) this.editor.announce(`${stroke.name} done`);
   }

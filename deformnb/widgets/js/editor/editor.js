@@ -2,7 +2,7 @@
 // Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
 // draw (tool), parts (parts, kind), look (id).
 
-import { layeredFit } from "../maths/cuts.js";
+import { layeredFit, placeOf } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
 import { samePoints } from "../maths/points.js";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.js";
@@ -31,7 +31,7 @@ import { Wand } from "./wand_tool.js";
 import { WindowTool } from "./window_tool.js";
 
 /** @import { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.d.ts" */
-/** @import { Original, View } from "./painter.js" */
+/** @import { Original, PictureSource, View } from "./painter.js" */
 /** @typedef {ReturnType<typeof deformedGrid>} GridLines */
 /**
  * isRough: found while something moved.
@@ -64,9 +64,9 @@ const COMMANDS = {
   switch: (editor, ids) => editor.pointTools.switch(ids), reset: (editor, ids) => editor.pointTools.reset(ids),
   lock: (editor, ids) => editor.pointTools.toggleLock(ids),
   undo: (editor) => editor.stepHistory("undo"), redo: (editor) => editor.stepHistory("redo"),
-  smudge: (editor) => editor.setBrush("smudge"), size: (editor) => editor.setBrush("size"),
+  move: (editor) => editor.setBrush("move"), grow: (editor) => editor.setBrush("grow"),
   cut: (editor) => editor.setPen("cut"), part: (editor) => editor.setPen("part"),
-  ground: (editor) => editor.setPen("ground"),
+  fixed: (editor) => editor.setPen("fixed"),
   mirror: (editor) => editor.pointTools.toggleMirror(), "mirror-axis": (editor) => editor.pointTools.turnMirror(),
   snap: (editor) => editor.pointTools.toggleSnap(), stop: (editor) => editor.toggle("stop_at_folds"),
   "turn-left": (editor) => editor.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
@@ -211,6 +211,7 @@ export class EditorView extends EditorDrawing {
     on("change:theme", () => this.applyTheme());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => this.changed());
+    on("change:air", () => this.#forgetFolds());
     on("change:window", () => this.windowTool.apply());
     on("change:colours", () => this.applyColours());
     on("change:shows", () => this.#setShows());
@@ -326,7 +327,15 @@ export class EditorView extends EditorDrawing {
       const reason = error instanceof Error ? error.message : error;
       if (this.#pictures === number) this.showMessage(`The picture could not be shown: ${reason}`);
     }
+    this.#forgetFolds();
     this.guard(() => this.layout());
+  }
+
+  /** What was found of folds is no longer so: another picture has its tissue elsewhere. */
+  #forgetFolds() {
+    this.folds = null;
+    this.overlay.drawn = null;
+    this.invalidate();
   }
 
   /** Whether wheel and fingers are the editor's, and not the page's around it. An application has nothing to scroll. */
@@ -648,8 +657,9 @@ export class EditorView extends EditorDrawing {
    */
   #measuredFolds(layered, known) {
     const { isMoving } = this, probes = probesOf(layered, isMoving ? 5e4 : 4e5);
-    return { ...foldsOf(known, this.box, known.count > 200 ? 9 : isMoving ? 17 : 33, probes), probes,
-      isRough: isMoving };
+    const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33, { source } = this.painter, air = this.model.get("air");
+    const isTissue = source?.grey && typeof air === "number" ? tissueTest(known, source, air) : undefined;
+    return { ...foldsOf(known, this.box, nodes, probes, isTissue), probes, isRough: isMoving };
   }
 
   /** The reach of a point in units of the picture; 0 where that is not known. */
@@ -666,8 +676,8 @@ export class EditorView extends EditorDrawing {
     this.toolbar.hide("wand", !this.wand.isThere);
     const own = points.filter((p) => selected.has(p.id));
     const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, compare: this.isComparing,
-      cut: tool === "cut", part: tool === "part", ground: tool === "ground", smudge: brush.tool === "smudge",
-      size: brush.tool === "size", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
+      cut: tool === "cut", part: tool === "part", fixed: tool === "fixed", move: brush.tool === "move",
+      grow: brush.tool === "grow", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
       stop: model.get("stop_at_folds"), window: this.windowTool.isOn, wand: this.wand.isOn, lock: own.length > 0 && own.every((p) => p.locked),
       grid: model.get("show_grid"), radius: model.get("show_radius"), help: this.help.isOpen });
     this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
@@ -751,7 +761,7 @@ export class EditorView extends EditorDrawing {
     if (isAdding) { this.putDownTools(); this.setSelecting(false); }
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
-    if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
+    if (this.isAdding) this.hint("Press on a feature and drag it in one go, or click to set a point. Esc when done");
     this.invalidate();
   }
 
@@ -859,6 +869,21 @@ export class EditorView extends EditorDrawing {
   }
 
   focusStage() { this.stage.focus({ preventScroll: true }); }
+}
+
+/**
+ * Whether the body is seen at a place, there or within two pixels.
+ * @param {LayeredFit} layered
+ * @param {PictureSource} source
+ * @param {number} air the value of the picture up to which nothing is seen
+ */
+function tissueTest(layered, source, air) {
+  const { spacing: [du, dv] } = source.raster, steps = [-2, 0, 2];
+  /** @param {number} a @param {number} b */
+  return (a, b) => {
+    const [da, db] = placeOf(layered, a, b, du);
+    return steps.some((i) => steps.some((j) => source.isBody([a + da + j * du, b + db + i * dv], air)));
+  };
 }
 
 /** @param {{ model: Model, el: HTMLElement }} context */

@@ -149,6 +149,7 @@ const OVERLAYS = {
 };
 export const OVERLAY_TRAITS = ["overlay", "uncertainty", "uncertainty_facts", "marked"];
 const FOLD_COLOURS = { fill: "rgba(211, 47, 47, 0.45)", edge: "#d32f2f" };
+const AIR_COLOURS = { fill: "rgba(150, 153, 160, 0.25)", edge: "#969aa0" }; // of folds in air alone
 const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
 const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
@@ -281,11 +282,11 @@ export class Overlay {
     const { probes } = folds;
     if (folds.least > 0 && !probes.some(([,, det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
     this.pieces = foldPieces(known, raster, dets, probes, work);
-    this.#drawFolds(this.pieces);
+    this.#drawFolds(this.pieces, folds.least > 0 && folds.air > 0);
   }
 
-  /** @param {FoldPieces} pieces */
-  #drawFolds({ fill, edge }) {
+  /** @param {FoldPieces} pieces @param {boolean} isInAir */
+  #drawFolds({ fill, edge }, isInAir) {
     if (!fill.length) return;
     const { context: c } = this, { k, x, y, ratio } = this.editor.view, red = new Path2D(), rim = new Path2D();
     for (const polygon of fill) {
@@ -295,11 +296,12 @@ export class Overlay {
     }
     for (const [a, b, p, q] of edge) { rim.moveTo(k * a + x, k * b + y); rim.lineTo(k * p + x, k * q + y); }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    c.fillStyle = FOLD_COLOURS.fill;
+    const colours = isInAir ? AIR_COLOURS : FOLD_COLOURS;
+    c.fillStyle = colours.fill;
     c.fill(red);
-    c.fillStyle = this.hatch;
+    c.fillStyle = isInAir ? "transparent" : this.hatch;
     c.fill(red);
-    c.strokeStyle = FOLD_COLOURS.edge;
+    c.strokeStyle = colours.edge;
     c.lineWidth = 1.2;
     c.stroke(rim);
     this.isUsed = true;

@@ -82,8 +82,11 @@ export function colourTable(colours) {
 }
 
 /** The pixels of a picture, at as many sizes as are looked at. */
-class PictureSource {
+export class PictureSource {
   fill = 0; // beyond the picture: its smallest value, as for a volume
+
+  /** The air around the body, and the value up to which that is air. @type {{ air: number, pixels: Uint8Array } | null} */
+  around = null;
 
   /** @type {Level[]} */
   levels = [];
@@ -122,6 +125,42 @@ class PictureSource {
     const { raster: { shape: [nv, nu], spacing: [du, dv], origin }, grey } = this;
     const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
     return grey && i >= 0 && j >= 0 && i < nv && j < nu ? grey.value(i * nu + j) : null;
+  }
+
+  /**
+   * Whether a place of the picture lies in the body: not in the air around it, which reaches the rim of the picture.
+   * @param {number[]} place
+   * @param {number} air the value up to which there is air
+   */
+  isBody([a, b], air) {
+    const { raster: { shape: [nv, nu], spacing: [du, dv], origin } } = this;
+    const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
+    if (!(i >= 0 && j >= 0 && i < nv && j < nu)) return false;
+    if (this.around?.air !== air) this.around = { air, pixels: this.#airAround(air) };
+    return this.around.pixels[i * nu + j] === 0;
+  }
+
+  /** 1 at the pixels of the air that hangs together with the rim of the picture. @param {number} air */
+  #airAround(air) {
+    const { raster: { shape: [nv, nu] }, grey } = this, found = new Uint8Array(nv * nu);
+    /** @type {number[]} */
+    const waiting = [];
+    /** @param {number} n */
+    const look = (n) => {
+      if (found[n] || !grey || !(grey.value(n) <= air)) return;
+      found[n] = 1;
+      waiting.push(n);
+    };
+    for (let j = 0; j < nu; j++) { look(j); look((nv - 1) * nu + j); }
+    for (let i = 0; i < nv; i++) { look(i * nu); look(i * nu + nu - 1); }
+    for (let n = waiting.pop(); n !== undefined; n = waiting.pop()) {
+      const j = n % nu;
+      if (j > 0) look(n - 1);
+      if (j + 1 < nu) look(n + 1);
+      if (n >= nu) look(n - nu);
+      if (n + nu < nv * nu) look(n + nu);
+    }
+    return found;
   }
 
   get box() {

@@ -23,7 +23,7 @@ import { MotionHandles } from "./motion_handles.js";
  */
 
 const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift goes in steps of the second
-const ALONE = "nothing holds what is around it: add points there, or the ground";
+const ALONE = "nothing holds what is around it: add points there, or a fixed side";
 /** @type {Record<PartHandle, string>} */
 const VERBS = { move: "move", turn: "turn", pivot: "move the pivot of" };
 

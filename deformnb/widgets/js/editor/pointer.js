@@ -128,6 +128,7 @@ class EditorKeys {
     if (!onButton && editor.brush.isOn && !isAlt && editor.brush.key(key, event, arrow)) return true;
     if (!onButton && editor.wand.isOn && !isAlt && editor.wand.key(key, event, arrow)) return true;
     if (!onButton && editor.windowTool.isOn && !isAlt && editor.windowTool.key(key, event, arrow)) return true;
+    if ((key === "Enter" || key === " ") && gestures.markAt(event) === "swap") { editor.shapeTools.turn(); return true; }
     if (arrow && gestures.markAt(event) === "axis") return this.#axisKey(arrow, event.shiftKey ? 10 : 1);
     if (shape && !onButton && !isAlt && this.#shapeKey(key, event, shape)) return true;
     if (onButton instanceof HTMLButtonElement && arrow) return editor.toolbar.focusNext(onButton, key);
@@ -303,7 +304,8 @@ export class Gestures {
       editor.focusStage();
       this.gesture = { ...press, isPress: false, kind: "brush" };
       editor.brush.press(at);
-    } else if (mark === "turn") this.#grabTurn(at);
+    } else if (mark === "swap") editor.shapeTools.turn();
+    else if (mark === "turn") this.#grabTurn(at);
     else if (shape) this.#grabShape(shape, at);
     else if (grabbed) this.#grab(event, grabbed, at);
     else if (editor.isAdding) {

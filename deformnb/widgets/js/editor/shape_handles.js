@@ -28,7 +28,9 @@ import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.
 
 /** @typedef {ReturnType<ShapeHandles["make"]>} ShapeParts */
 
+const NAME_IN = [34, 30]; // CSS pixels from the pivot on the line to the name of a fixed side, and half its width
 const LEAST_ROOM = 26; // CSS pixels of an edge, below which its middle is no grip
+const SWAP_ROOM = [30, 138, 14]; // CSS pixels of the button that swaps sides: from a corner, from the ring, to the edge
 const SMALL = 20; // CSS pixels: of a part that reaches no farther the corners would cover all that moves it
 export const REGION_MARKS = 8; // colours and forms of regions; more than eight regions begin again
 // Forms of regions, for readers without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
@@ -43,14 +45,21 @@ export class ShapeHandles {
   constructor(svg) {
     this.svg = svg;
     const defs = svgElement("defs", {}, svg), id = `dnb-hatch-${Math.random().toString(36).slice(2)}`;
-    const hatch = svgElement("pattern", { id, width: 9, height: 9, patternUnits: "userSpaceOnUse",
+    const hatch = svgElement("pattern", { id, width: 13, height: 13, patternUnits: "userSpaceOnUse",
       patternTransform: "rotate(45)" }, defs);
-    svgElement("rect", { width: 9, height: 9, class: "dnb-ed-hatch-ground" }, hatch);
-    svgElement("path", { d: "M2 0V9", class: "dnb-ed-hatch-case" }, hatch);
-    svgElement("path", { d: "M2 0V9", class: "dnb-ed-hatch-line" }, hatch);
+    svgElement("rect", { width: 13, height: 13, class: "dnb-ed-hatch-ground" }, hatch);
+    svgElement("path", { d: "M2 0V13", class: "dnb-ed-hatch-case" }, hatch);
+    svgElement("path", { d: "M2 0V13", class: "dnb-ed-hatch-line" }, hatch);
     this.hatch = `url(#${id})`;
     this.root = svgElement("g", { class: "dnb-ed-shapes" }, svg);
     this.grips = svgElement("g", { class: "dnb-ed-grips" }, svg);
+    this.swap = svgElement("g", { class: "dnb-ed-turn dnb-ed-swap", "data-mark": "swap", role: "button", tabindex: "-1",
+      visibility: "hidden", "aria-label": "Swap sides", ...OWN_KEYS }, svg);
+    svgElement("title", {}, this.swap).textContent = "Swap sides: the other half stays fixed (F)";
+    svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.swap);
+    svgElement("circle", { r: 10, class: "dnb-ed-turn-disc" }, this.swap);
+    svgElement("path", { d: "M-2.6 5.4V-5.4M-5-2.8L-2.6-5.4-.2-2.8M2.6-5.4V5.4M.2 2.8L2.6 5.4 5 2.8",
+      class: "dnb-ed-turn-arrow" }, this.swap);
     this.draft = svgElement("g", { class: "dnb-ed-draft", visibility: "hidden", "aria-hidden": "true" }, svg);
     /** @type {Map<string, ShapeParts>} */
     this.shown = new Map();
@@ -84,6 +93,9 @@ export class ShapeHandles {
       parts.root.remove();
       this.shown.delete(key);
     }
+    const shape = chosen ? shapes[chosen.what][chosen.index] : null;
+    const isSide = chosen?.what === "parts" && shape?.region.kind === "half_space" && !isLocked;
+    if (this.#placeSwap(isSide && shape ? shape : null, view, reach) && this.swap === focused) isFocusLost = true;
     const grips = chosen && !isLocked ? gripsOf(shapes[chosen.what][chosen.index], chosen, reach) : [];
     return this.#placeGrips(grips, view, focused) || isFocusLost;
   }
@@ -151,6 +163,26 @@ export class ShapeHandles {
     bands.forEach(({ d, mark }, k) => {
       setAttributes(parts.bands.children[k] ?? svgElement("path", {}, parts.bands), { d, "data-region": mark });
     });
+  }
+
+  /**
+   * Put the button that swaps the sides on the line of a fixed side, beside its ring; true if there is none.
+   * @param {ShapeData | null} shape
+   * @param {View} view
+   * @param {number} reach
+   */
+  #placeSwap(shape, { k, x, y, width, height }, reach) {
+    setAttributes(this.swap, { visibility: shape ? "visible" : "hidden", tabindex: shape ? "0" : "-1" });
+    if (!shape) return true;
+    const [[p, q], [r, s]] = cornersOf(shape.region, reach).map((place) => placeMoved(motionOf(shape), place))
+      .map(([a, b]) => [k * a + x, k * b + y]);
+    const length = Math.hypot(r - p, s - q) || 1, way = Math.max(length / 2 + SWAP_ROOM[0], SWAP_ROOM[1]) / length;
+    const [first, other] = [way, -way].map((share) => [(p + r) / 2 + share * (r - p), (q + s) / 2 + share * (s - q)]);
+    /** @param {number[]} at */
+    const isSeen = ([u, v]) => u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
+    const [u, v] = isSeen(first) || !isSeen(other) ? first : other, angle = Math.atan2(s - q, r - p) * 180 / Math.PI;
+    setAttributes(this.swap, { transform: `translate(${u.toFixed(1)} ${v.toFixed(1)}) rotate(${angle.toFixed(1)})` });
+    return false;
   }
 
   /**
@@ -319,7 +351,9 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
   const [na, nb] = region.normal;
   /** @param {number[]} place */
   const back = ([px, py]) => [px - 2 * endless * na, py - 2 * endless * nb];
-  return { ...paths, far: shapePath([first, last]), inside: shapePath([first, last, back(last), back(first)], true) };
+  const [u, v] = on(region.point), side = [u - NAME_IN[0] * na - NAME_IN[1], v - NAME_IN[0] * nb + 4]; // in the hatched half
+  return { ...paths, far: shapePath([first, last]), inside: shapePath([first, last, back(last), back(first)], true),
+    label: [Math.max(6, Math.min(width - 80, side[0])), Math.max(16, Math.min(height - 8, side[1]))] };
 }
 
 /**

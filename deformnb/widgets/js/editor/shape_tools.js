@@ -1,4 +1,4 @@
-// The editor's tools for cuts, rigid parts and the ground: the pen that draws them, and edits of those that are there.
+// The editor's tools for cuts, rigid parts and fixed sides: the pen that draws them, and edits of those that are there.
 
 import { sidesKey } from "../maths/cuts.js";
 import { shownLength } from "../maths/numbers.js";
@@ -7,7 +7,7 @@ import { rbfLabel } from "../maths/rbf.js";
 import { regionFault } from "../maths/regions.js";
 import { heldPoints } from "../maths/rigid_stages.js";
 import {
-  cornersOf, followedShape, groundThrough, insertedCorner, MOST_SHAPES, motionOf, movedCorner, movedRegion, placeMoved,
+  cornersOf, fixedSideThrough, followedShape, insertedCorner, MOST_SHAPES, motionOf, motionWords, movedCorner, movedRegion, placeMoved,
   removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, stopsAt, turnedRegion, wayBefore,
   withShape, withStop,
 } from "../maths/shapes.js";
@@ -31,10 +31,10 @@ const PEN_HINTS = {
   cut: "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
     "it. An open cut goes on straight to the border; double-click an end of it later to let it stop there",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
-  ground: "Click two places, or drag a line: what lies on its far side stays where it is. F turns the side over",
+  fixed: "Click two places, or drag a line: the hatched side of it stays fixed. The arrows on the line swap the sides",
 };
 /** @type {Record<string, string>} */
-export const PEN_WORDS = { cut: "cut", part: "rigid part", ground: "ground" };
+export const PEN_WORDS = { cut: "cut", part: "rigid part", fixed: "fixed side" };
 const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
@@ -134,7 +134,7 @@ export class Pen {
     const before = draft.places.slice(0, draft.shown), isWhole = before.length === 0;
     const all = [editor.placeAt(from), ...stroke], isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
     draft.shown = undefined;
-    const path = draft.tool === "ground" ? [all[0], all[all.length - 1]]
+    const path = draft.tool === "fixed" ? [all[0], all[all.length - 1]]
       : simplified(all, STROKE_ERROR / editor.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
@@ -158,12 +158,12 @@ export class Pen {
     draft.places.push(place);
     draft.isSet = true;
     this.#count(draft);
-    if (draft.tool === "ground" && draft.places.length === 2) this.finish(false);
+    if (draft.tool === "fixed" && draft.places.length === 2) this.finish(false);
     this.editor.invalidate();
   }
 
   /** @param {PenDraft} draft */
-  #count(draft) { draft.canClose = draft.tool !== "ground" && draft.places.length > 2; }
+  #count(draft) { draft.canClose = draft.tool !== "fixed" && draft.places.length > 2; }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
@@ -215,9 +215,8 @@ export class Pen {
       editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
       return false;
     }
-    const [a0, a1, b0, b1] = editor.box;
     /** @type {RegionData} */
-    const region = tool === "ground" ? groundThrough(places[0], places[1], [(a0 + a1) / 2, (b0 + b1) / 2])
+    const region = tool === "fixed" ? fixedSideThrough(places[0], places[1], movedPlace(editor))
       : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
     if (fault) {
@@ -225,9 +224,19 @@ export class Pen {
       return false;
     }
     this.stop();
-    editor.shapeTools.add(tool === "cut" ? "cuts" : "parts", region, tool === "ground" ? "ground" : "");
+    editor.shapeTools.add(tool === "cut" ? "cuts" : "parts", region, tool === "fixed" ? PEN_WORDS.fixed : "");
     return true;
   }
+}
+
+/**
+ * The place that surely moves: the middle of the points that were dragged, or of the picture where none was.
+ * @param {{ points: Point[], box: number[] }} editor
+ */
+function movedPlace({ points, box: [a0, a1, b0, b1] }) {
+  const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
+  if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
+  return [0, 1].map((c) => dragged.reduce((sum, p) => sum + p.target[c], 0) / dragged.length);
 }
 
 /** Parts that wait for an answer about points that contradict them: all parts and points after the edit, and its name.
@@ -265,6 +274,17 @@ export class ShapeTools {
     const { chosen, chosenShape: shape } = this;
     return chosen && shape ? shapeLabel(shape, chosen.what, chosen.index) : "";
   }
+
+  /** The name of the chosen shape and its motion, "" for none. */
+  get chosenName() {
+    const { chosen, chosenShape: shape } = this;
+    if (!chosen || !shape) return "";
+    const motion = "motion" in shape ? motionWords(shape) : "";
+    return [shapeName(shape, chosen.what, chosen.index), shape.enabled ? motion : "off"].filter(Boolean).join(": ");
+  }
+
+  /** Whether the chosen shape is a fixed side. */
+  get isSide() { return this.chosen?.what === "parts" && this.chosenShape?.region.kind === "half_space"; }
 
   /** Whether the chosen shape has another side to turn to. */
   get canTurn() { return this.chosenShape !== null && turnedRegion(this.chosenShape.region) !== null; }
@@ -371,11 +391,11 @@ export class ShapeTools {
     if (this.#change({ enabled: !isOn }, "switch")) this.editor.announce(`switched ${isOn ? "off" : "on"}`);
   }
 
-  /** Turn the chosen shape over to its other side. */
+  /** Swap the sides of the chosen shape: of a fixed side the other half stays then. */
   turn() {
     const region = this.chosenShape && turnedRegion(this.chosenShape.region);
     if (!region) { this.editor.hint("What is closed has only one inside"); return; }
-    if (this.#change({ region }, "turn over")) this.editor.announce("turned over");
+    if (this.#change({ region }, "swap the sides of")) this.editor.announce("sides swapped");
   }
 
   rename() {

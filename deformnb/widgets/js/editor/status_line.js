@@ -21,11 +21,12 @@ export class StatusLine {
   constructor(editor) {
     this.editor = editor;
     const root = pageElement("div", "dnb-ed-status", editor.root);
-    this.slice = pageElement("span", "dnb-ed-slice", root, { title: "the slice, and its depth from the middle" });
-    this.facts = pageElement("span", "dnb-ed-facts", root);
-    this.legend = pageElement("span", "dnb-ed-legend", root, { role: "img" });
-    this.value = pageElement("span", "dnb-ed-value", root, { title: VALUE_TIP });
-    this.folds = pageElement("span", "dnb-ed-folds", root);
+    const state = pageElement("div", "dnb-ed-state", root); // one line, and below it the next step
+    this.slice = pageElement("span", "dnb-ed-slice", state, { title: "the slice, and its depth from the middle" });
+    this.facts = pageElement("span", "dnb-ed-facts", state);
+    this.legend = pageElement("span", "dnb-ed-legend", state, { role: "img" });
+    this.value = pageElement("span", "dnb-ed-value", state, { title: VALUE_TIP });
+    this.folds = pageElement("span", "dnb-ed-folds", state);
     this.notes = pageElement("div", "dnb-ed-notes", root);
     this.legendKey = ""; // of what is shown
   }
@@ -60,31 +61,35 @@ export class StatusLine {
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
-      : selected.size ? `${selected.size} selected` : shapeTools.chosenLabel;
+      : selected.size ? `${selected.size} selected` : shapeTools.chosenName;
     this.#updateLegend();
-    setText(this.facts, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
-      : "No points yet: three or more bend the picture, one moves it, two turn and scale it");
-    const folds = this.editor.folds ?? { least: 1, share: 0 };
+    const facts = points.length || chosen ? [chosen, count].filter(Boolean).join(" \u00b7 ") : "No points yet";
+    setText(this.facts, facts);
+    setAttributes(this.facts, { title: facts }); // where it is cut off
+    const folds = this.editor.folds ?? { least: 1, share: 0, air: 0 };
     this.#updateFolds(folds);
     // The fit only suspects a fold; the editor has measured it.
-    const remarks = (layered?.notes ?? []).filter((note) => folds.least <= 0 || !layered?.doubts.includes(note));
+    const remarks = this.#isUntouched ? [] : (layered?.notes ?? []).filter((note) => (
+      folds.least <= 0 || !layered?.doubts.includes(note)));
     const notes = error || foldStop.note || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
+    setAttributes(this.notes, { title: notes });
     this.notes.classList.toggle("dnb-ed-bad", error !== "");
     this.notes.classList.toggle("dnb-ed-near", error === "" && notes !== "");
   }
 
-  /** @param {{ least: number, share: number }} folds */
-  #updateFolds({ least, share }) {
+  /** @param {{ least: number, share: number, air: number }} folds */
+  #updateFolds({ least, share, air }) {
     const value = `min det J ${least.toFixed(2)}`;
     const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
     this.folds.classList.toggle("dnb-ed-bad", least <= 0);
-    this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
-    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds"
-      : "\u2713 no folds";
+    this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED && air === 0);
+    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED && air === 0 ? "\u25b2 nearly folds"
+      : `\u2713 no folds${air > 0 ? " in tissue" : ""}`;
     const hasPoints = this.editor.points.length > 0;
     setText(this.folds, hasPoints ? words : "");
-    setAttributes(this.folds, { title: hasPoints ? `${value}: ${FOLD_TIP}` : "" });
+    const inAir = air > 0 ? `. The map also folds in air, on ${(100 * air).toFixed(1)} % of the picture, where nothing is seen` : "";
+    setAttributes(this.folds, { title: hasPoints ? `${value}: ${FOLD_TIP}${inAir}` : "" });
   }
 
   /** "2 regions: (disc) 4, (diamond) 3" where cuts part the picture. */
@@ -110,29 +115,32 @@ export class StatusLine {
     setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
   }
 
+  /** Whether nothing is dragged or moved yet: the fit has nothing to say. */
+  get #isUntouched() {
+    const { points, shapes } = this.editor;
+    return points.every((p) => p.source.every((value, k) => value === p.target[k])) && shapes.parts.every((p) => !p.motion);
+  }
+
   /** Advice on the next step, where there are no remarks. */
   #advice() {
     const { points, selected, model, brush, pen, wand, isSelecting, shapeTools, partTools, gridNodes } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
-    const isUntouched = points.every((p) => p.source.every((value, k) => value === p.target[k]));
-    const start = isUntouched ? "Double-click adds a point. " : "";
-    if (brush.isOn) {
-      return "Drag in the picture; [ and ] or the wheel change the circle, Ctrl + wheel zooms, Escape ends";
-    }
-    if (wand.isOn) return "Click on what is to be selected; [ and ] change the tolerance, Escape ends";
-    if (isSelecting) return "Drag a band around points, or tap them; a second tap takes one out again; Escape ends";
-    if (pen.isOn) return "Backspace takes the last place back, Escape gives up";
-    if (partTools.isOn) {
-      return "Drag the inside to move it, the ring to turn it, the cross to set the pivot, corners and edges to " +
-        "reshape it; Home puts it back";
-    }
-    if (shapeTools.chosenShape) {
-      return "Drag corners, or the middle of an edge for a new one; Delete removes, F2 names, O switches off" +
-        `${shapeTools.canTurn ? ", F turns it over" : ""}${shapeTools.canStop ? "; a double-click on an end stops it there"
-          : ""}`;
-    }
+    const start = this.#isUntouched ? "Double-click adds a point. " : "";
+    // Two lines of the narrowest pane: 76 characters. The rest is in the list of keys.
+    if (brush.isOn) return "Drag in the picture; [ and ] or the wheel change the circle; Esc ends";
+    if (wand.isOn) return "Click on what is to be selected; [ and ] change the tolerance; Esc ends";
+    if (isSelecting) return "Drag a band, or tap points; a second tap takes one out; Esc ends";
+    if (this.editor.isAdding) return "Press on a feature and drag it, or click to set a point; Esc ends";
+    if (pen.isOn) return "Backspace takes the last place back, Esc gives up";
+    if (shapeTools.isSide) return "The hatched half stays fixed. The arrows on the line swap the sides";
+    if (partTools.isOn) return "Drag the inside to move it, the ring to turn it, the cross to set its pivot";
+    if (shapeTools.canStop) return "Drag a corner, or an edge; double-click an end to stop the cut there";
+    if (shapeTools.chosenShape) return "Drag a corner, or the middle of an edge for a new one; Delete removes it";
     if (gridNodes.isOn && selected.size === 0) return gridNodes.advice;
-    if (selected.size === 0) return `${start}Drag a disc to move what lies under it; ? lists all keys`;
+    if (selected.size === 0) {
+      if (!points.length) return "Double-click adds a point: one moves the picture, two turn it, three bend it";
+      return `${start}Drag a disc to move what is under it; ? lists all keys`;
+    }
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }
 }

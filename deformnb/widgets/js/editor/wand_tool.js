@@ -30,6 +30,7 @@ export class Wand {
   constructor(editor) {
     this.editor = editor;
     this.path = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.svg);
+    this.fill = svgElement("path", { class: "dnb-ed-wand-fill" }, this.path);
     this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-wand-${name}` }, this.path));
     this.cross = svgElement("path", { class: "dnb-ed-wand-cross" }, this.path);
     this.bar = pageElement("div", "dnb-ed-brush dnb-ed-wand-bar", editor.stage, { hidden: "", role: "group", "aria-label": "Wand" });
@@ -116,11 +117,9 @@ export class Wand {
     if (this.place) this.timer = setTimeout(() => this.#send("preview"), WAIT);
   }
 
-  /** Make a shape of what is selected; the wand goes, so that the shape can be dragged. @param {"part" | "cut"} what */
+  /** Make a shape of what is selected; the wand stays for the next one. @param {"part" | "cut"} what */
   #make(what) {
     this.#send(what);
-    this.place = null;
-    this.stop();
     this.editor.focusStage();
   }
 
@@ -137,8 +136,9 @@ export class Wand {
     this.bar.hidden = !isOn;
     this.path.setAttribute("visibility", isOn ? "visible" : "hidden");
     if (!isOn) return;
-    const d = region ? shapePaths(region, editor.view, 0).line : "";
-    for (const line of this.lines) setAttributes(line, { d });
+    const paths = region ? shapePaths(region, editor.view, 0) : { line: "", inside: "" };
+    setAttributes(this.fill, { d: paths.inside });
+    for (const line of this.lines) setAttributes(line, { d: paths.line });
     setAttributes(this.cross, { d: this.at ? `M${this.at[0] - 9} ${this.at[1]}h18M${this.at[0]} ${this.at[1] - 9}v18` : "" });
     const { unit = "" } = editor.painter.source?.grey ?? {};
     setText(this.tolerated, `\u00b1 ${shownLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);

@@ -19,7 +19,7 @@ const BRUSH_RING = 8; // points of a ring
 const BRUSH_INNER = 0.55; // of the radius: the ring that swells or shrinks
 const BRUSH_MOST_SWELL = 0.8; // logarithm of the largest scale in the middle
 
-const BRUSH_NAME = /^(smudge|expand|shrink) \d+$/;
+const BRUSH_NAME = /^(move|grow|shrink|smudge|expand) \d+$/; // the last two: of earlier versions
 
 /** @param {number} t */
 function brushFalloff(t) {
@@ -80,11 +80,11 @@ export class Stroke {
     this.source = sourceAt(points);
     this.held = taken ? taken.id : this.#add(middle, 0);
     this.isBegun = this.held !== null;
-    if (tool === "size") this.#ring(BRUSH_INNER, BRUSH_TAKES);
+    if (tool === "grow") this.#ring(BRUSH_INNER, BRUSH_TAKES);
     this.#surround(true);
   }
 
-  get name() { return `${this.tool === "smudge" ? "smudge" : this.swell < 0 ? "shrink" : "expand"} ${this.number}`; }
+  get name() { return `${this.tool === "move" ? "move" : this.swell < 0 ? "shrink" : "grow"} ${this.number}`; }
 
   get isPossible() { return this.lockedBy === null && this.isBegun; }
 
@@ -128,7 +128,7 @@ export class Stroke {
   // ---- the flow -----------------------------------------------------------------------------------------------------
 
   /** @param {(p: Point, x: number, y: number, share: number) => number[]} by */
-  #move(by) {
+  #flow(by) {
     this.points = this.points.map((p) => {
       if (!p.active || p.locked) return p;
       const x = p.target[0] - this.middle[0], y = p.target[1] - this.middle[1], t = Math.hypot(x, y) / this.radius;
@@ -141,14 +141,14 @@ export class Stroke {
    * after a while the brush moves faster than what it holds, which stays behind.
    * @param {number[]} place
    */
-  smudge(place) {
+  move(place) {
     const way = [place[0] - this.middle[0], place[1] - this.middle[1]], length = Math.hypot(...way);
     const count = Math.ceil(length / (BRUSH_STEP * this.radius) - 1e-9);
     for (let k = 0; k < count; k++) {
       const da = way[0] / count, db = way[1] / count;
       const hold = Math.max(BRUSH_SLIPS, Math.min(1, 1 - (this.done / this.radius - BRUSH_CARRIES)));
       if (hold < 1) this.held = null;
-      this.#move((p, _x, _y, share) => [p.target[0] + hold * share * da, p.target[1] + hold * share * db]);
+      this.#flow((p, _x, _y, share) => [p.target[0] + hold * share * da, p.target[1] + hold * share * db]);
       this.middle = [this.middle[0] + da, this.middle[1] + db];
       this.way += length / count;
       this.done += length / count;
@@ -159,12 +159,12 @@ export class Stroke {
     }
   }
 
-  /** Expand what lies in the brush (by a positive logarithm of its scale) or shrink it. @param {number} swell */
-  size(swell) {
+  /** Grow what lies in the brush (by a positive logarithm of its scale) or shrink it. @param {number} swell */
+  grow(swell) {
     const wanted = Math.max(-BRUSH_MOST_SWELL, Math.min(BRUSH_MOST_SWELL, swell)), by = wanted - this.swell;
     const count = Math.ceil(Math.abs(by) / BRUSH_STEP - 1e-9), was = this.name;
     for (let k = 0; k < count; k++) {
-      this.#move((p, x, y, share) => {
+      this.#flow((p, x, y, share) => {
         const factor = p.id === this.held ? 1 : Math.exp(share * by / count);
         return [this.middle[0] + factor * x, this.middle[1] + factor * y];
       });

@@ -120,26 +120,34 @@ export function probesOf(layered, most = 2e5) {
 
 /**
  * The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, its place, and
- * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points.
+ * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points. Folds where there is no
+ * tissue count apart: `air` is their share of the lattice, and 0 < least where all folds are of that sort.
  * @param {LayeredFit} layered
  * @param {number[]} box  [a0, a1, b0, b1]
  * @param {number} nodes  of each side of the lattice
  * @param {Probe[]} [probes]
+ * @param {(a: number, b: number) => boolean} [isTissue]  at a place; default everywhere
  */
-export function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
+export function foldsOf(layered, box, nodes, probes = probesOf(layered), isTissue = () => true) {
   const [a0, a1, b0, b1] = box, da = (a1 - a0) / (nodes - 1), db = (b1 - b0) / (nodes - 1);
   const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
-  let least = Infinity, place = [(a0 + a1) / 2, (b0 + b1) / 2], folded = 0;
+  let least = Infinity, place = [(a0 + a1) / 2, (b0 + b1) / 2], folded = 0, inAir = 0;
   for (let n = 0; n < dets.length; n++) {
-    if (dets[n] <= 0) folded += 1;
-    if (dets[n] < least) { least = dets[n]; place = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db]; }
+    const at = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db], isFold = dets[n] <= 0;
+    const counts = !isFold || isTissue(at[0], at[1]);
+    if (isFold && counts) folded += 1;
+    else if (isFold) inAir += 1;
+    if (counts && dets[n] < least) { least = dets[n]; place = at; }
   }
   for (const [a, b, det] of probes) {
-    if (det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1) { least = det; place = [a, b]; }
+    if (!(det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1)) continue;
+    if (det > 0 || isTissue(a, b)) { least = det; place = [a, b]; }
+    else inAir ||= 1; // between the nodes
   }
-  const isMoved = least !== 1 && Number.isFinite(least);
-  const end = isMoved ? downhill(layered, box, { least, place }, Math.max(da, db) / 2) : { least, place };
-  return { least: Number.isFinite(end.least) ? end.least : 1, place: end.place, share: folded / (nodes * nodes) };
+  const isMoved = least !== 1 && Number.isFinite(least), step = Math.max(da, db) / 2;
+  const end = isMoved ? downhill(layered, box, { least, place }, step, isTissue) : { least, place };
+  return { least: Number.isFinite(end.least) ? end.least : 1, place: end.place, share: folded / (nodes * nodes),
+    air: inAir / (nodes * nodes) };
 }
 
 /**
@@ -148,8 +156,9 @@ export function foldsOf(layered, box, nodes, probes = probesOf(layered)) {
  * @param {number[]} box
  * @param {{ least: number, place: number[] }} start
  * @param {number} step
+ * @param {(a: number, b: number) => boolean} isTissue  where alone a fold counts
  */
-function downhill(layered, [a0, a1, b0, b1], start, step) {
+function downhill(layered, [a0, a1, b0, b1], start, step, isTissue) {
   let { least, place } = start;
   for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
     let better = null;
@@ -157,7 +166,7 @@ function downhill(layered, [a0, a1, b0, b1], start, step) {
       const a = place[0] + u, b = place[1] + v;
       if (a < a0 || a > a1 || b < b0 || b > b1) continue;
       const det = detAt(layered, a, b);
-      if (det < least) { least = det; better = [a, b]; }
+      if (det < least && (det > 0 || isTissue(a, b))) { least = det; better = [a, b]; }
     }
     if (better) place = better;
     else h /= 2;

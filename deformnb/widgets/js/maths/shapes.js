@@ -238,15 +238,15 @@ export function motionWords(part) {
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
 /**
- * The half plane on the other side of the line from p to q than the middle of the picture.
+ * The half plane on the other side of the line from p to q than a place.
  * @param {number[]} p
  * @param {number[]} q
- * @param {number[]} middle
+ * @param {number[]} place
  * @returns {HalfSpaceData}
  */
-export function groundThrough(p, q, middle) {
+export function fixedSideThrough(p, q, place) {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1, n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
-  const isTowards = (middle[0] - p[0]) * n[0] + (middle[1] - p[1]) * n[1] >= 0;
+  const isTowards = (place[0] - p[0]) * n[0] + (place[1] - p[1]) * n[1] >= 0;
   return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
     normal: n.map((v) => (isTowards ? v : -v) + 0) };
 }

@@ -40,7 +40,7 @@ const HELP_KEY = ["?", "this list", { command: "help", keys: ["?"] }];
 /** @type {KeyTable} */
 export const EDITOR_KEYS = [
   ["Points", [
-    ["Double-click, A", "add a point", { command: "add", keys: ["a"] }],
+    ["Double-click, A", "add a point; after A press and drag", { command: "add", keys: ["a"] }],
     ["Enter on the picture", "add a point in the middle", { keys: ["Enter"] }],
     ...MANY_KEYS,
     ["F2, double-click", "rename", { command: "rename", keys: ["F2"] }],
@@ -53,8 +53,8 @@ export const EDITOR_KEYS = [
     ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
   ]],
   ["Brushes", [
-    ["S", "smudge: drag to push", { command: "smudge", keys: ["s"] }],
-    ["E", "expand: drag right; left shrinks", { command: "size", keys: ["e"] }],
+    ["S", "move: drag what lies under it", { command: "move", keys: ["s"] }],
+    ["E", "grow: drag right; left shrinks", { command: "grow", keys: ["e"] }],
     ["[ and ], wheel", "radius of the brush", { command: "brush-radius", keys: ["[", "]"] }],
   ]],
   ["Helpers", [
@@ -66,14 +66,14 @@ export const EDITOR_KEYS = [
   ["Cuts and rigid parts", [
     ["X", "draw a cut", { command: "cut", keys: ["x"] }],
     ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
-    ["G", "draw the ground", { command: "ground", keys: ["g"] }],
+    ["G", "draw a fixed side", { command: "fixed", keys: ["g"] }],
     ["Q", "wand; [ and ] its tolerance", { command: "wand", keys: ["q"] }],
     ["Click a line", "reshape it"],
     ["Double-click an end", "let the cut stop there, or go on"],
     ["Drag inside a part", "move it; its ring turns it"],
     ["(Shift +) arrows on it", "move it by 1 (10) pixels"],
     [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"], ["Home on a part", "put it back"],
-    ["F", "turn a line over", { command: "turn", keys: ["f"] }],
+    ["F", "swap the sides of a line", { command: "turn", keys: ["f"] }],
   ]],
   ["View", [
     ["Wheel, pinch, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],

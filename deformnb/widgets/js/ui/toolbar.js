@@ -28,7 +28,7 @@ const ICONS = {
   cut: "M3.5 13.5L12 3M4 3l8.5 10.5M2.6 2.6a1.5 1.5 0 1 0 .1 0M13.3 2.6a1.5 1.5 0 1 0 .1 0",
   part: "M8 2.2l5.2 3.6-2 6.8H4.8l-2-6.8zM5.2 11l4.6-6M8 12.3l3.4-4.6",
   wand: "M2.5 13.5L9 7M10.5 2v2.4M10.5 7.6V10M6.6 6h2.3M12.1 6h2.4M13.3 3.2l-1 1M7.7 3.2l1 1M13.3 8.8l-1-1",
-  ground: "M1.5 9h13M3 13l3-4M7 13l3-4M11 13l3-4",
+  fixed: "M1.5 9h13M3 13l3-4M7 13l3-4M11 13l3-4",
   turn: "M8 2v12M5.5 5L2.5 8l3 3M10.5 5l3 3-3 3",
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
   redo: "M10 3l3 3-3 3M13 6H7a3.5 3.5 0 0 0 0 7h3",
@@ -41,8 +41,8 @@ const ICONS = {
   window: "M13.5 8a5.5 5.5 0 1 1-11 0 5.5 5.5 0 0 1 11 0M8 2.5v11M8 5h4.4M8 8h5.4M8 11h4.4",
   fit: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   go: "M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4M8 8h.01",
-  smudge: "M3 13.5c0-3 2-2.6 3.4-4l5.2-5.2a1.3 1.3 0 0 1 1.9 1.9L8.3 11.4C6.9 12.8 6 13.5 3 13.5zM7.6 8.3l1.9 1.9",
-  size: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5" +
+  move: "M3 13.5c0-3 2-2.6 3.4-4l5.2-5.2a1.3 1.3 0 0 1 1.9 1.9L8.3 11.4C6.9 12.8 6 13.5 3 13.5zM7.6 8.3l1.9 1.9",
+  grow: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5" +
     "M12.7 12.7l-1.5-1.5M12.7 3.3l-1.5 1.5M3.3 12.7l1.5-1.5",
   lock: "M4 7.5h8v6H4zM5.5 7.5V5a2.5 2.5 0 0 1 5 0v2.5",
   mirror: "M8 1.5v13M6 4L2 12h4zM10 4l4 8h-4z",
@@ -57,18 +57,18 @@ const ICONS = {
 
 /** @type {ToolEntry[][]} */
 const GROUPS = [
-  [["add", "Add", "Add points: click where", true],
+  [["add", "Add", "Add points: press on a feature and drag it, or click", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points, or the chosen shape", false, "selection"],
     ["rename", "Rename", "Name the selected point or shape", false, "one"],
     ["switch", "On/off", "Switch the selected points or shape on or off", false, "selection"],
     ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"]],
-  [["smudge", "Smudge", "Push what lies under a brush", true],
-    ["size", "Expand", "Expand or shrink what lies under a brush", true]],
+  [["move", "Move", "Move brush: drag what lies under it", true],
+    ["grow", "Grow", "Grow brush: drag right to grow what lies under it, left to shrink it", true]],
   [["cut", "Cut", "Draw a cut, along which the picture comes apart", true],
     ["part", "Rigid", "Draw around a part that stays rigid", true],
     ["wand", "Wand", "Click on what becomes a rigid part or a cut", true],
-    ["ground", "Ground", "Draw a line beyond which all stays where it is", true]],
+    ["fixed", "Fixed side", "Draw a line: all on one side of it stays fixed", true]],
   [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
   [["grid", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true],
     ["window", "Window", "Change the window: drag left and right for its width, up and down for its level", true]],
@@ -89,14 +89,14 @@ const MORE = [
   [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left; one point turns what is around it",
     false, "points_selected"],
     ["turn-right", "Turn right by 15\u00b0", "Turn the selected points to the right", false, "points_selected"],
-    ["turn", "Turn a line over", "Turn the chosen line over to its other side", false, "turns"]],
+    ["turn", "Swap sides", "Swap the sides of the chosen line", false, "turns"]],
   [["radius", "Reach of points", "Show how far points reach", true],
     ["zoom-in", "Zoom in", "Zoom in", false], ["zoom-out", "Zoom out", "Zoom out", false]],
 ];
 
 /** The commands that are disabled for points that are only shown. */
-export const EDITS = ["add", "cut", "part", "wand", "ground", "turn", "remove", "rename", "switch", "reset", "undo", "redo",
-  "smudge", "size", "lock", "turn-left", "turn-right"];
+export const EDITS = ["add", "cut", "part", "wand", "fixed", "turn", "remove", "rename", "switch", "reset", "undo", "redo",
+  "move", "grow", "lock", "turn-left", "turn-right"];
 
 export class Toolbar {
   /**

@@ -247,9 +247,9 @@ _ENDS = {"go on to the border": (False, False), "first end here": (True, False),
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
 _EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
           "point on each side. A rigid part keeps its form: draw around it.")
-_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is the ground, a label, or made in Python: "
-                "studio.session.edit_cuts([...]).")
-_GROUND_AT = 0.1  # share of the picture's height, from below
+_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is a fixed side, a label, or made in Python: "
+                "studio.session.edit_cuts([...]). The pen and the wand need a picture: choose a side over it.")
+_FIXED_AT = 0.1  # share of the picture's height, from below
 
 
 class ShapesPanel(Panel):
@@ -278,10 +278,10 @@ class ShapesPanel(Panel):
                                    "double-click on an end does the same"), self._ends_of, self._set_ends)
         self.part = PartControls(session, guard, self._part_index, editor)
         self._drawing = self._draw_buttons()
-        ground = button("Ground", "A fixed part: everything below a level stays",
-                        lambda: guard(lambda: self.add_regions("part", [("ground", self._ground())])))
+        fixed = button("Fixed side", "All below a level stays fixed",
+                       lambda: guard(lambda: self.add_regions("part", [("fixed side", self._fixed_side())])))
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
-        more = row(*self._drawing, ground)
+        more = row(*self._drawing, fixed)
         self.box = ipw.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
         self.refresh()
@@ -413,17 +413,17 @@ class ShapesPanel(Panel):
             if index < len(getattr(self._editor, f"{what}s")):  # else another picture is still being made
                 self._editor.choose(f"{what}s", index)
 
-    def _ground(self) -> HalfSpace:
+    def _fixed_side(self) -> HalfSpace:
         """All below a level near the lower edge of the picture, or of the volume."""
         corners = self.session.volume.grid.corners()
         plane = self.session.step.plane
         if plane is None:
             low, high = corners.min(axis=0), corners.max(axis=0)
             middle = (low + high) / 2
-            return HalfSpace((middle[0], middle[1], low[2] + _GROUND_AT * (high[2] - low[2])), (0.0, 0.0, 1.0))
+            return HalfSpace((middle[0], middle[1], low[2] + _FIXED_AT * (high[2] - low[2])), (0.0, 0.0, 1.0))
         flat = plane.to_plane(corners)[:, :2]
         low, high = flat.min(axis=0), flat.max(axis=0)
-        return HalfSpace(((low[0] + high[0]) / 2, high[1] - _GROUND_AT * (high[1] - low[1])), (0.0, -1.0))
+        return HalfSpace(((low[0] + high[0]) / 2, high[1] - _FIXED_AT * (high[1] - low[1])), (0.0, -1.0))
 
 
 def _name(what: str, k: int, shape: Any) -> str:

@@ -36,7 +36,7 @@ _IN_SPACE = "Points in space deform no picture, so there is no grid to show: cho
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
 _WATCHED = ["deformation", "index", "key", "history", "method", "depth", "transfer", "window", "colour_map"]
 _CELLS = 12  # of a printed grid, where the picture shows none
-_LOOK = ('<div style="line-height: 1.35">The left grid lies on the original. <b>Drag the nodes of the right grid</b>: '
+_LOOK = ('<div style="line-height: 1.35"><b>Drag the nodes of the grid titled Deformed</b>: '
          "each becomes a control point; Delete removes that point.</div>")
 
 
