@@ -408,3 +408,35 @@ def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(t
     eventually(lambda: tabs.selected_index == 1 and sections["Points"].selected_index == 0)
     assert sections["Steps"].selected_index == 0
     assert splitter.get_attribute("aria-valuenow") == "320"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("width", [1280, 860, 620, 390])
+def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any, fresh: RunningApp, width: int) -> None:
+    tab = Tab(browser, fresh, size=(width, 760))
+    page, seen = tab.page, set()
+    stage = page.locator(".dnb-ed-stage").first.bounding_box()
+
+    def look() -> None:
+        page.evaluate("() => document.querySelector('.dnb-editor').deformnb.drawNow()")
+        notes = page.locator(".dnb-ed-notes").first
+        seen.add(notes.inner_text())
+        assert notes.evaluate("(e) => e.scrollHeight <= e.clientHeight + 1"), notes.inner_text()
+        assert page.locator(".dnb-ed-stage").first.bounding_box() == stage
+
+    try:
+        look()
+        for command in ("add", "select", "move", "grow", "wand", "part", "cut", "fixed"):
+            page.evaluate("(c) => document.querySelector('.dnb-editor').deformnb.run(c, null)", command)
+            look()
+        page.keyboard.press("Escape")
+        for what, region in (("parts", {"kind": "polygon", "vertices": [[10, 8], [18, 8], [18, 16]]}),
+                             ("parts", {"kind": "half_space", "point": [4, 4], "normal": [0, -1]}),
+                             ("cuts", {"kind": "line", "vertices": [[6, 0], [6, 30]]})):
+            page.evaluate("""([what, region]) =>
+                document.querySelector('.dnb-editor').deformnb.shapeTools.add(what, region)""", [what, region])
+            look()
+        assert len(seen) >= 9
+        assert tab.errors == []
+    finally:
+        tab.close()

@@ -177,13 +177,13 @@ def test_a_fold_that_the_fit_suspects_is_not_told_where_the_page_finds_none(open
 def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: Picture,
                                                           points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    start = "Double-click adds a point. Drag a disc to move what is under it; ? lists all keys"
+    start = "Double-click adds a point. Drag a disc to move what is under it; ? for keys"
     assert notes(page) == start
     page.drag([52, 30], (8, 12))
     assert page.js(HINT) == "Double-click adds a point to drag"
     page.drag(points.target[4], (20, 5))
     page.page.keyboard.press("Escape")
-    assert notes(page) == "Drag a disc to move what is under it; ? lists all keys"
+    assert notes(page) == "Drag a disc to move what is under it; ? for keys"
     page.editor.points = ControlPoints.empty()
     page.settled()
     assert notes(page) == "Double-click adds a point: one moves the picture, two turn it, three bend it"

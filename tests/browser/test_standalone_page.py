@@ -449,6 +449,35 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
         opened.context.close()
 
 
+@pytest.mark.nightly
+def test_a_cut_that_stops_inside_is_in_the_page_as_the_core_has_warped_it(browser: Any, tmp_path: Path) -> None:
+    editor, view = pair()
+    plain = view.still((640, 480))
+    low, high = (f(PLANE.to_plane(GRID.corners())[:, :2], axis=0) for f in (np.min, np.max))
+    a, b = low + (high - low) * np.array([0.35, 0.5])
+    reach = 0.25 * (high - low)[1]
+    points = editor.points
+    for side in (-1.0, 1.0):
+        points = points.add([a + side, b], [a + 2.2 * side, b])
+    editor.points, editor.cuts = points, [Cut(Line(((a, b - reach), (a, b + reach)), stops=(True, True)))]
+    view.follow(editor, Deformation((editor.step(),)).field(GRID), output=FINE)
+    write_standalone(tmp_path / "page.html", editor, view)
+    opened = Opened(browser, tmp_path / "page.html", (1280, 800), "")
+    try:
+        opened.loaded()
+        opened.wait(f"{VIEW}.caster.planar?.cut")
+        image = opened.volume()
+        size = (image.shape[1], image.shape[0])
+        wanted, closed = (silhouette(still) for still in (view.still(size), np.asarray(plain)))
+        assert dice(silhouette(image), wanted) > 0.965
+        if closed.shape != wanted.shape:
+            closed = np.asarray(Image.fromarray(closed).resize(size, Image.Resampling.NEAREST))
+        assert dice(closed, wanted) < 0.95
+        assert opened.errors == []
+    finally:
+        opened.context.close()
+
+
 def _lit(opened: Opened) -> NDArray[np.bool_]:
     data = opened.js(f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.canvas.toDataURL('image/png').split(',')[1]; }}")
     image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))

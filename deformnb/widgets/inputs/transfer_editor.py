@@ -100,7 +100,7 @@ class TransferEditor(AbstractEdited):
     @volume.setter
     def volume(self, volume: Volume) -> None:
         counts, extent = shown_histogram(volume)
-        name = self._preset_name
+        name = self.preset_name
         self._volume, self._extent = volume, extent
         with self.hold_sync():  # all in one message: a histogram must never meet another volume's nodes
             self.histogram = _bars(counts)
@@ -166,7 +166,8 @@ class TransferEditor(AbstractEdited):
         return edit[1]
 
     @property
-    def _preset_name(self) -> str:
+    def preset_name(self) -> str:
+        """The preset that is shown; "" for colours and opacities of the user's own."""
         return self._named[0] if self._named is not None and self._named[1] == self.transfer else ""
 
     @traitlets.observe("transfer")
@@ -175,12 +176,12 @@ class TransferEditor(AbstractEdited):
 
     def _show(self) -> None:
         values = [*self._extent, *self.transfer.window]
-        self._set_shown(nodes=[list(node) for node in self.transfer.opacities], preset=self._preset_name,
+        self._set_shown(nodes=[list(node) for node in self.transfer.opacities], preset=self.preset_name,
                   colors=[list(node) for node in self.transfer.colors], back=self._named[0] if self._named else "",
                   range=[min(values), max(values)])
 
     def __repr__(self) -> str:
-        what = repr(self._preset_name) if self._preset_name else f"{len(self.transfer.opacities)} nodes"
+        what = repr(self.preset_name) if self.preset_name else f"{len(self.transfer.opacities)} nodes"
         return f"TransferEditor({self._volume.name or 'volume'}, {what})"
 
 

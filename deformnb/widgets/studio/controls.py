@@ -21,6 +21,7 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
+from deformnb.volume.transfer import PRESETS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
@@ -369,9 +370,15 @@ class StrengthPanel(Panel):
 
 
 class VolumePanel(Panel):
-    """Row over the volume: whether the deformed volume is shown, the original, or both; or three slices instead."""
+    """Row over the volume: deformed, original or both, its rendering and preset; or three slices instead.
 
-    def __init__(self, session: Session, guard: Guard, view: Any, slices: Any) -> None:
+    Parameters
+    ----------
+    slices : take the place of the view.
+    transfer : the editor of colours and opacities.
+    """
+
+    def __init__(self, session: Session, guard: Guard, view: Any, slices: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         shows = self.add(widget_of("shows", layout=ipw.Layout(width="auto")), lambda: view.shows,
                          lambda value: setattr(view, "shows", value))
@@ -379,6 +386,7 @@ class VolumePanel(Panel):
         if view.has_trait("projection"):
             menus.append(self.add(widget_of("projection", layout=ipw.Layout(width="auto")), lambda: view.projection,
                                   lambda value: view.set_trait("projection", value)))
+        menus.append(self.add(_presets(), lambda: transfer.preset_name, lambda name: _take_preset(session, name)))
         parameter = PARAMETERS["slices"]
         button = ipw.ToggleButton(False, description=parameter.label, tooltip=parameter.tooltip,
                                   layout=ipw.Layout(width="auto"))
@@ -388,3 +396,17 @@ class VolumePanel(Panel):
     def arrange(self) -> None:
         for widget in self._of_view:  # which is not seen meanwhile
             widget.disabled = self._slices.is_shown
+
+
+def _presets() -> ipw.Dropdown:
+    """Presets of colours and opacities."""
+    options = [(name.capitalize(), name) for name in PRESETS]
+    made = menu("Preset", [*options, ("Own colours", "")],
+                'Colours and opacities of the volume; "View" shows each on this volume, and changes them')
+    made.layout = ipw.Layout(width="auto")  # as its neighbours
+    return made
+
+
+def _take_preset(session: Session, name: str) -> None:
+    if name:  # the user's own are those that are there
+        session.transfer = name

@@ -167,7 +167,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
     menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
              "export": files}
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
-                        VolumePanel(s.session, s.guard, s.view, s.slices),
+                        VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
                         ExamplesPanel(s.session, s.guard, is_start=True),
                         OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume), [result_box], wand)
 

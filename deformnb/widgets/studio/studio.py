@@ -423,6 +423,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.view.set_transfer(function)
         if self._opacity.transfer != function:
             self._opacity.set_transfer(self.session.transfer)
+        self._refresh_panels()
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:
         self._words.guarded(lambda: self.session.set_trait("transfer", transfer))

@@ -7,6 +7,7 @@ import threading
 import time
 import weakref
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +28,7 @@ from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import SIDES, VIEWS
-from deformnb.volume.transfer import levels
+from deformnb.volume.transfer import levels, preset
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
@@ -377,6 +378,19 @@ def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_to
     session.method = "mip"
     three.cursor = at(2.0, 3.0, slices.depth(0))
     assert session.depth == slices.depth(4)  # which shows no slice
+
+
+def test_a_preset_is_chosen_over_the_volume_and_shown_as_such(studio: Studio) -> None:
+    session, menu = studio.session, controls(studio)["Preset"]
+    menu.value = "bone"
+    studio.wait()
+    assert session.transfer_function == preset("bone", studio.volume)
+    session.transfer = replace(session.transfer_function, opacities=((0.0, 0.0), (200.0, 0.5)))
+    studio.wait()
+    assert menu.value == ""
+    session.transfer = "surface"
+    studio.wait()
+    assert menu.value == "surface"
 
 
 def test_air_around_the_body_is_known_where_the_picture_has_values_of_the_volume(studio: Studio) -> None:

@@ -138,14 +138,27 @@ def cut_step(grid: Grid, gap: float, rule: str = "source", **options: Any) -> St
                 **options)
 
 
+def slit_step(grid: Grid, gap: float) -> Step:
+    """An incision that stops inside the shape at both ends, opened in its middle."""
+    plane = Plane.along(grid, "+y")
+    a, b = plane.to_plane(grid.center)[:2]
+    held = [[a - 14, b - 14], [a + 14, b - 14], [a - 14, b + 14], [a + 14, b + 14], [a - 12, b], [a + 12, b]]
+    source = np.array([*held, [a - 2, b], [a + 2, b]])
+    move = np.array([[0.0, 0.0]] * len(held) + [[-gap / 2, 0.0], [gap / 2, 0.0]])
+    cut = Cut(Line(((a - 0.5, b - 9.0), (a + 0.5, b + 9.0)), stops=(True, True)))
+    return Step((ControlPoints.from_arrays(source, source + move),), plane, cuts=(cut,))
+
+
 @pytest.mark.sampled(4)
-@pytest.mark.parametrize("name", ["replicate", "modulate", "paper", "after a bend", "before a bend"])
+@pytest.mark.parametrize("name", ["replicate", "modulate", "paper", "after a bend", "before a bend",
+                                  *(pytest.param(f"stops inside{more}", marks=pytest.mark.nightly)
+                                    for more in ("", ", before a bend"))])
 def test_both_ways_show_cuts_as_the_core_does(scene: Any, name: str) -> None:
     volume = shape_without_symmetry()
     options = {"modulate": {"extrusion": "modulate", "curve": "z"}, "paper": {"rule": "paper"}}.get(name, {})
-    cut = Deformation((cut_step(GRID, 8.0, **options),))
+    cut = Deformation((slit_step(GRID, 10.0) if "stops" in name else cut_step(GRID, 8.0, **options),))
     bend = deformation("two planes", GRID).steps[1]
-    steps = {"after a bend": (bend, *cut.steps), "before a bend": (*cut.steps, bend)}.get(name, cut.steps)
+    steps = {"after a bend": (bend, *cut.steps)}.get(name, (*cut.steps, bend) if "before" in name else cut.steps)
     field = Deformation(steps).field(GRID)
     core = scene(warp(volume, field, output=GRID.resampled(spacing=np.asarray(GRID.spacing) / 2)), "array")
     wanted, plain = core.render(), scene(volume, "array").render()

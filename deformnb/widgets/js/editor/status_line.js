@@ -139,7 +139,7 @@ export class StatusLine {
     if (gridNodes.isOn && selected.size === 0) return gridNodes.advice;
     if (selected.size === 0) {
       if (!points.length) return "Double-click adds a point: one moves the picture, two turn it, three bend it";
-      return `${start}Drag a disc to move what is under it; ? lists all keys`;
+      return `${start}Drag a disc to move what is under it; ? for keys`;
     }
     return "Arrows move the selected points, Delete removes them, Home puts them back";
   }

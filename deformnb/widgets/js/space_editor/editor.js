@@ -295,11 +295,11 @@ export class SpaceEditorView extends EditorDrawing {
   #advice() {
     if (this.model.get("read_only")) return "These points are shown only";
     if (this.points.length === 0) {
-      return "Double-click a picture to add a point; click to bring the slices there; ? lists all keys";
+      return "Double-click adds a point; a click brings the slices there; ? for keys";
     }
     if (this.selected.size === 0) {
       const wheel = this.isSlice ? "goes through the slices" : "zooms";
-      return `Drag a disc to move what lies under it; the wheel ${wheel}; ? lists all keys`;
+      return `Drag a disc to move what is under it; the wheel ${wheel}; ? for keys`;
     }
     return "Arrows move the selected points, J brings the slices to them, Delete removes them, Home puts them back";
   }
