@@ -49,7 +49,19 @@ def test_a_map_folds_at_the_weight_that_folds() -> None:
     assert planar_folds([half], [[0.0, 1.0]])
 
 
-def test_any_region_counts_and_several_maps_by_a_bound() -> None:
+def test_several_maps_fold_where_their_sum_does_also_between_the_knots() -> None:
+    up, down = bump(0.7 / STEEPEST), bump(-0.7 / STEEPEST)
+    assert not planar_folds([up, down], [[1.0, 1.0], [1.0, 1.0]], count=2)  # one takes back what the other does
+    assert not planar_folds([up, down], [[1.0, 0.0], [0.0, 1.0]], count=2)
+    assert planar_folds([up, up], [[1.0, 1.0], [1.0, 1.0]], count=2)
+    # Two half turns about one place are none, and one keeps areas: between them lies what takes all to a line.
+    a, b = np.meshgrid(np.arange(COLUMNS) * SPACING[0], np.arange(ROWS) * SPACING[1])
+    half = -np.stack([a - 20, b - 20], axis=-1)
+    assert planar_folds([half, half], [[0.0, 1.0], [0.0, 1.0]], count=2)
+    assert not planar_folds([half, half], [[0.0, 0.4], [0.0, 0.4]], count=2)
+
+
+def test_any_region_counts() -> None:
     fine, bad = bump(0.3 / STEEPEST), bump(2 / STEEPEST)
     assert planar_folds([fine, bad], [[1.0]])
     assert not planar_folds([fine, fine], [[1.0, 0.0], [0.0, 1.0]], count=2)

@@ -111,6 +111,7 @@ export const SPACE_EDITOR_KEYS = [
     ["Shift + M", "mirror across the next axis", { command: "mirror-axis", keys: ["Shift+m"] }],
     ["Shift + N", "snap to a lattice; Alt does not", { command: "snap", keys: ["Shift+n"] }],
   ]],
+  ["Cuts and rigid parts", [["Pen, wand", "on a picture only: choose a step that has one"]]],
   ["Slices", [
     ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
     ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],

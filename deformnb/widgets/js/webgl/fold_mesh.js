@@ -19,24 +19,19 @@ vec3 foldRed(vec3 rgb) {
 }
 #endif`;
 
+const MOST_BENDS = 64; // of weights along the depth, beyond which a bound is taken
+
 /**
  * True if a planar field folds: a cell of its maps is turned over, seen at its upper left or at its lower right
- * corner. One map is tested at every weight that it has, det(1 + w M) being a parabola in w; of several a bound is
- * taken, so they fold at most there.
+ * corner. One map is tested at every weight that it has, det(1 + w M) being a parabola in w; several at all weights
+ * between two knots, as widgets/vtk/folds.py does.
  * @param {Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">} field
  * @param {number} count
  * @param {Float64Array} steep
  */
-export function planarFolds({ maps, shape: [layers, rows, columns], spacing: [da, db], weights }, count, steep) {
-  const knots = weights.length / count;
-  if (count > 1) {
-    const regions = layers / count;
-    return Array.from({ length: knots * regions }, (_, n) => [n % knots, Math.floor(n / knots)]).some(([i, r]) => {
-      let sum = 0;
-      for (let k = 0; k < count; k++) sum += Math.abs(weights[k * knots + i]) * steep[r * count + k];
-      return sum >= 1;
-    });
-  }
+export function planarFolds({ maps, shape, spacing, weights }, count, steep) {
+  const [layers, rows, columns] = shape, [da, db] = spacing;
+  if (count > 1) return severalFold({ maps, shape, spacing, weights }, count, steep);
   const low = weights.reduce((a, b) => Math.min(a, b), Infinity);
   const high = weights.reduce((a, b) => Math.max(a, b), -Infinity);
   /** @type {(a: number, b: number, c: number, d: number) => boolean} */
@@ -53,6 +48,80 @@ export function planarFolds({ maps, shape: [layers, rows, columns], spacing: [da
           (maps[j + 1] - maps[i + 1]) / db)) return true;
         if (turned((maps[j + 2] - maps[j]) / da, (maps[j + 2] - maps[i + 2]) / db, (maps[j + 3] - maps[j + 1]) / da,
           (maps[j + 3] - maps[i + 3]) / db)) return true;
+      }
+    }
+  }
+  return false;
+}
+
+/**
+ * The same of several maps in each region, from knot to knot of their weights.
+ * @param {Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">} field
+ * @param {number} count
+ * @param {Float64Array} steep
+ */
+function severalFold({ maps, shape: [layers, rows, columns], spacing, weights }, count, steep) {
+  const knots = weights.length / count, ends = bendsOf(weights, count), plane = 2 * rows * columns;
+  for (let r = 0; r < layers / count; r++) {
+    for (let n = 0; n + 1 < ends.length; n++) {
+      let most = 0;
+      const parts = Array.from({ length: count }, (_, k) => {
+        const [from, to] = [weights[k * knots + ends[n]], weights[k * knots + ends[n + 1]]];
+        most += Math.max(Math.abs(from), Math.abs(to)) * steep[r * count + k];
+        return { at: (r * count + k) * plane, from, way: to - from };
+      });
+      if (most < 1) continue; // nothing is turned over by what moves less than the places lie apart
+      if (ends.length > MOST_BENDS || turnedBetween(maps, parts, [rows, columns], spacing)) return true;
+    }
+  }
+  return false;
+}
+
+/**
+ * The knots between which all weights change evenly.
+ * @param {Float32Array} weights
+ * @param {number} count
+ */
+function bendsOf(weights, count) {
+  const knots = weights.length / count, ends = [0];
+  for (let i = 1; i + 1 < knots; i++) {
+    for (let k = 0; k < count; k++) {
+      const at = k * knots + i;
+      if (Math.abs(weights[at - 1] - 2 * weights[at] + weights[at + 1]) > 1e-6) { ends.push(i); break; }
+    }
+  }
+  return [...ends, knots - 1];
+}
+
+/**
+ * Whether a cell of a sum of maps is turned over while their weights go their way.
+ * @param {Float32Array} maps
+ * @param {{ at: number, from: number, way: number }[]} parts of each map its first value, its weight and the change of it
+ * @param {number[]} shape
+ * @param {number[]} spacing
+ */
+function turnedBetween(maps, parts, [rows, columns], [da, db]) {
+  const steps = [2, 2 * columns], lengths = [da, db], m = new Float64Array(8); // 1 + sum w M, and the change of it
+  for (let row = 0; row + 1 < rows; row++) {
+    for (let column = 0; column + 1 < columns; column++) {
+      for (const isLast of [false, true]) {
+        m.fill(0);
+        m[0] = m[3] = 1;
+        for (const { at, from, way } of parts) {
+          for (let axis = 0; axis < 2; axis++) {
+            const first = at + 2 * (row * columns + column) + (isLast ? steps[1 - axis] : 0);
+            for (let c = 0; c < 2; c++) {
+              const slope = (maps[first + steps[axis] + c] - maps[first + c]) / lengths[axis];
+              m[2 * c + axis] += from * slope;
+              m[4 + 2 * c + axis] += way * slope;
+            }
+          }
+        }
+        const start = m[0] * m[3] - m[1] * m[2], bow = m[4] * m[7] - m[5] * m[6];
+        const tilt = m[0] * m[7] + m[3] * m[4] - m[1] * m[6] - m[2] * m[5], lowest = -tilt / (2 * bow);
+        const least = bow > 0 && lowest > 0 && lowest < 1 ? start + lowest * (tilt + lowest * bow)
+          : Math.min(start, start + tilt + bow);
+        if (!(least > 0)) return true;
       }
     }
   }
