@@ -7,7 +7,8 @@ import { rbfLabel } from "../maths/rbf.js";
 import { regionFault } from "../maths/regions.js";
 import { heldPoints } from "../maths/rigid_stages.js";
 import {
-  cornersOf, fixedSideThrough, followedShape, insertedCorner, MOST_SHAPES, motionOf, motionWords, movedCorner, movedRegion, placeMoved,
+  cornersOf, fixedSideThrough, followedShape, insertedCorner, MOST_SHAPES, motionOf, motionWords, movedCorner, movedRegion,
+  placeMoved,
   removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, stopsAt, turnedRegion, wayBefore,
   withShape, withStop,
 } from "../maths/shapes.js";
@@ -284,7 +285,10 @@ export class ShapeTools {
   }
 
   /** Whether the chosen shape is a fixed side. */
-  get isSide() { return this.chosen?.what === "parts" && this.chosenShape?.region.kind === "half_space"; }
+  get isSide() {
+    const shape = this.chosenShape;
+    return shape !== null && "motion" in shape && !shape.motion && shape.region.kind === "half_space";
+  }
 
   /** Whether the chosen shape has another side to turn to. */
   get canTurn() { return this.chosenShape !== null && turnedRegion(this.chosenShape.region) !== null; }

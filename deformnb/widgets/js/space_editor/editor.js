@@ -127,9 +127,9 @@ export class SpaceEditorView extends EditorDrawing {
     this.row.append(this.tip, this.alert);
     this.help = new HelpPanel(this.row, this.root, () => this.pictures[0].stage.focus({ preventScroll: true }),
       SPACE_EDITOR_KEYS);
-    const status = pageElement("div", "dnb-ed-status", this.root);
-    this.factsLine = pageElement("span", "dnb-ed-facts", status);
-    this.foldFact = pageElement("span", "dnb-ed-folds", status);
+    const status = pageElement("div", "dnb-ed-status", this.root), state = pageElement("div", "dnb-ed-state", status);
+    this.factsLine = pageElement("span", "dnb-ed-facts", state);
+    this.foldFact = pageElement("span", "dnb-ed-folds", state);
     this.notes = pageElement("div", "dnb-ed-notes", status);
     this.root.append(this.liveRegion);
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
