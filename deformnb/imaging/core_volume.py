@@ -20,7 +20,8 @@ Color = tuple[float, float, float]
 
 
 def draw_core(volume: Volume, camera: Camera, size: tuple[int, int], transfer: TransferFunction, background: Color, *,
-              projection: str = "shaded", part: Part | None = None, progress: Progress | None = None) -> Image:
+              projection: str = "shaded", part: Part | None = None, ambience: Volume | None = None,
+              progress: Progress | None = None) -> Image:
     """A picture of a volume by light that passes through it.
 
     Parameters
@@ -29,6 +30,7 @@ def draw_core(volume: Volume, camera: Camera, size: tuple[int, int], transfer: T
     background : red, green and blue in [0, 1].
     projection : "shaded" or "composite".
     part : what is not clipped; None for all.
+    ambience : as for :func:`~deformnb.imaging.projection.project`.
 
     Returns
     -------
@@ -37,7 +39,7 @@ def draw_core(volume: Volume, camera: Camera, size: tuple[int, int], transfer: T
     from PIL import Image as Pillow
 
     picture = project(volume, camera.plane, projection, transfer=transfer, part=part, eye=_eye(camera, size),
-                      spacing=camera.sample_distance(volume.grid, size[1]), progress=progress)
+                      spacing=camera.sample_distance(volume.grid, size[1]), ambience=ambience, progress=progress)
     drawn = Pillow.fromarray(picture.rgb8(background)).transform(
         size, Pillow.Transform.AFFINE, _places(picture, camera, size), Pillow.Resampling.BICUBIC,
         fillcolor=bytes_of(background))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import Blocks, PerspectiveCamera, blocks, composite, faces_of, knots
+from deformnb.imaging.raycast import Blocks, PerspectiveCamera, ambience_of, blocks, composite, faces_of, knots
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -90,7 +90,8 @@ def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str,
         layers, outside = (np.clip((v - low) / width, -_LARGEST, _LARGEST) for v in (layers, outside))
         layers, width = layers.astype(np.float32), 1.0
     return composite(state, np.ascontiguousarray(layers), count, settings["knots"], _f32(outside, width),
-                     settings["spacing"], settings["light"], np.float32(settings["start"]), settings["faces"],
+                     settings["spacing"], settings["light"], np.int32(settings["start"]), settings["faces"],
+                     settings["ambience"],
                      shaded=settings["shaded"])
 
 
@@ -109,7 +110,7 @@ PROJECTIONS: dict[str, Projection] = {
 
 def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
             transfer: TransferFunction | str | None = None, depth: float | None = None, spacing: float | None = None,
-            part: Part | None = None, eye: PerspectiveCamera | None = None,
+            part: Part | None = None, eye: PerspectiveCamera | None = None, ambience: Volume | None = None,
             progress: Progress | None = None) -> Picture:
     """A picture of a volume.
 
@@ -124,6 +125,8 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
     spacing : pixel size of an oblique view; default is the smallest voxel size.
     part : outside of it is background, and where it cuts through a body its face is lit.
     eye : the camera of a perspective; a slice has none.
+    ambience : light that reaches each place, for "shaded"; see :func:`~deformnb.imaging.occlusion.ambient_light`.
+        Default is all of it everywhere.
     progress : called with the finished share from 0 to 1.
 
     Raises
@@ -139,16 +142,17 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
     """
     one_of(method, PROJECTIONS, "projection")
     plane = Plane.along(as_volume(volume), view) if isinstance(view, str) else view
-    for name, given, kind in (("view", plane, Plane), ("part", part, Part), ("eye", eye, PerspectiveCamera)):
+    for name, given, kind in (("view", plane, Plane), ("part", part, Part), ("eye", eye, PerspectiveCamera),
+                              ("ambience", ambience, Volume)):
         if not isinstance(given, kind) and (given is not None or kind is Plane):
             raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
     order = voxel_order(volume.grid, plane)
     settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
-    if order is not None and spacing is None and part is None and eye is None:
+    if order is not None and spacing is None and part is None and eye is None and ambience is None:
         picture = _project_voxels(volume, plane, how, settings, depth, progress)
     else:
-        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, progress)
+        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, ambience, progress)
     if progress is not None:
         progress(1.0)
     if picture.values.ndim == 3:
@@ -195,7 +199,7 @@ def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> di
     # A lamp above the viewer's left shoulder: pure headlight looks flat, light from far aside leaves half in the dark.
     light = _f32(-0.35, -0.45, -0.82)
     return {**settings, "knots": knots(settings["transfer"], dn, *scaling), "spacing": _f32(dn, dv, du),
-            "light": light / np.linalg.norm(light), "faces": None}
+            "light": light / np.linalg.norm(light), "faces": None, "ambience": None}
 
 
 def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
@@ -266,7 +270,7 @@ def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layer
 
 def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
                      spacing: float | None, part: Part | None, eye: PerspectiveCamera | None,
-                     progress: Progress | None) -> Picture:
+                     ambience: Volume | None, progress: Progress | None) -> Picture:
     """An oblique view, through a lattice parallel to the picture."""
     lattice = plane_lattice(volume.grid, plane, spacing)
     if eye is not None and how.name != "slice":
@@ -290,6 +294,8 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
             part = Part.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
         if is_lit and part is not None:
             settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
+        if ambience is not None and settings["shaded"]:
+            settings["ambience"] = ambience_of(ambience, lattice, plane, eye)
         values = _accumulate(how, layers, settings, lattice.shape[0], progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 

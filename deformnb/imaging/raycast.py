@@ -54,6 +54,7 @@ _ADDED = 32
 _DIGITS = 2.0**23
 _LARGEST = 1e30
 _LEAST = np.float32(2.0**-100)  # processors take what is much smaller for 0
+_AMBIENT_STEP = 4  # samples from one of the ambient light to the next: its cells are about as large
 _EACH = 2  # their number is a multiple of this, so that few programs are compiled
 
 
@@ -110,16 +111,18 @@ def _colour(v: Any, transfer: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _light_layers(state: Any, layers: Any, count: Any, transfer: Any, limits: Any, spacing: Any, light: Any, start: Any,
-                  faces: Any, *, shaded: bool) -> Any:
+                  faces: Any, ambience: Any, *, shaded: bool) -> Any:
     """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [1 + n, v, u] of values.
 
     ``limits`` are the value beyond the sides and the width of the range of values; ``start`` is the number of the first
-    layer; ``faces`` (see :func:`deformnb.imaging.raycast.faces_of`, or None) cut off.
+    layer; ``faces`` (see :func:`deformnb.imaging.raycast.faces_of`, or None) cut off; ``ambience`` (see
+    :func:`deformnb.imaging.raycast.ambience_of`, or None) is the light that reaches each place.
     """
     def add(k: Any, total: Any) -> Any:
         here = layers[k + 1].astype(jnp.float32)
         *colors, alpha = _colour(here, transfer)
-        bright = _shade(layers, k, spacing, light, limits) if shaded else None
+        ambient = 1.0 if ambience is None else _between(ambience, start + k, here.shape)
+        bright = _shade(layers, k, spacing, light, limits, ambient) if shaded else None
         if faces is not None:
             held, bare, glow = _beside(faces, start + k, here.shape)
             alpha = jnp.where(held, alpha, 0)
@@ -131,8 +134,8 @@ def _light_layers(state: Any, layers: Any, count: Any, transfer: Any, limits: An
     return jnp.stack(lax.fori_loop(0, count, add, tuple(state[..., c] for c in range(4))), axis=-1)
 
 
-def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
-    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient vanishes.
+def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any, ambient: Any) -> Any:
+    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient vanishes and all ambient light comes.
 
     Outside the volume is background, so that where a body is cut off its face is lit like any surface.
     """
@@ -145,10 +148,24 @@ def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any) -> Any:
     half = lamp + jnp.array([-1.0, 0.0, 0.0])
     half = half / jnp.sqrt(jnp.sum(half * half))
     n = g / jnp.maximum(size, 1e-6)[..., None]
-    lit = _AMBIENT + _DIFFUSE * jnp.abs(n @ lamp) + _GLOSS * jnp.abs(n @ half) ** _POWER
+    # What ambient light does not reach the lamp reaches less, for it is no point; shares as in the live view's shader.
+    lit = (ambient * (_AMBIENT + _GLOSS * jnp.abs(n @ half) ** _POWER)
+           + (0.42 + 0.58 * ambient) * _DIFFUSE * jnp.abs(n @ lamp))
     # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range per voxel.
     sure = jnp.clip(size * jnp.min(spacing) / (0.02 * limits[1]), 0, 1)
-    return sure * lit + (1 - sure) * 0.8
+    return sure * lit + (1 - sure) * 0.8 * (0.3 + 0.7 * ambient)
+
+
+def _between(ambience: Any, layer: Any, shape: tuple[int, int]) -> Any:
+    """The ambient light of a layer, interpolated between every :data:`_AMBIENT_STEP`-th sample."""
+    before = layer // _AMBIENT_STEP
+    share = (layer - before * _AMBIENT_STEP) / _AMBIENT_STEP
+    plane = ambience[before] + share * (ambience[before + 1] - ambience[before])
+    t = jnp.arange(_AMBIENT_STEP, dtype=jnp.float32) / _AMBIENT_STEP
+    rows = plane[:-1, None] + t[:, None] * (plane[1:] - plane[:-1])[:, None]
+    rows = rows.reshape(-1, plane.shape[1])[: shape[0]]
+    both = rows[:, :-1, None] + t * (rows[:, 1:] - rows[:, :-1])[..., None]
+    return both.reshape(shape[0], -1)[:, : shape[1]]
 
 
 def _beside(faces: Any, layer: Any, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
@@ -244,6 +261,22 @@ def blocks(volume: Volume, lattice: Grid, layers: int, margin: int, plane: Plane
         else:
             values = np.concatenate([_seen(volume, eye.layer(lattice, plane, first + n), part) for n in range(count)])
         yield values, min(layers, lattice.shape[0] - k)
+
+
+def ambience_of(light: Volume, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None) -> NDArray[np.float32]:
+    """Ambient light at every fourth sample of a lattice, for :func:`~deformnb.imaging.raycast.composite`.
+
+    Parameters
+    ----------
+    light : see :func:`deformnb.imaging.occlusion.ambient_light`; outside of it all light comes.
+    """
+    deep, tall, wide = ((n - 1) // _AMBIENT_STEP + 2 for n in lattice.shape)  # one beyond the last sample
+    few = replace(lattice, shape=(deep, tall, wide), spacing=(_AMBIENT_STEP * lattice.spacing[0],) * 3)
+    if eye is None:
+        return np.asarray(warp(light, Identity(3), output=few, fill=1.0).values, np.float32)
+    layers = [eye.layer(few, plane, k) for k in range(deep)]
+    return np.concatenate([warp(light, Identity(3), output=layer, fill=1.0).values for layer in layers]).astype(
+        np.float32)
 
 
 def faces_of(part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None,

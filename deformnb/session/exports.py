@@ -70,6 +70,7 @@ class Seen:
     background : "dark" or "light".
     clip : the part of the box that is seen, as a view's ``clip``.
     show_folds : whether tissue is red where the map folds.
+    ambient_occlusion : whether hollows are darker, where the renderer has that: VTK does not.
     scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
     still : makes what is quicker for a single picture, alike; None takes ``scene``.
     """
@@ -80,6 +81,7 @@ class Seen:
     background: str = "dark"
     clip: Clip = WHOLE
     show_folds: bool = False
+    ambient_occlusion: bool = False
     scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
     still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
 

@@ -80,6 +80,7 @@ class Session(traitlets.HasTraits):
     depth : where a "slice" lies along the normal, from the middle of the volume.
     window : values shown as black and white in grey pictures, set by hand; None for the automatic window of each.
     colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
+    ambient_occlusion : whether hollows of the volume are darker in a live view.
     transfer : colours and opacities, a :class:`~deformnb.volume.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
     notice : the last message to the user, such as a trend that was changed along with a kernel; first the notes of the
@@ -120,6 +121,7 @@ class Session(traitlets.HasTraits):
     depth = traitlets.Float(0.0)
     window = traitlets.Any(None)
     colour_map = traitlets.Unicode(COLOUR_MAPS[0])
+    ambient_occlusion = traitlets.Bool(True)
     transfer = traitlets.Any("specimen")
     saved = traitlets.Instance(Deformation, allow_none=True)
     file = traitlets.Instance(Path, allow_none=True)
@@ -686,7 +688,7 @@ class Session(traitlets.HasTraits):
         """View state at this moment; the depth only where it is the slice of the last step."""
         is_slice = self.method == "slice" and self.index == len(self.deformation.steps) - 1
         return ViewState(self.transfer, self.method, self.depth if is_slice else None, self.window,
-                         self.colour_map)
+                         self.colour_map, self.ambient_occlusion)
 
     def _restore_view_state(self, stored: ViewState, *, besides: Container[str] = (), is_other: bool = False) -> None:
         """Take over the view state of a document, as far as it is stored."""

@@ -34,6 +34,7 @@ class ViewState:
     window : values shown as black and white, where they were chosen by hand.
     colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`; the default, which is the
         first, is not stored.
+    ambient_occlusion : whether hollows of the volume are darker; the default, which is on, is not stored.
     """
 
     transfer: str | TransferFunction | None = None
@@ -41,6 +42,7 @@ class ViewState:
     depth: float | None = None
     window: tuple[float, float] | None = None
     colour_map: str | None = None
+    ambient_occlusion: bool | None = None
 
     def added_to(self, deformation: Deformation) -> Deformation:
         """A document with this view state."""
@@ -50,7 +52,8 @@ class ViewState:
                         "opacities": [list(row) for row in transfer.opacities]}
         settings = {"transfer": transfer, "method": self.method, "depth": self.depth,
                     "window": None if self.window is None else list(self.window),
-                    "colour_map": None if self.colour_map == COLOUR_MAPS[0] else self.colour_map}
+                    "colour_map": None if self.colour_map == COLOUR_MAPS[0] else self.colour_map,
+                    "ambient_occlusion": None if self.ambient_occlusion else self.ambient_occlusion}
         data = {key: value for key, value in settings.items() if value is not None}
         return replace(deformation, extra={**deformation.extra, FIELD: data})
 
@@ -72,14 +75,16 @@ class ViewState:
         depth = r.number("depth") if "depth" in r.data else None
         colours = r.text("colour_map", "")
         state = cls(_transfer(r), method if method in PROJECTIONS else None, depth, _window(r),
-                    colours if colours in COLOUR_MAPS else None)
+                    colours if colours in COLOUR_MAPS else None,
+                    r.flag("ambient_occlusion") if "ambient_occlusion" in r.data else None)
         return without_view_state(deformation), state
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
         """Settings that a session takes over; colours and window at the values of another volume would not fit."""
         settings = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
                 "method": self.method, "depth": None if is_other else self.depth,
-                "window": None if is_other else self.window, "colour_map": self.colour_map}
+                "window": None if is_other else self.window, "colour_map": self.colour_map,
+                "ambient_occlusion": self.ambient_occlusion}
         return {key: value for key, value in settings.items() if value is not None}
 
 

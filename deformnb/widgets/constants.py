@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 
 from deformnb import checks
+from deformnb.imaging import occlusion
 from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, trends
 from deformnb.widgets import edit_messages
 
@@ -22,6 +23,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "rigid": (rigid, ("SAME_MOTION",)),
     "slits": (slits, ("MOST_SLITS",)),
     "stages": (stages, ("MOST_STAGES",)),
+    "occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
     "edit_messages": (edit_messages, ("LONGEST_EDIT",)),
 }
 """The modules by name, and the constants of each that the front end needs too; their reasons are there."""

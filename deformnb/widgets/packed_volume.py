@@ -9,7 +9,7 @@ from __future__ import annotations
 import gzip
 import threading
 import uuid
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import checked_window
 from deformnb.errors import DeformError
+from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.plane import VIEWS, Plane
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
@@ -173,7 +174,7 @@ def packed_volume(volume: Volume, limit: int, largest: int, window: tuple[float,
     discrete = volume.is_labels or volume.dtype == np.bool_
     for k in range(0, grid.shape[0], step):
         slab = volume.finite_values[k * fz : (k + step) * fz]
-        values[k : k + step] = _bytes(slab[::fz, ::fy, ::fx] if discrete else _means(slab, factors), low, high)
+        values[k : k + step] = _bytes(slab[::fz, ::fy, ::fx] if discrete else block_means(slab, factors), low, high)
         if progress is not None:
             progress(min(1.0, (k + step) / grid.shape[0]))
     background = int(_bytes(np.array(volume.background), low, high))
@@ -199,24 +200,6 @@ def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
         if not can.any():
             raise DeformError(f"no volume has fewer than one voxel; the limit is {limit}, along an axis {largest}.")
         factors[int(np.where(can, spacing * factors, np.inf).argmin())] += 1
-
-
-def coarser(grid: Grid, factors: tuple[int, int, int]) -> Grid:
-    """The grid of blocks of so many voxels along x, y, z."""
-    z, y, x = (-(-n // f) for n, f in zip(grid.shape, factors[::-1], strict=True))
-    first = grid.index_to_point((np.asarray(factors) - 1) / 2)  # the middle of the first block
-    return replace(grid, shape=(z, y, x), spacing=tuple(np.asarray(grid.spacing) * factors), origin=tuple(first))
-
-
-def _means(slab: NDArray[Any], factors: tuple[int, int, int]) -> NDArray[Any]:
-    """Means of blocks; those at the end may have fewer voxels."""
-    for axis, f in enumerate(factors[::-1]):
-        if f > 1:
-            n = slab.shape[axis]
-            total = np.add.reduceat(slab, np.arange(0, n, f), axis=axis, dtype=np.float32)
-            count = np.minimum(f, n - np.arange(0, n, f)).astype(np.float32)
-            slab = total / count.reshape([-1 if k == axis else 1 for k in range(3)])
-    return slab
 
 
 def whole_window(volume: Volume) -> tuple[float, float]:

@@ -171,6 +171,8 @@ PARAMETERS: dict[str, AbstractParameter] = {
                     + "; the picture does the same, but for two side by side or in turn", SHOWS),
     "slices": Switch("Slices", "Three linked slices of the deformed volume in the place of the view; drag the "
                      "cross-hair"),
+    "ambient_occlusion": Switch("Ambient occlusion", "Hollows and what lies deep inside are darker, where the browser "
+                                "draws the volume shaded; VTK's pictures have none"),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""

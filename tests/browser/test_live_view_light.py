@@ -158,3 +158,24 @@ def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(bro
     assert np.abs(inner - smooth)[8:-8, 8:-8].mean() < 4  # 2.0 and 2.5; 5.1 and 5.5 by slopes of the voxels themselves
     assert page.errors == []
     page.close()
+
+
+def test_a_pit_is_darker_than_the_face_around_it_in_the_page_and_in_a_still(page: LivePage) -> None:
+    z, y, x = np.indices(GRID.shape)
+    pit = np.hypot(x - 20, z - 20) < 6
+    body = np.where((y > 10) & ~(pit & (y < 30)), 200, 0).astype(np.uint8)
+    view = LiveView(Volume(body, GRID), transfer=SOLID, width=120, height=120, settle_ms=60000, background="dark")
+    view.set_camera((0, 1, 0), zoom=1.3)
+    page.add(view)
+    page.loaded()
+    shares = []
+    for picture in (page.pixels, lambda: view.still((120, 120))):
+        with_light = {}
+        for is_on in (True, False):
+            view.ambient_occlusion = is_on
+            with_light[is_on] = picture().astype(float).mean(axis=2)
+        share = with_light[True] / with_light[False]
+        shares.append((share[55:65, 55:65].mean(), share[55:65, 20:26].mean()))
+    for floor, face in shares:
+        assert floor < 0.75 < 0.9 < face
+    np.testing.assert_allclose(*shares, atol=0.1)  # the lamps of the two are not quite alike

@@ -105,6 +105,16 @@ def test_a_window_set_by_hand_is_kept_exported_and_no_edit(tmp_path: Path) -> No
     assert other.window is None
 
 
+def test_ambient_occlusion_is_kept_where_it_is_off(tmp_path: Path) -> None:
+    session = Session(BAR)
+    assert "ambient_occlusion" not in session.view_state.added_to(Deformation()).extra["look"]
+    session.ambient_occlusion = False
+    session.save(tmp_path / "flat.json")
+    opened = Session(BAR)
+    opened.open(tmp_path / "flat.json")
+    assert not opened.ambient_occlusion
+
+
 def test_a_colour_map_is_kept_and_colours_every_picture(tmp_path: Path) -> None:
     session = Session(BAR, method="slice", colour_map="magma")
     session.save(tmp_path / "bar.json")

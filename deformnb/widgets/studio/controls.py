@@ -338,7 +338,7 @@ class MapPanel(Panel):
 
 
 class DisplayPanel(Panel):
-    """Display panel of the volume: projection, colours and opacities."""
+    """Display panel of the volume: colours and opacities, clipping, ambient occlusion."""
 
     title = "Colours and opacity"
 
@@ -350,7 +350,9 @@ class DisplayPanel(Panel):
                           layout=ipw.Layout(flex="1 1 270px", min_width="0"))
         beside = ipw.HBox([colours, inside], layout=ipw.Layout(
             flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px"))
-        self.box = ipw.VBox([beside])
+        light = [self.add(widget_of("ambient_occlusion"), lambda: session.ambient_occlusion,
+                          lambda value: session.set_trait("ambient_occlusion", value))]
+        self.box = ipw.VBox([beside, *(light if view.has_trait("ambient_occlusion") else [])])
 
     def close(self) -> None:
         self.clip.close()

@@ -113,7 +113,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     with parts_of_another():
         live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
-    for name in ("projection", "background", "show_folds"):
+    for name in ("projection", "background", "show_folds", "ambient_occlusion"):
         if view.has_trait(name):
             setattr(live, name, getattr(view, name))
     live.follow(shown, whole.field(), whole.key, output=whole.output)
@@ -311,6 +311,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.deformation = self.session.deformation
         self._listen()
         self._picture.turn()
+        self._occlusion_changed()
         self._link.show(self._editors.current)
         self._words.status.value = status_text(self.session)
         self._words.show(self.session.notice)
@@ -339,6 +340,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
         session.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
+        session.observe(self._weakly(Studio._occlusion_changed), "ambient_occlusion")
         session.observe(self._weakly(Studio._send_history), "history")
         session.observe(self._weakly(Studio._show_notice), "notice")
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
@@ -423,6 +425,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.view.set_transfer(function)
         if self._opacity.transfer != function:
             self._opacity.set_transfer(self.session.transfer)
+        self._refresh_panels()
+
+    def _occlusion_changed(self, _change: Any = None) -> None:
+        if self.view.has_trait("ambient_occlusion"):
+            self.view.ambient_occlusion = self.session.ambient_occlusion
         self._refresh_panels()
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:

@@ -169,7 +169,8 @@ class AbstractView(ABC):
         from deformnb.session.exports import Seen
         from deformnb.widgets.view.stills import StillAsSeen, scene_as_seen
 
-        looks = {name: getattr(self, name) for name in ("camera", "projection", "show_folds") if hasattr(self, name)}
+        names = ("camera", "projection", "show_folds", "ambient_occlusion")
+        looks = {name: getattr(self, name) for name in names if hasattr(self, name)}
         return Seen(shows=self.shows, clip=self.clip, background=self._shade(), scene=scene_as_seen,
                     still=None if self.draws_by_vtk else StillAsSeen, **looks)
 

@@ -92,6 +92,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
     show_folds : whether tissue is red and striped where the map folds; it costs nothing where nothing does.
+    ambient_occlusion : whether hollows and what lies deep inside are darker in the projection "shaded"; see
+        :func:`~deformnb.imaging.occlusion.ambient_light`.
     target_ms : time that a picture may take while something moves; its resolution adapts.
     settle_ms : rest after which the full picture is drawn.
 
@@ -130,6 +132,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
     show_folds = traitlets.Bool(True).tag(sync=True)
+    ambient_occlusion = traitlets.Bool(True).tag(sync=True)
     target_ms = traitlets.Float(65.0, min=5.0, max=5000.0).tag(sync=True)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0).tag(sync=True)
     player = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
@@ -487,7 +490,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             field, output = self._at_present(self._field), self._output
         background = self._shade()
         return SceneDescription(shown, field, output, self.camera, self._transfer, self.projection, background,
-                                self.shows, self.clip)
+                                self.shows, self.clip, self.ambient_occlusion)
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
         return render_scene(self._scene(), size or (self.width, self.height))

@@ -18,15 +18,17 @@ from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.core_volume import bytes_of, draw_core, draw_core_mip
+from deformnb.imaging.occlusion import AMBIENT_CELL, ambient_light
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
 from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
+from deformnb.volume.coarsening import coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, camera_of, checked_camera, compared, within
-from deformnb.widgets.packed_volume import PackedVolume, coarser, factors_of, packed_volume
+from deformnb.widgets.packed_volume import PackedVolume, factors_of, packed_volume
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
 
@@ -50,6 +52,7 @@ class SceneDescription:
     background : a name of :data:`BACKGROUNDS`.
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen.
+    ambient_occlusion : whether hollows are darker in the projection "shaded".
     """
 
     shown: PackedVolume
@@ -61,6 +64,7 @@ class SceneDescription:
     background: str
     shows: str
     clip: Clip = WHOLE
+    ambient_occlusion: bool = False
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SceneDescription):
@@ -72,7 +76,7 @@ class SceneDescription:
     __hash__ = None  # type: ignore[assignment]
 
 
-_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip")
+_PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip", "ambient_occlusion")
 
 
 def render_scene(scene: SceneDescription, size: tuple[int, int], most: int | None = None,
@@ -109,8 +113,18 @@ def _render(scene: SceneDescription, size: tuple[int, int], is_original: bool, m
         return draw_core_mip(seen, camera, size, 255 * shown.white, INKS[scene.background], background, part=part,
                              progress=rest)
     # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
-    return draw_core(seen, camera, size, _in_bytes(scene.transfer, *shown.window), background,
-                     projection=scene.projection, part=part, progress=rest)
+    transfer = _in_bytes(scene.transfer, *shown.window)
+    ambience = _ambience(shown.volume, transfer, field, box) if scene.ambient_occlusion else None
+    return draw_core(seen, camera, size, transfer, background, projection=scene.projection, part=part,
+                     ambience=ambience, progress=rest)
+
+
+def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField | None, box: Grid) -> Volume:
+    """The light that reaches each place, taken from where matter comes from, as the live view does."""
+    light = ambient_light(volume, transfer)
+    if field is None:
+        return light
+    return warp(light, field, output=coarser(box, (AMBIENT_CELL,) * 3), fill=1.0)
 
 
 def preview_png(scene: SceneDescription) -> bytes:
@@ -199,6 +213,7 @@ class CoreScene:
         self._wanted_transfer, self._camera = transfer, checked_camera({})
         self._shows = "deformed"
         self._clip = WHOLE
+        self._has_occlusion = False
         self.folding = Folding()
         self.set_volume(volume)
 
@@ -258,6 +273,10 @@ class CoreScene:
         """Clip the box."""
         self._clip = checked_clip(clip)
 
+    def set_ambient_occlusion(self, is_on: bool) -> None:
+        """Darken hollows, which VTK cannot: off from the start, so that both draw alike."""
+        self._has_occlusion = is_on
+
     def set_size(self, size: tuple[int, int]) -> None:
         """Another (width, height) in pixels."""
         self._size = size
@@ -268,7 +287,7 @@ class CoreScene:
         """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
         width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
         scene = SceneDescription(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
-                      self._background, self._shows if shows is None else shows, self._clip)
+                      self._background, self._shows if shows is None else shows, self._clip, self._has_occlusion)
         return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
 
     def close(self) -> None:
@@ -306,6 +325,8 @@ def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, i
     scene.set_shows(seen.shows)
     scene.set_clip(seen.clip)
     scene.folding.show = seen.show_folds
+    if isinstance(scene, CoreScene):
+        scene.set_ambient_occlusion(seen.ambient_occlusion)
     return scene
 
 

@@ -31,8 +31,9 @@ from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.volume.transfer import levels, preset
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
-from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell
 from deformnb.widgets.edit_messages import points_to_json
+from deformnb.widgets.studio.studio import last_step
 
 
 @pytest.fixture
@@ -282,6 +283,20 @@ def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pyt
         now += 2.0
     studio.undo()
     assert studio.session.step.kernel == "gaussian"
+
+
+def test_ambient_occlusion_is_switched_in_the_panel_and_kept_by_a_page(studio: Studio) -> None:
+    box = controls(studio)["Ambient occlusion"]
+    assert (box.value, studio.view.ambient_occlusion) == (True, True)
+    box.value = False
+    assert (studio.session.ambient_occlusion, studio.view.ambient_occlusion) == (False, False)
+    assert not studio.view.seen().ambient_occlusion
+    editor, view = last_step(studio.session, studio._editors.plane, studio.view)
+    assert not view.ambient_occlusion
+    close_all(editor)
+    close_all(view)
+    studio.session.ambient_occlusion = True
+    assert (box.value, studio.view.ambient_occlusion) == (True, True)
 
 
 def test_the_window_of_the_page_is_that_of_the_session_and_of_its_pictures(studio: Studio) -> None:

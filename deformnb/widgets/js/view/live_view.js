@@ -231,10 +231,16 @@ class LiveVolumeView {
     caster.projection = this.model.get("projection");
     caster.background = this.elements.background;
     this.setFolds();
+    this.setOcclusion();
     this.setClip();
   }
 
   setFolds() { if (this.caster) { this.caster.showFolds = this.model.get("show_folds") ?? true; this.touch(); } }
+
+  setOcclusion() {
+    if (this.caster) this.caster.occlusion = this.model.get("ambient_occlusion") ?? true;
+    this.touch();
+  }
 
   /**
    * Lets Python draw, as there is no WebGL.
@@ -302,6 +308,7 @@ class LiveVolumeView {
       this.touch();
     });
     this.on("change:show_folds", () => { this.setFolds(); this.mark(); });
+    this.on("change:ambient_occlusion", () => this.setOcclusion());
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
     this.on("change:clip", () => this.setClip());

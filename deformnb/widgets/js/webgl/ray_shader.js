@@ -138,7 +138,11 @@ void main() {
     if (folded(x, from)) rgba.rgb = foldRed(rgba.rgb);
 #endif
 #ifdef SHADED
+#ifdef OCCLUDED
     float light = textureLod(ambience, clamp(q, 0., 1.), 0.).r;
+#else
+    float light = 1.;
+#endif
     vec3 g = here.rgb * 255. - 128.;
     // Where a long step has come upon something dense its surface lies a part of it back, and has another slope.
     if (rgba.a > 4. * thin + steep) {

@@ -9,11 +9,12 @@
 
 import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
+import { AMBIENT_CELL } from "../maths/constants.js";
 import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
 import {
-  AMBIENT_CELL, ambientLight, BLOCK, blockExtremes, emptyRings, extrusionSlope, gradientSlab, opacityOfByte,
+  ambientLight, BLOCK, blockExtremes, emptyRings, extrusionSlope, gradientSlab, opacityOfByte,
   planarBounds, spaceSlope, STEEPEST,
 } from "./volume_blocks.js";
 
@@ -91,7 +92,7 @@ function toTextures({ origin, u, v, n }, starts, lengths) {
  * @param {CastPlanar | null} planar
  * @param {CastSpace | null} space
  */
-function definesOf(projection, planar, space, folds = false, clipped = false) {
+function definesOf(projection, planar, space, { folds = false, clipped = false, occluded = false } = {}) {
   const cut = planar?.cut, early = space?.cut;
   const isPaper = (/** @type {{rule?: string} | null | undefined} */ c) => c?.rule === "paper";
   /** @type {Record<string, unknown>} */
@@ -99,7 +100,7 @@ function definesOf(projection, planar, space, folds = false, clipped = false) {
     PLANAR: planar, WEIGHTED: planar && !planar.isReplicated, SPACE: space, WARPED: planar || space,
     MIP: projection === "mip", SHADED: projection === "shaded",
     CUT: cut || early, PLANE_CUT: cut, BY_PLACE: isPaper(cut), SPACE_CUT: early, SPACE_BY_PLACE: isPaper(early),
-    FOLDS: folds && (planar || space), CLIPPED: clipped && projection === "shaded",
+    FOLDS: folds && (planar || space), CLIPPED: clipped && projection === "shaded", OCCLUDED: occluded && projection === "shaded",
   };
   return Object.keys(needed).filter((name) => needed[name]);
 }
@@ -160,6 +161,7 @@ export class RayCaster {
     this.projection = "shaded";
     this.background = "dark";
     this.showFolds = true;
+    this.occlusion = true; // whether hollows, and what lies deep inside, get less light
     /** @type {number[][] | null} */
     this.clip = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
@@ -368,7 +370,8 @@ export class RayCaster {
 
   /** @param {{planar: CastPlanar | null, space: CastSpace | null}} field */
   #program({ planar, space }) {
-    const defines = definesOf(this.projection, planar, space, this.folds, Boolean(this.clip));
+    const defines = definesOf(this.projection, planar, space,
+      { folds: this.folds, clipped: Boolean(this.clip), occluded: this.occlusion });
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");

@@ -1,11 +1,12 @@
 // Gradients, empty blocks, ambient light and steepness of a volume and its displacement, computed before it is drawn.
 // Pure arithmetic on arrays [z][y][x] of bytes; no DOM, no WebGL.
 
+import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } from "../maths/constants.js";
+
 /** @import { Vector2, Vector3 } from "../types.d.ts" */
 /** @import { Extremes } from "./types.d.ts" */
 
 export const BLOCK = 8; // voxels along the edge of a block: a ray that skips one saves 8 samples
-export const AMBIENT_CELL = 4; // finer cells show the noise of the voxels as shadow
 
 // Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one
 // voxel is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint
@@ -189,8 +190,7 @@ function grown(values, size) {
 }
 
 /**
- * The light that reaches every cell, 255 all: what is opaque around it, near and far, seen as shadow. On an even
- * surface half of the surroundings is opaque; only what lies deeper is darker.
+ * The light that reaches every cell, 255 all: see ambient_light in imaging/occlusion.py.
  * @param {Uint8Array} values
  * @param {Vector3} shape
  * @param {Float32Array} alphas
@@ -203,20 +203,75 @@ export function ambientLight(values, shape, alphas, thickness) {
   const sum = new Float32Array(size[0] * size[1] * size[2]), count = new Float32Array(sum.length);
   const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
   for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i], 0.999)) ** thickness;
+  const cellOf = Uint32Array.from({ length: Math.max(...shape) }, (_, n) => Math.floor(n / AMBIENT_CELL));
   let i = 0;
   for (let z = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
-      const line = ((z >> 2) * size[1] + (y >> 2)) * size[0];
-      for (let x = 0; x < nx; x++, i++) { sum[line + (x >> 2)] += opacity[values[i]]; count[line + (x >> 2)] += 1; }
+      const line = (cellOf[z] * size[1] + cellOf[y]) * size[0];
+      for (let x = 0; x < nx; x++, i++) { sum[line + cellOf[x]] += opacity[values[i]]; count[line + cellOf[x]] += 1; }
     }
   }
   for (let k = 0; k < sum.length; k++) sum[k] /= count[k];
-  const near = blurred(sum, size, 1), far = blurred(blurred(near, size, 3), size, 3);
+  const [[close, strength], [wide, strengthFar]] = [AMBIENT_NEAR, AMBIENT_FAR];
+  const near = blurred(sum, size, close), far = blurred(blurred(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
-  for (let k = 0; k < out.length; k++) {
-    out[k] = 255 * Math.exp(-1.6 * Math.max(0, near[k] - 0.6) - 2.4 * Math.max(0, far[k] - 0.4));
-  }
+  aheadOf(near, size, (k, at, share) => {
+    const stopped = strength * between(near, size, at, share) + strengthFar * between(far, size, at, share);
+    out[k] = 255 * Math.exp(-stopped);
+  });
   return { size, values: out };
+}
+
+/**
+ * Visits every cell k with the place in front of it, where opacity falls: the cell (x, y, z) before that place and how
+ * far it lies beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
+ * @param {Float32Array} values
+ * @param {Vector3} size
+ * @param {(k: number, at: Int32Array, share: Float64Array) => void} visit
+ */
+function aheadOf(values, size, visit) {
+  const [nx, ny] = size, strides = [1, nx, nx * ny];
+  const cell = new Int32Array(3), at = new Int32Array(3), slope = new Float64Array(3), share = new Float64Array(3);
+  for (let k = 0; k < values.length; k++) {
+    cell[0] = k % nx; cell[1] = Math.floor(k / nx) % ny; cell[2] = Math.floor(k / strides[2]);
+    let squares = 0;
+    for (let axis = 0; axis < 3; axis++) {
+      const after = cell[axis] + 1 < size[axis] ? values[k + strides[axis]] : 0;
+      slope[axis] = (after - (cell[axis] > 0 ? values[k - strides[axis]] : 0)) / 2;
+      squares += slope[axis] ** 2;
+    }
+    const scale = AMBIENT_AHEAD / Math.max(Math.sqrt(squares), AMBIENT_EVEN);
+    for (let axis = 0; axis < 3; axis++) {
+      const place = cell[axis] - scale * slope[axis];
+      at[axis] = Math.floor(place);
+      share[axis] = place - at[axis];
+    }
+    visit(k, at, share);
+  }
+}
+
+/**
+ * Linear interpolation between cells; 0 beyond them.
+ * @param {Float32Array} values
+ * @param {Vector3} size
+ * @param {Int32Array} at (x, y, z) of the cell before the place
+ * @param {Float64Array} share of the way to the next one along each axis
+ */
+function between(values, size, at, share) {
+  const nx = size[0], ny = size[1], nz = size[2];
+  let sum = 0;
+  for (let dz = 0; dz < 2; dz++) {
+    const z = at[2] + dz;
+    if (z < 0 || z >= nz) continue;
+    for (let dy = 0; dy < 2; dy++) {
+      const y = at[1] + dy, x = at[0];
+      if (y < 0 || y >= ny) continue;
+      const line = (z * ny + y) * nx;
+      const low = x >= 0 && x < nx ? values[line + x] : 0, high = x >= -1 && x + 1 < nx ? values[line + x + 1] : 0;
+      sum += (dz ? share[2] : 1 - share[2]) * (dy ? share[1] : 1 - share[1]) * (low + share[0] * (high - low));
+    }
+  }
+  return sum;
 }
 
 /**
