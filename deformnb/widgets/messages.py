@@ -448,6 +448,45 @@ class Screenshot(TypedDict):
     id: Annotated[int, "of the request"]
 
 
+class MovieFrame(FieldContent):
+    """A request for a frame of a movie, with the deformation of its moment as textures."""
+
+    type: Literal["movie_frame"]
+    view: View
+    id: Annotated[str, "of the movie"]
+    index: Annotated[int, "of the frame"]
+    size: Annotated[list[int], "width and height in pixels"]
+    looks: Annotated[dict[str, Any], "camera, projection and the like, as the traits"]
+
+
+class MoviePiece(TypedDict):
+    """A part of a frame."""
+
+    type: Literal["movie_piece"]
+    view: View
+    id: Annotated[str, "of the movie"]
+    index: Annotated[int, "of the frame"]
+    offset: Annotated[int, "of its first byte"]
+    size: Annotated[int, "bytes of the whole frame"]
+
+
+class MovieFailed(TypedDict):
+    """A frame cannot be drawn."""
+
+    type: Literal["movie_failed"]
+    view: View
+    id: Annotated[str, "of the movie"]
+    message: Annotated[str, "why"]
+
+
+class MovieEnd(TypedDict):
+    """No more frames are wanted."""
+
+    type: Literal["movie_end"]
+    view: View
+    id: Annotated[str, "of the movie"]
+
+
 class Measurements(TypedDict):
     """Measurements, named in edit_messages.MEASURED."""
 
@@ -641,12 +680,16 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind(VolumeInfo, TO_FRONT_END, _LIVE),
     MessageKind(ScreenshotRequest, TO_FRONT_END, _LIVE),
     MessageKind(Screenshot, TO_PYTHON, _LIVE, "PNG"),
+    MessageKind(MovieFrame, TO_FRONT_END, _LIVE, "maps, weights, distances to cuts, samples in space"),
+    MessageKind(MoviePiece, TO_PYTHON, _LIVE, "bytes of a PNG"),
+    MessageKind(MovieFailed, TO_PYTHON, _LIVE),
+    MessageKind(MovieEnd, TO_FRONT_END, _LIVE),
     MessageKind(Measurements, TO_PYTHON, _LIVE),
     MessageKind(ServedHello, TO_PYTHON, _SERVED),
     MessageKind(Resized, TO_PYTHON, _SERVED),
     MessageKind(CameraMoved, TO_PYTHON, _SERVED),
     MessageKind(Seen, TO_PYTHON, _SERVED),
-    MessageKind(Closed, TO_PYTHON, _SERVED),
+    MessageKind(Closed, TO_PYTHON, f"{_LIVE}, {_SERVED}"),
     MessageKind(FrameSent, TO_FRONT_END, _SERVED, "JPEG"),
     MessageKind(Notice, TO_FRONT_END, _SERVED),
     MessageKind(Badge, TO_FRONT_END, _SERVED),

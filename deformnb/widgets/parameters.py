@@ -169,6 +169,10 @@ PARAMETERS: dict[str, AbstractParameter] = {
                          {"mip": "Maximum (MIP)"}),
     "shows": Choice("Compare", "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items())
                     + "; the picture does the same, but for two side by side or in turn", SHOWS),
+    "movie_renderer": Choice("Drawn by", "What draws the frames of a movie: the page itself, as its view looks, or "
+                             "Python; automatic takes the page where it has a graphics card",
+                             ("automatic", "page", "python"),
+                             {"automatic": "Automatic", "page": "This view", "python": "Python"}),
     "slices": Switch("Slices", "Three linked slices of the deformed volume in the place of the view; drag the "
                      "cross-hair"),
     "ambient_occlusion": Switch("Ambient occlusion", "Hollows and what lies deep inside are darker, where the browser "

@@ -6,8 +6,9 @@ itself.
 
 Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
 has been found to hold no more, renderer, background: that of the page around), ``chunk`` (id, index: requests a piece),
-``seen`` (seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, and ``still`` and ``drawn``
-(see :mod:`~deformnb.widgets.view.fallback`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
+``seen`` (seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, ``bye``, ``still`` and
+``drawn`` (see :mod:`~deformnb.widgets.view.fallback`), ``movie_piece`` and ``movie_failed`` (see
+:mod:`~deformnb.widgets.view.page_scene`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
 ``field`` (see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an
 editor moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and
 ``drawn``. Messages of the front end are checked and dropped if they are wrong.
@@ -19,6 +20,7 @@ import asyncio
 import itertools
 import logging
 import threading
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
+from deformnb.session.exports import Seen
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
@@ -53,6 +56,7 @@ from deformnb.widgets.packed_volume import (
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.textures import FieldTextures, count_maps, differ_only_in, field_textures, texture_frames
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
+from deformnb.widgets.view.page_scene import PageGoneError, PageScene
 from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
 from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
 from deformnb.widgets.view.transport import Pacer
@@ -155,6 +159,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._sent_cut: str | None = None  # whose distances all front ends have
         self._pacer = Pacer(self._send_field)
         self._has_front_end = False
+        self._drawing: dict[str, bool] = {}  # front ends that draw, each with whether by a graphics card
+        self._movie: weakref.ref[PageScene] | None = None  # that one of them draws
         self._front_end_theme = "dark"
         self._waiting: dict[int, Callable[[bytes], None]] = {}
         self._numbers = itertools.count(1)
@@ -422,6 +428,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if largest == 0:
             return  # it cannot draw, and will request a server renderer
         self._has_front_end = True
+        if view is not None:
+            self._drawing.pop(view, None)
+            self._drawing[view] = content.get("software") is False
         voxels = whole(content.get("voxels", _ANY), 1, _ANY)
         if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
             view = None  # for all front ends: what they have is of a finer volume
@@ -475,6 +484,26 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             raise ValueError("a picture that nobody waits for")
         deliver(picture(buffers))
 
+    def _bye(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._drawing.pop(view, None)
+        movie = self._movie_under_way()
+        if movie is not None and movie.front_end == view:
+            movie.give_up("the page has been closed")
+
+    def _movie_piece(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        movie = self._movie_under_way()
+        if movie is None:
+            raise ValueError("a piece of no movie")
+        movie.receive(content, buffers)
+
+    def _movie_failed(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        movie = self._movie_under_way()
+        if movie is not None:
+            movie.fail(content)
+
+    def _movie_under_way(self) -> PageScene | None:
+        return None if self._movie is None else self._movie()
+
     def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._front_end_stats = measured(content)
 
@@ -518,6 +547,40 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         finally:
             self._waiting.pop(number, None)
 
+    def has_page(self, *, by_card: bool = False) -> bool:
+        """Check whether a page shows this view and draws it itself; ``by_card``: by a graphics card."""
+        return self._page(by_card) is not None
+
+    def _page(self, by_card: bool) -> str | None:
+        """The newest page that draws, one with a graphics card first."""
+        pages = sorted(self._drawing.items(), key=lambda item: item[1])
+        return pages[-1][0] if pages and pages[-1][1] >= by_card else None
+
+    def page_scene(self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen) -> PageScene:
+        """A renderer of exports whose pictures a page of this view draws, as its screenshots are.
+
+        Parameters
+        ----------
+        volume, transfer : what the page shows; it takes no others.
+        size : (width, height) in pixels.
+        seen : how it is shown.
+
+        Raises
+        ------
+        PageGoneError
+            If no page shows this view.
+        """
+        page, shown = self._page(by_card=False), self._ready()
+        if page is None:
+            raise PageGoneError("no page shows the view")
+
+        def maps(field: AbstractField | None, output: Grid | None) -> FieldTextures:
+            return field_textures(field, shown, output, self._map_size, self._space_size)
+
+        scene = PageScene(self._post, page, size, seen, maps)
+        self._movie = weakref.ref(scene)
+        return scene
+
     def preview_png(self) -> bytes:
         """A small picture as a PNG, from coarser voxels and kept: what is seen where no front end runs."""
         scene = self._scene()
@@ -547,7 +610,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
     "hello": LiveView._hello, "chunk": LiveView._chunk, "still": LiveView._still,
     "drawn": LiveView._drawn, "seen": LiveView._seen, "screenshot": LiveView._screenshot,
-    "stats": LiveView._stats,
+    "stats": LiveView._stats, "bye": LiveView._bye, "movie_piece": LiveView._movie_piece,
+    "movie_failed": LiveView._movie_failed,
 }
 """Handlers of each kind of message."""
 

@@ -1,5 +1,6 @@
 // The live view: a volume, turned and deformed in the browser.
-// To Python: hello, chunk, still, drawn, screenshot, seen, stats. From Python: chunk, field, drawn, info, screenshot.
+// To Python: hello, chunk, still, drawn, screenshot, seen, stats, bye. From Python: chunk, field, drawn, info, screenshot.
+// Frames of movies: see movie_frames.js.
 
 import { clipOf, isClipped } from "../maths/clipping.js";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
@@ -9,6 +10,7 @@ import { FieldLink, fieldOf } from "./follow_editor.js";
 import { StillPicture } from "./server_view.js";
 import { TimeLink } from "./playback.js";
 import { PointerControls } from "./pointer.js";
+import { MovieFrames } from "./movie_frames.js";
 import { FrameLoop } from "./render_loop.js";
 import { SpacePoints } from "./space_points.js";
 import { ViewCamera } from "./view_camera.js";
@@ -56,6 +58,8 @@ class LiveVolumeView {
     this.isScarce = false; // whether the GPU did not hold all voxels
     this.wasTooMuch = false;
     this.sent = { received: 0 };
+    /** @type {MovieFrames | null} */
+    this.movie = null; // that is drawn for Python
     /** @type {KnownCuts} */
     this.cuts = {};
     /** @type {Record<string, number> | null} */
@@ -157,10 +161,7 @@ class LiveVolumeView {
    * The camera in the volume's own frame, for a picture of this width by height.
    * @param {number} aspect
    */
-  seen(aspect) {
-    const { camera } = this;
-    return camera.inFrame(camera.info.to_frame, camera.middle, aspect);
-  }
+  seen(aspect) { return this.camera.seen(aspect); }
 
   readCamera(isForced = false) { if (this.camera.read(isForced)) this.touch(); }
 
@@ -283,8 +284,11 @@ class LiveVolumeView {
 
   // -- messages and traits -------------------------------------------------------------------------------------------
 
-  /** @param {Message} content */
-  send(content) { this.messages.send(content); }
+  /**
+   * @param {Message} content
+   * @param {ArrayBuffer[]} [buffers]
+   */
+  send(content, buffers) { this.messages.send(content, buffers); }
 
   /**
    * @param {string} name
@@ -328,6 +332,8 @@ class LiveVolumeView {
     if (content.type === "drawn") return this.still?.drawn(content.info);
     if (content.type === "info") return this.still?.inform(content.info);
     if (content.type === "screenshot") return this.screenshot(content);
+    if (content.type === "movie_frame") return this.movieFrame(content, buffers);
+    if (content.type === "movie_end") return this.endMovie();
     return undefined;
   }
 
@@ -385,22 +391,29 @@ class LiveVolumeView {
   }
 
   /**
+   * What a ray caster is told of the volume beside its values.
+   * @param {VolumeInfo} info
+   * @returns {VolumeData}
+   */
+  about({ shape, spacing, outside, grey, share, is_labels: isLabels, box }) {
+    return { shape, spacing, outside, isLabels, grey, share, box: { low: box.low, high: box.high }, ownBox: box };
+  }
+
+  /**
    * @param {VolumeInfo} info
    * @param {Uint8Array} values
    */
   async upload(info, values) {
     const { caster } = this;
     if (!caster) return;
-    const { shape, spacing, outside, grey, share, is_labels: isLabels, box: { low, high } } = info;
+    const { shape } = info;
     const tick = (/** @type {number} */ done) => new Promise((/** @type {(value: void) => void} */ resolve) => {
       this.setProgress(0.8 + 0.19 * done);
       setTimeout(resolve, 0);
     });
-    /** @type {VolumeData} */
-    const about = { shape, spacing, outside, isLabels, grey, share, box: { low, high }, ownBox: info.box };
     let done = false;
     try {
-      done = await caster.setVolume(values, about, tick);
+      done = await caster.setVolume(values, this.about(info), tick);
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
       if (caster === this.caster && info === this.info) this.#requestFewerVoxels(error, shape);
@@ -504,6 +517,28 @@ class LiveVolumeView {
     if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 
+  /**
+   * @param {Message} content
+   * @param {Bytes[]} buffers
+   */
+  movieFrame(content, buffers) {
+    if (this.movie?.id !== content.id) {
+      this.endMovie();
+      try {
+        this.movie = new MovieFrames(this, content);
+      } catch (error) {
+        this.send({ type: "movie_failed", id: content.id, message: String(error) });
+        return undefined;
+      }
+    }
+    return this.movie?.draw(content, buffers);
+  }
+
+  endMovie() {
+    this.movie?.close();
+    this.movie = null;
+  }
+
   /** @param {FrameLoop} loop */
   sendStats(loop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
@@ -519,7 +554,9 @@ class LiveVolumeView {
 
   close() {
     this.closed = true;
+    this.send({ type: "bye" });
     this.messages.close();
+    this.endMovie();
     this.link.close();
     this.times.close();
     this.pointer.close();

@@ -62,6 +62,12 @@ export class ViewCamera extends Camera {
     return true;
   }
 
+  /**
+   * The camera in the volume's own frame, for a picture of this width by height.
+   * @param {number} aspect
+   */
+  seen(aspect) { return this.inFrame(this.info.to_frame, this.middle, aspect); }
+
   write() {
     const { view } = this;
     this.isWriting = true; // our own change must not come back as if Python had made it

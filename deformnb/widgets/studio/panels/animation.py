@@ -24,8 +24,9 @@ from deformnb.session.exports import Frozen, movie_frames
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST, Playback, Player
-from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row
+from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row, widget_of
 from deformnb.widgets.studio.panels.files import plain_name
+from deformnb.widgets.view.page_scene import PageGoneError
 from deformnb.widgets.worker import Worker
 
 _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
@@ -236,9 +237,12 @@ class MovieControls:
         self.kind.observe(lambda change: self._renamed(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
         self.cancel = button("Cancel", "Stop; no half file is left", self._stop.set)
+        self.renderer = widget_of("movie_renderer", layout=ipw.Layout(width="190px"))
+        self.renderer.style.description_width = "60px"
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
         self.message = ipw.Label("")
-        self.box = row(self.kind, self.name, self.fps, self.write, self.cancel, self.bar, self.message)
+        chosen = [self.renderer] if hasattr(view, "page_scene") else []
+        self.box = row(self.kind, self.name, self.fps, *chosen, self.write, self.cancel, self.bar, self.message)
         self.arrange(False)
 
     def _renamed(self, suffix: str) -> None:
@@ -254,21 +258,28 @@ class MovieControls:
     def _start(self) -> None:
         path = self._folder / plain_name(self.name.value)
         frozen = Frozen.of(self._session, self._view.seen())
-        fps = float(self.fps.value)
+        fps, by_page = float(self.fps.value), self._takes_page()
         self._stop.clear()
         self._is_writing = True
         self._begun = time.monotonic()
         self.bar.value, self.bar.layout.visibility = 0.0, "visible"
         self.message.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
-        self._thread.call(lambda: self._do(path, frozen, fps))
+        self._thread.call(lambda: self._do(path, frozen, fps, by_page=by_page))
 
-    def _do(self, path: Path, frozen: Frozen, fps: float) -> None:
+    def _takes_page(self) -> bool:
+        """Whether the page shall draw: where that was chosen, or has a graphics card."""
+        chosen = self.renderer.value
+        if not hasattr(self._view, "page_scene") or chosen == "python":
+            return False
+        return chosen == "page" or bool(self._view.has_page(by_card=True))
+
+    def _do(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> None:
         message = ""
         try:
             with frozen.files.writing(path):
-                write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
-            message = f"Wrote {path.name}."
+                note = self._write_frames(path, frozen, fps, by_page=by_page)
+            message = f"Wrote {path.name}.{note}"
         except Cancelled:
             message = f"Stopped; {path.name} was not written."
         except Exception as error:
@@ -278,6 +289,20 @@ class MovieControls:
             self.message.value, self._is_writing = message, False
             self.bar.layout.visibility = "hidden"
             self.arrange(self._has_keys)
+
+    def _write_frames(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> str:
+        """Write the movie; returns a note if the page could not draw it, and Python has drawn all of it anew."""
+        note = ""
+        if by_page:
+            of_page = replace(frozen, seen=replace(frozen.seen, scene=self._view.page_scene))
+            try:
+                write_movie(path, movie_frames(of_page, fps), fps, progress=self._progress, cancel=self._stop.is_set)
+                return note
+            except PageGoneError as error:
+                note = f" Python has drawn it: {error}."
+            self._begun = time.monotonic()
+        write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
+        return note
 
     def _progress(self, done: int, total: int) -> None:
         self.bar.value = share = done / max(total, 1)

@@ -21,6 +21,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.studio.panels import animation as animation_panel
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.stills import as_png
 
 GRID = Grid((16, 16, 32))
 
@@ -272,6 +273,72 @@ def test_a_movie_is_stopped_and_nothing_is_left(bench: Bench, tmp_path: Path, mo
     bench.panel.movie.name.value = "../out.gif"
     bench.press("Write movie")
     assert "no plain file name" in bench.said[-1]
+
+
+class DrawingPage:
+    """A front end with a graphics card, whose frames are of one colour each; it leaves before the frame ``leaves``."""
+
+    def __init__(self, view: LiveView, leaves: int = 1000) -> None:
+        self.view, self.leaves, self.colours, self.requests = view, leaves, list[int](), list[str]()
+        view.send = self.take
+        deliver(view, {"type": "hello", "view": "p", "largest": 2048, "renderer": "a card", "software": False})
+
+    def take(self, content: Any, buffers: Any = ()) -> None:
+        if not content["type"].startswith("movie"):
+            return
+        self.requests.append(content["type"])
+        if content["type"] == "movie_end":
+            return
+        if len(self.colours) == self.leaves:
+            deliver(self.view, {"type": "bye", "view": "p"})
+            return
+        self.colours.append(40 + 10 * len(self.colours))
+        width, height = content["size"]
+        png = as_png(np.full((height, width, 3), self.colours[-1], np.uint8))
+        about = {"type": "movie_piece", "view": "p", "id": content["id"], "index": content["index"], "size": len(png)}
+        deliver(self.view, {**about, "id": "another", "offset": 0}, [png])  # is dropped
+        for offset in (50, 0):  # in any order
+            deliver(self.view, {**about, "offset": offset}, [png[offset : offset + 50] if offset == 0 else png[50:]])
+
+
+def write_pictures(bench: Bench, folder: Path, name: str) -> list[np.ndarray]:
+    from PIL import Image
+
+    bench.panel.movie.kind.value, bench.panel.movie.name.value = "", name
+    bench.press("Write movie")
+    bench.panel.movie.wait()
+    assert bench.said == []
+    return [np.asarray(Image.open(path)) for path in sorted((folder / name).glob("*.png"))]
+
+
+def test_a_page_with_a_card_draws_the_movie_and_python_all_of_it_if_the_page_leaves(
+        bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.session.exports._FRAME", (48, 36))
+    movie, page = bench.panel.movie, DrawingPage(bench.view)
+    bench.press("Add key frame")
+    bench.drag((22.0, 12.0))
+    bench.press("Add key frame")
+    movie.fps.value = 3
+    frames = write_pictures(bench, tmp_path, "page")
+    assert [frame.ravel().tolist() for frame in frames] == [[c] * (48 * 36 * 3) for c in page.colours]
+    assert len(frames) == len(page.colours) == 4
+    assert movie.message.value == "Wrote page."
+    assert page.requests[-1] == "movie_end"
+
+    movie.renderer.value = "python"
+    by_python = write_pictures(bench, tmp_path, "python")
+    assert len(page.colours) == 4
+    assert all(frame.std() > 5 for frame in by_python)
+
+    movie.renderer.value = "automatic"
+    leaving = DrawingPage(bench.view, leaves=2)
+    np.testing.assert_array_equal(write_pictures(bench, tmp_path, "left"), by_python)
+    assert len(leaving.colours) == 2
+    assert movie.message.value == "Wrote left. Python has drawn it: the page has been closed."
+
+    movie.renderer.value = "page"
+    np.testing.assert_array_equal(write_pictures(bench, tmp_path, "nobody"), by_python)
+    assert movie.message.value == "Wrote nobody. Python has drawn it: no page shows the view."
 
 
 def test_how_an_animation_is_played_is_kept_with_its_document(bench: Bench) -> None:

@@ -1,0 +1,125 @@
+"""Pictures of a live view that its page draws for Python, one after the other: the frames of a movie.
+
+Messages to the front end: ``movie_frame`` (id, index, size, looks, with a field as in the message ``field``) and
+``movie_end`` (id). Messages of the front end: ``movie_piece`` (id, index, offset, size, with bytes of a PNG) and
+``movie_failed`` (id, message).
+"""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from deformnb._typing import Image, Progress
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField
+from deformnb.session.exports import Seen
+from deformnb.volume.volume import Grid
+from deformnb.widgets.edit_messages import picture, text, whole
+from deformnb.widgets.messages import FieldContent, MovieEnd, MovieFrame
+from deformnb.widgets.textures import FieldTextures
+from deformnb.widgets.view.stills import from_png
+
+# A frame takes a graphics card less than a second and a software renderer some seconds; before the first one the volume
+# is made ready. Where messages come between cells only, nothing comes while one runs.
+_PATIENCE = 30.0
+
+_MOST_BYTES = 2**26  # of a frame: eight times that of noise in 1600 x 1200
+
+_LOOKS = ("camera", "projection", "shows", "background", "clip", "show_folds", "ambient_occlusion")
+
+Post = Callable[[Mapping[str, Any], list[bytes]], None]
+
+
+class PageGoneError(DeformError):
+    """The page that draws has been closed, does not answer, or cannot draw."""
+
+
+class PageScene:
+    """A renderer of exports whose pictures one front end of a live view draws; used and closed by one thread.
+
+    Parameters
+    ----------
+    post : sends a message to the front ends.
+    front_end : the one that draws.
+    size : (width, height) in pixels.
+    seen : how it is shown; the volume and its colours are those of the front end.
+    maps : the textures of a field in the box of a grid.
+    patience : seconds without a word of the front end after which it is given up.
+    """
+
+    def __init__(self, post: Post, front_end: str, size: tuple[int, int], seen: Seen,
+                 maps: Callable[[AbstractField | None, Grid | None], FieldTextures], *,
+                 patience: float = _PATIENCE) -> None:
+        self._post, self.front_end, self._size, self._maps, self._patience = post, front_end, size, maps, patience
+        self._looks = {name: getattr(seen, name) for name in _LOOKS}
+        self._id = uuid.uuid4().hex
+        self._index = 0
+        self._heard = threading.Condition()
+        self._pieces: dict[int, bytes] = {}
+        self._wanted = -1  # bytes of the frame, known with its first piece
+        self._why = ""
+        self._field = maps(None, None)
+
+    def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
+        """Deform what is shown, in the box of a grid."""
+        self._field = self._maps(field, output)
+
+    def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
+        """The picture, (height, width, 3) uint8.
+
+        Raises
+        ------
+        PageGoneError
+            If the front end has been closed, has failed, or has not been heard of for a while.
+        """
+        with self._heard:
+            self._pieces, self._wanted = {}, -1
+            self._index += 1
+            content: FieldContent = self._field.content
+            message: MovieFrame = {"type": "movie_frame", "view": self.front_end, "id": self._id, "index": self._index,
+                                   "size": list(self._size), "looks": self._looks, **content}
+            self._post(message, self._field.buffers)
+            while not self._why and sum(map(len, self._pieces.values())) != self._wanted:
+                if not self._heard.wait(self._patience):
+                    raise PageGoneError(f"the page has not answered for {self._patience:g} seconds")
+            if self._why:
+                raise PageGoneError(self._why)
+            png = b"".join(self._pieces[offset] for offset in sorted(self._pieces))
+        image = from_png(picture([png]))
+        if image.shape[1::-1] != self._size:
+            raise PageGoneError(f"the page has drawn {image.shape[1]} x {image.shape[0]} pixels")
+        return image
+
+    def receive(self, content: dict[str, Any], buffers: list[Any]) -> None:
+        """Take a piece of a frame; ValueError if it is none of this one."""
+        if content.get("id") != self._id or content.get("index") != self._index:
+            raise ValueError("a piece of another movie or frame")
+        size = whole(content.get("size"), 1, _MOST_BYTES)
+        offset = whole(content.get("offset"), 0, size - 1)
+        (piece,) = buffers
+        with self._heard:
+            there = sum(len(other) for start, other in self._pieces.items() if start != offset)
+            if self._wanted not in (-1, size) or there + memoryview(piece).nbytes > size:
+                raise ValueError("a piece that does not fit")
+            self._wanted = size
+            self._pieces[offset] = bytes(piece)
+            self._heard.notify_all()
+
+    def fail(self, content: dict[str, Any]) -> None:
+        """Take what the front end says has gone wrong."""
+        if content.get("id") == self._id:
+            self.give_up(f"the page reports: {text(content.get('message'))[:200]}")
+
+    def give_up(self, why: str) -> None:
+        """Let whoever waits for a picture go on with an error."""
+        with self._heard:
+            self._why = why
+            self._heard.notify_all()
+
+    def close(self) -> None:
+        """Let the front end give back what it holds."""
+        message: MovieEnd = {"type": "movie_end", "view": self.front_end, "id": self._id}
+        self._post(message, [])
