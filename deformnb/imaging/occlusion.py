@@ -17,10 +17,10 @@ from deformnb.volume.volume import Volume
 AMBIENT_CELL = 4
 """Voxels along an edge of a cell; finer ones would show the noise of the voxels as shadow."""
 
-AMBIENT_NEAR = (1, 1.5)
+AMBIENT_NEAR = (1, 1.0)
 """Cells to each side of the near surroundings, and how strongly their mean opacity stops light."""
 
-AMBIENT_FAR = (3, 5.0)
+AMBIENT_FAR = (3, 4.0)
 """The same of the far surroundings, of which the mean is taken twice."""
 
 AMBIENT_AHEAD = 3.0

@@ -53,7 +53,7 @@ def literal_light(volume: Volume, transfer: TransferFunction) -> NDArray[np.floa
     for at in np.ndindex(*cells.shape):
         slope = np.array([(value(near, at + step) - value(near, at - step)) / 2 for step in np.eye(3)])
         ahead = at - 3 * slope / max(np.linalg.norm(slope), 0.04)
-        light[at] = np.exp(-1.5 * value(near, ahead) - 5 * value(far, ahead))
+        light[at] = np.exp(-value(near, ahead) - 4 * value(far, ahead))
     return light
 
 

@@ -41,8 +41,8 @@ export const MOST_STAGES = 64;
 
 // occlusion.py
 export const AMBIENT_CELL = 4;
-export const AMBIENT_NEAR = [1, 1.5];
-export const AMBIENT_FAR = [3, 5.0];
+export const AMBIENT_NEAR = [1, 1.0];
+export const AMBIENT_FAR = [3, 4.0];
 export const AMBIENT_AHEAD = 3.0;
 export const AMBIENT_EVEN = 0.04;
 

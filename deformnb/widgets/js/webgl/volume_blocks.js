@@ -27,32 +27,37 @@ function entriesOfByte(entries) { return (entries - 1) / 255; }
 export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
 
 /**
- * Weighted sums 1 2 1 of neighbours along x and y of a slice; beyond the edge lies the voxel at the edge.
+ * Weighted sums 1 4 6 4 1 of neighbours along x and y of a slice; beyond the edge lies the voxel at the edge.
  * @param {Uint8Array} values
  * @param {Vector3} shape
  * @param {number} z
  */
 function smoothedSlice(values, [nx, ny], z) {
-  const along = new Uint16Array(nx * ny), out = new Uint16Array(nx * ny), first = z * nx * ny;
+  const along = new Uint16Array(nx * ny), out = new Uint16Array(nx * ny), line = new Uint8Array(nx + 4);
   for (let y = 0; y < ny; y++) {
-    const start = first + y * nx, end = start + nx - 1;
-    for (let x = 0, i = start; x < nx; x++, i++) {
-      along[y * nx + x] = values[i > start ? i - 1 : i] + 2 * values[i] + values[i < end ? i + 1 : i];
+    const start = (z * ny + y) * nx, row = y * nx;
+    line.set(values.subarray(start, start + nx), 2);
+    line[0] = line[1] = line[2];
+    line[nx + 2] = line[nx + 3] = line[nx + 1];
+    for (let x = 0; x < nx; x++) {
+      along[row + x] = line[x] + line[x + 4] + 4 * (line[x + 1] + line[x + 3]) + 6 * line[x + 2];
     }
   }
   for (let y = 0; y < ny; y++) {
-    const above = (y > 0 ? y - 1 : y) * nx, below = (y < ny - 1 ? y + 1 : y) * nx;
-    for (let x = 0, i = y * nx; x < nx; x++, i++) out[i] = along[above + x] + 2 * along[i] + along[below + x];
+    const [a, b, c, d, e] = [-2, -1, 0, 1, 2].map((k) => Math.max(0, Math.min(ny - 1, y + k)) * nx);
+    for (let x = 0; x < nx; x++) {
+      out[c + x] = along[a + x] + along[e + x] + 4 * (along[b + x] + along[d + x]) + 6 * along[c + x];
+    }
   }
   return out;
 }
 
-const SMOOTHED = 64; // sum of the weights 1 2 1 along three axes
+const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
 
 /**
  * Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel. Gradients
- * are differences of a volume that is smoothed by 1 2 1: those of its own values follow the steps between slices, and
- * surfaces look like carved wood.
+ * are differences of a volume that is smoothed by 1 4 6 4 1: those of its own values follow the steps between slices, and
+ * surfaces look like carved wood; with 1 2 1 a skull still has rings where it is nearly parallel to the slices.
  * @param {Uint8Array} values
  * @param {Vector3} shape
  * @param {number} z0
@@ -67,18 +72,21 @@ export function gradientSlab(values, shape, z0, z1, spacing, fill) {
   const [sx, sy, sz] = spacing.map((s) => (unit * finest) / s), outside = SMOOTHED * fill;
   const inside = (/** @type {number} */ z) => Math.max(0, Math.min(nz - 1, z));
   /** @type {Map<number, Uint16Array>} */
-  const flat = new Map(), smooth = new Map();
-  for (let z = inside(z0 - 2); z <= inside(z1 + 1); z++) flat.set(z, smoothedSlice(values, shape, z));
+  const flat = new Map();
+  /** @type {Map<number, Uint32Array>} */
+  const smooth = new Map();
+  for (let z = inside(z0 - 3); z <= inside(z1 + 2); z++) flat.set(z, smoothedSlice(values, shape, z));
   const of = (/** @type {number} */ z) => /** @type {Uint16Array} */ (flat.get(inside(z)));
   for (let z = inside(z0 - 1); z <= inside(z1); z++) {
-    const [before, here, after] = [of(z - 1), of(z), of(z + 1)];
-    smooth.set(z, here.map((v, i) => before[i] + 2 * v + after[i]));
+    const [a, b, c, d, e] = [-2, -1, 0, 1, 2].map((k) => of(z + k)), sum = new Uint32Array(slice);
+    for (let i = 0; i < slice; i++) sum[i] = a[i] + e[i] + 4 * (b[i] + d[i]) + 6 * c[i];
+    smooth.set(z, sum);
   }
-  const plain = new Uint16Array(slice).fill(outside);
+  const plain = new Uint32Array(slice).fill(outside);
   let o = 0;
   for (let z = z0; z < z1; z++) {
     // Beyond the edge lies the background, so that a body that is cut off there has a lit face.
-    const front = smooth.get(z - 1) ?? plain, here = /** @type {Uint16Array} */ (smooth.get(z));
+    const front = smooth.get(z - 1) ?? plain, here = /** @type {Uint32Array} */ (smooth.get(z));
     const back = smooth.get(z + 1) ?? plain;
     for (let y = 0; y < ny; y++) {
       const top = y > 0, bottom = y < ny - 1;
