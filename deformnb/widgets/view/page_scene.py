@@ -88,7 +88,10 @@ class PageScene:
             if self._why:
                 raise PageGoneError(self._why)
             png = b"".join(self._pieces[offset] for offset in sorted(self._pieces))
-        image = from_png(picture([png]))
+        try:
+            image = from_png(picture([png]))
+        except (ValueError, OSError) as error:  # no PNG, or a torn one
+            raise PageGoneError("the page has sent no picture") from error
         if image.shape[1::-1] != self._size:
             raise PageGoneError(f"the page has drawn {image.shape[1]} x {image.shape[0]} pixels")
         return image

@@ -127,6 +127,7 @@ def test_a_page_that_comes_late_gets_the_deformation() -> None:
     {"type": "hello", "view": "a", "largest": 1e3}, {"type": "hello", "view": "a", "largest": -1},
     {"type": "still"}, {"type": "screenshot", "view": "a", "id": 1},
     {"type": "screenshot", "view": "a", "id": "x"}, {"type": "_chunk", "view": "a"},
+    {"type": "movie_piece", "view": "a", "id": "x", "index": 1, "offset": 0, "size": 1},
 ])
 def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture) -> None:
     view = Recorded(ball())
