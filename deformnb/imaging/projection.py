@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import Blocks, PerspectiveCamera, ambience_of, blocks, composite, faces_of, knots
+from deformnb.imaging.raycast import (
+    Blocks,
+    PerspectiveCamera,
+    ambience_beside,
+    ambience_of,
+    blocks,
+    composite,
+    faces_of,
+    knots,
+)
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -89,9 +98,10 @@ def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str,
     if settings["is_scaled"]:
         layers, outside = (np.clip((v - low) / width, -_LARGEST, _LARGEST) for v in (layers, outside))
         layers, width = layers.astype(np.float32), 1.0
+    ambience = settings["ambience"]
     return composite(state, np.ascontiguousarray(layers), count, settings["knots"], _f32(outside, width),
-                     settings["spacing"], settings["light"], np.int32(settings["start"]), settings["faces"],
-                     settings["ambience"],
+                     settings["spacing"], settings["light"], np.float32(settings["start"]), settings["faces"],
+                     None if ambience is None else ambience_beside(ambience, settings["start"], layers),
                      shaded=settings["shaded"])
 
 

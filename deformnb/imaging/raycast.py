@@ -116,12 +116,12 @@ def _light_layers(state: Any, layers: Any, count: Any, transfer: Any, limits: An
 
     ``limits`` are the value beyond the sides and the width of the range of values; ``start`` is the number of the first
     layer; ``faces`` (see :func:`deformnb.imaging.raycast.faces_of`, or None) cut off; ``ambience`` (see
-    :func:`deformnb.imaging.raycast.ambience_of`, or None) is the light that reaches each place.
+    :func:`deformnb.imaging.raycast.ambience_beside`, or None) is the light that reaches each place.
     """
     def add(k: Any, total: Any) -> Any:
         here = layers[k + 1].astype(jnp.float32)
         *colors, alpha = _colour(here, transfer)
-        ambient = 1.0 if ambience is None else _between(ambience, start + k, here.shape)
+        ambient = 1.0 if ambience is None else _between(ambience, k)
         bright = _shade(layers, k, spacing, light, limits, ambient) if shaded else None
         if faces is not None:
             held, bare, glow = _beside(faces, start + k, here.shape)
@@ -156,16 +156,11 @@ def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any, ambient: 
     return sure * lit + (1 - sure) * 0.8 * (0.3 + 0.7 * ambient)
 
 
-def _between(ambience: Any, layer: Any, shape: tuple[int, int]) -> Any:
-    """The ambient light of a layer, interpolated between every :data:`_AMBIENT_STEP`-th sample."""
+def _between(ambience: Any, layer: Any) -> Any:
+    """The ambient light of a layer of a block, interpolated between every :data:`_AMBIENT_STEP`-th one."""
     before = layer // _AMBIENT_STEP
     share = (layer - before * _AMBIENT_STEP) / _AMBIENT_STEP
-    plane = ambience[before] + share * (ambience[before + 1] - ambience[before])
-    t = jnp.arange(_AMBIENT_STEP, dtype=jnp.float32) / _AMBIENT_STEP
-    rows = plane[:-1, None] + t[:, None] * (plane[1:] - plane[:-1])[:, None]
-    rows = rows.reshape(-1, plane.shape[1])[: shape[0]]
-    both = rows[:, :-1, None] + t * (rows[:, 1:] - rows[:, :-1])[..., None]
-    return both.reshape(shape[0], -1)[:, : shape[1]]
+    return ambience[before] + share * (ambience[before + 1] - ambience[before])
 
 
 def _beside(faces: Any, layer: Any, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
@@ -264,7 +259,7 @@ def blocks(volume: Volume, lattice: Grid, layers: int, margin: int, plane: Plane
 
 
 def ambience_of(light: Volume, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None) -> NDArray[np.float32]:
-    """Ambient light at every fourth sample of a lattice, for :func:`~deformnb.imaging.raycast.composite`.
+    """Ambient light at every fourth sample of a lattice along each axis.
 
     Parameters
     ----------
@@ -277,6 +272,26 @@ def ambience_of(light: Volume, lattice: Grid, plane: Plane, eye: PerspectiveCame
     layers = [eye.layer(few, plane, k) for k in range(deep)]
     return np.concatenate([warp(light, Identity(3), output=layer, fill=1.0).values for layer in layers]).astype(
         np.float32)
+
+
+def ambience_beside(ambience: NDArray[np.float32], start: int, layers: NDArray[Any]) -> NDArray[np.float32]:
+    """Ambient light at every pixel of every fourth layer of a block, and of the next one.
+
+    Parameters
+    ----------
+    ambience : of :func:`ambience_of`.
+    start : number of the block's first layer, a multiple of 4.
+    layers : [1 + n + 1, v, u] of the block.
+    """
+    first, count = start // _AMBIENT_STEP, (len(layers) - 2) // _AMBIENT_STEP + 1
+    # A block may go on behind the last layer.
+    made: NDArray[Any] = np.take(ambience, range(first, first + count), axis=0, mode="clip")
+    share = np.arange(_AMBIENT_STEP, dtype=np.float32) / _AMBIENT_STEP
+    for axis, n in ((1, layers.shape[1]), (2, layers.shape[2])):
+        made = np.moveaxis(made, axis, -1)
+        fine = made[..., :-1, None] + share * np.diff(made)[..., None]
+        made = np.moveaxis(fine.reshape(*made.shape[:-1], -1)[..., :n], -1, axis)
+    return np.ascontiguousarray(made)
 
 
 def faces_of(part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None,

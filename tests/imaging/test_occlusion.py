@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deformnb.imaging.occlusion import ambient_light
 from deformnb.imaging.projection import project
-from deformnb.imaging.raycast import PerspectiveCamera, ambience_of
+from deformnb.imaging.raycast import PerspectiveCamera, ambience_beside, ambience_of
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction
@@ -101,3 +101,14 @@ def test_ambient_light_is_looked_up_along_the_rays_of_a_perspective() -> None:
         exact = warp(light, Identity(3), output=layer, fill=1.0).values[0]
         found = coarse[k][: -(-exact.shape[0] // 4), : -(-exact.shape[1] // 4)]
         np.testing.assert_allclose(found, exact[::4, ::4], atol=1e-5)
+
+
+def test_between_its_samples_ambient_light_is_interpolated_in_a_layer() -> None:
+    z, y, x = np.indices((14, 6, 5), dtype=np.float32)
+    coarse = 0.1 * z + 0.02 * y - 0.05 * x
+    block = np.empty((10, 18, 15), np.uint8)  # 8 layers of 18 x 15 samples, and one beside them on each side
+    found = ambience_beside(coarse, 32, block)
+    k, v, u = np.meshgrid([8, 9, 10], np.arange(18) / 4, np.arange(15) / 4, indexing="ij")
+    np.testing.assert_allclose(found, 0.1 * k + 0.02 * v - 0.05 * u, atol=1e-6)
+    last = ambience_beside(coarse, 48, block)
+    np.testing.assert_array_equal(last[2], last[1])  # there is no layer behind the last one
