@@ -65,6 +65,12 @@ def radial(name: str, rho: Any) -> Any:
         return rho**2 * mpmath.log(rho) if rho > 0 else 0 * one
     if name == "cubic":
         return rho**3
+    if name == "quintic":
+        return -(rho**5)
+    if name == "inverse_multiquadric":
+        return 1 / mpmath.sqrt(1 + (4 * rho) ** 2)
+    if name == "inverse_quadratic":
+        return 1 / (1 + (4 * rho) ** 2)
     raise KeyError(name)
 
 

@@ -2,7 +2,7 @@
 
 An interpolant of radial functions is the mean of a Gaussian process with the same kernel ("kriging"), its trend a mean
 of unknown parameters. With K = Phi + diag(lambda / w), P the polynomials that the system itself carries (ones; for
-kernels of order 2 linear functions too), and
+kernels of order 2 and more linear functions too, and with the trend "quadratic" products of coordinates), and
 
     [K, P; P^T, 0]^-1 = [C, W; W^T, Q]
 
@@ -30,7 +30,7 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant, capacity, few_sizes
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import trend_named
+from deformnb.rbf.trends import Span, products, trend_named
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class FitSystem:
     @property
     def has_second_step(self) -> bool:
         """True if the linear part of the trend is not part of the system itself."""
-        return self.fit.kernel.order < 2 and self.ready.trend not in ("none", "translation")
+        return self.fit.kernel.order < 2 and self.ready.trend not in ("none", "translation", "quadratic")
 
     @property
     def has_own_radii(self) -> bool:
@@ -87,6 +87,9 @@ class FitSystem:
         """Number of parameters that the trend takes from the points."""
         dim, rank = self.dim, self.ready.span.basis.shape[1]
         turns = dim * (dim - 1) // 2 - (dim == 3 and rank == 1)  # about the line of all points nothing is known
+        if self.ready.trend == "quadratic":
+            assert self.ready.span.quadrics is not None
+            return dim + dim * rank + dim * int(self.ready.span.quadrics.shape[1])
         return {"none": 0, "translation": dim, "rigid": dim + turns, "similarity": dim + turns + 1,
                 "affine": dim + dim * rank, "affine_exact": dim + dim * rank}[self.ready.trend]
 
@@ -129,7 +132,7 @@ def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: f
     matrix = phi.copy()
     matrix.flat[:: len(x) + 1] += nugget
     try:
-        inverse = _inverse(matrix, x @ ready.span.basis, fit.kernel.order, ready.trend, scales is not None)
+        inverse = _inverse(matrix, _polynomials(x, ready.span, np), fit.kernel.order, ready.trend, scales is not None)
     except np.linalg.LinAlgError:
         raise DeformError(f"the {fit.kernel.name} kernel with support {ready.support:.6g} is too flat for these "
                           f"{len(x)} control points to be inverted (closest are {ready.closest}). Use a smaller "
@@ -153,13 +156,20 @@ def _values(x: Any, centers: Any, scales: Any, *, kernel: type[AbstractKernel]) 
 _kernel_values = compiled(_values, static_argnames="kernel")
 
 
-def _inverse(matrix: Floats, across: Floats, order: int, trend: str, is_skew: bool) -> tuple[Floats, Floats, Floats]:
-    """C, W and Q of the module's formula; ``across`` (n, rank) are the points on their span."""
+def _polynomials(x: Any, span: Span, xp: Any) -> Any:
+    """Ones, the places x (n, dim) on the span of the points and, with the trend "quadratic", their products."""
+    columns = [xp.ones((len(x), 1)), x @ span.basis]
+    if span.quadrics is not None:
+        columns.append(products(x, xp) @ span.quadrics)
+    return xp.concatenate(columns, axis=1)
+
+
+def _inverse(matrix: Floats, p: Floats, order: int, trend: str, is_skew: bool) -> tuple[Floats, Floats, Floats]:
+    """C, W and Q of the module's formula; ``p`` (n, k) are the polynomials of :func:`_polynomials`."""
     n = len(matrix)
     if is_skew:
         return np.asarray(scipy.linalg.inv(matrix, overwrite_a=True)), np.zeros((n, 0)), np.zeros((0, 0))
-    if order == 2:
-        p = np.concatenate([np.ones((n, 1)), across], axis=1)
+    if order >= 2 or trend == "quadratic":
         bordered = np.block([[matrix, p], [p.T, np.zeros((p.shape[1],) * 2)]])
         whole = scipy.linalg.inv(bordered, overwrite_a=True)
         whole = (whole + whole.T) / 2
@@ -249,17 +259,17 @@ class Uncertainty:
         missed = np.zeros((self.dim, self.dim)) if self.open is None else self.open / self.dim
         with float64():
             found = _variances(places.reshape(blocks, _BLOCK, self.dim), centers, energy, weights, s.rest,
-                               s.ready.span.basis, missed, kernel=s.fit.kernel)
+                               s.ready.span, missed, kernel=s.fit.kernel)
         return np.asarray(found).ravel()[:m]
 
 
-def _variances_of(blocks: Any, centers: Any, energy: Any, weights: Any, rest: Any, basis: Any, missed: Any, *,
+def _variances_of(blocks: Any, centers: Any, energy: Any, weights: Any, rest: Any, span: Span, missed: Any, *,
                   kernel: type[AbstractKernel]) -> Any:
     """The module's formula; padded centres have zeros in all matrices and so no effect."""
     def of_block(x: Any) -> Any:
         k = _values(x, centers, 1.0, kernel=kernel)
         pull = k @ energy
-        p = jnp.concatenate([jnp.ones((len(x), 1)), x @ basis], axis=1)[:, : len(rest)]
+        p = _polynomials(x, span, jnp)[:, : len(rest)]
         known = (pull * k).sum(axis=1) + (p * (2 * k @ weights + p @ rest)).sum(axis=1)
         off = x - (pull + p @ weights.T) @ centers
         return jnp.maximum(kernel.profile(0.0 * x[0, 0]) - known + ((off @ missed) * off).sum(axis=1), 0.0)

@@ -28,7 +28,7 @@ from deformnb.rbf.conditioning import SAME_PLACE, same_place
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import capacity
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import TRENDS, Span, ridge_of, steadied, thin_directions
+from deformnb.rbf.trends import THIN_BEND, TRENDS, Span, products, ridge_of, steadied, thin_directions
 
 # Points whose leverage comes this near to 1 carry a dimension of the span alone: without them the trend is another.
 _ALONE = 1e-9
@@ -191,10 +191,29 @@ def _alone(system: FitSystem) -> NDArray[np.bool_]:
         on_span = system.x @ system.ready.span.basis * kept[:, None]
         q = np.linalg.qr((on_span - on_span.sum(axis=0) / n) * kept[:, None])[0]
         alone |= (q**2).sum(axis=1) + 1 / n > 1 - _ALONE
+    if n > 1 and system.ready.trend == "quadratic":
+        alone |= kept & _open_without(system)
     if system.has_own_radii:
         different = kept & (np.asarray(system.fit.scales)[: len(kept)] != 1)
         alone |= different if different.sum() == 1 else False
     return np.asarray(alone)
+
+
+def _open_without(system: FitSystem) -> NDArray[np.bool_]:
+    """The rows without which the others do not determine all of the quadratic trend, whose open part shrinks."""
+    if system.has_own_radii:
+        return np.ones(system.count, dtype=bool)
+    kept = system.kept[:, None]
+    p = np.linalg.qr(np.concatenate([np.ones((system.count, 1)), system.x], axis=1) * kept)[0]
+    rest = products(system.x) * kept
+    rest = rest - p @ (p.T @ rest)
+    share = np.maximum(1 - (p**2).sum(axis=1), _ALONE)
+    grams = rest.T @ rest - rest[:, :, None] * rest[:, None, :] / share[:, None, None]
+    values = np.linalg.eigvalsh(grams)
+    is_open = values[:, 0] < (1 + _ALONE) * THIN_BEND**2 * values[:, -1]
+    if system.fit.kernel.order < 2:
+        is_open |= ridge_of(*thin_directions(*_moments_left(system))).any(axis=(1, 2))
+    return np.asarray(is_open)
 
 
 def _left_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
@@ -299,6 +318,8 @@ def _residual(system: FitSystem, active: ControlPoints) -> Floats:
         return np.asarray(system.fit.displacement(active.target) - active.displacement)
     fit, n = system.fit, system.count
     at_points = system.phi @ np.asarray(fit.coefficients)[:n] + system.x @ np.asarray(fit.linear).T + fit.constant
+    if fit.quadratic is not None:
+        at_points = at_points + np.einsum("nk,mkj,nj->nm", system.x, fit.quadratic, system.x)
     return np.asarray(at_points - active.displacement)
 
 

@@ -7,6 +7,8 @@ none                               the identity
 one                                a translation (trend "none": one bump)
 nearly on one line, or in one      the trend "affine" shrinks across them to a similarity; a note names the direction
 plane of space                     (:func:`deformnb.rbf.trends.thin_directions`)
+fewer than 6 (10 in space), or     what they leave open of the trend "quadratic" is left out, with a note
+nearly on a conic or a quadric     (:func:`deformnb.rbf.trends.quadric_span`)
 same place, same displacement      merged; a note names them
 same place, other displacement     DeformError naming both; with smoothing their weighted mean
 same place, other radius           the radius of the first
@@ -32,7 +34,7 @@ from numpy.typing import NDArray
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import THIN, Span, Trend, ridge_of, spreads_of
+from deformnb.rbf.trends import FLAT, THIN, Span, Trend, quadric_span, ridge_of, spreads_of
 
 LARGEST_SET = 2000
 """Dense solves cost N^3: 2000 points take 0.1 s, ten times as many would take minutes."""
@@ -42,8 +44,6 @@ LARGEST_SET = 2000
 SAME_PLACE = 1e-6
 # Displacements that differ by less than this share of the support are the same: the promised exactness of a fit.
 SAME_DISPLACEMENT = 1e-9
-# Ratio of singular values of the centred points below which they lie on a line or in a plane (independent of the axes).
-FLAT = 1e-7
 
 # A compact kernel is close to its flat limit at this many diagonals of the points' box; beyond, Phi loses the digits
 # that keep near points apart (the error of a fit was 5e-8 of the box at 100).
@@ -122,6 +122,10 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
     origin = targets.mean(axis=0) if len(targets) else np.zeros(points.dim)
     span, where = _span(targets - origin, displacements)
     name, remark = _determined_trend(trend, kernel, len(targets), span.basis.shape[1], where)
+    if name == "quadratic":
+        quadrics, bend = quadric_span(targets - origin, span.basis)
+        span = span._replace(quadrics=quadrics, bend=bend)
+        remark += _bent(len(targets), points.dim, kernel, bool(bend.any()))
     return PreparedPoints(targets, displacements, weights, origin, radius, span, name,
                           tuple(active.ids[k] for k in first), (*limited, *notes, *remark),
                           _closest(active, targets, first),
@@ -219,18 +223,31 @@ def _determined_trend(trend: Trend, kernel: type[AbstractKernel], n: int, rank: 
     if n == 0 or trend.name in ("none", "translation"):
         return trend.name, ()
     if rank == 0:
-        name = trend.name if kernel.order == 2 else "translation"
+        name = trend.name if kernel.order >= 2 else "translation"
         return name, ("one control point: the trend is a translation",)
     if not where:
         return trend.name, ()
-    if trend.name.startswith("affine"):
+    if trend.order >= 2:
         lie = f"the control points lie nearly {where}: across it"
-        if trend.name == "affine" and kernel.order < 2:
+        if trend.name != "affine_exact" and kernel.order < 2:
             return trend.name, (f"{lie} the affine trend turns and scales as along it",)
         return trend.name, (lie + _UNHELD,)
     if rank == 1 and "along" in where:
         return trend.name, ("the control points lie on one line: the turn about it is the smallest possible",)
     return trend.name, ()
+
+
+def _bent(n: int, dim: int, kernel: type[AbstractKernel], is_open: bool) -> tuple[str, ...]:
+    """A note where n points do not determine all of the quadratic trend."""
+    if not is_open or n < 2:
+        return ()
+    least = (dim + 1) * (dim + 2) // 2
+    few = f"the quadratic trend needs {least} control points or more, and there are {n}"
+    curve = "one conic (an ellipse, a hyperbola, two lines)" if dim == 2 else "one quadric (an ellipsoid, two planes)"
+    why = few if n < least else f"the control points lie nearly on {curve}"
+    if kernel.order > 2 and n >= least:
+        return (f"{why}: nothing holds the quadratic trend beside it; the thin-plate kernel would stay calm",)
+    return (f"{why}: what they leave open of it is left out",)
 
 
 def _closest(points: ControlPoints, targets: NDArray[np.float64], first: list[int]) -> str:

@@ -1,6 +1,7 @@
 """Radial basis function fit of control points: Eqs. 1-4 and 9 of the paper, Eq. 5 as corrected by the trends.
 
-The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)`` with centres x_j at the *targets* and
+The interpolant is ``D(x) = A x + t + sum_j alpha_j phi(|x - x_j| / R)``, with the trend "quadratic" also
+``x^T H_m x`` in each component m, with centres x_j at the *targets* and
 ``D(x_j) = source_j - target_j`` (backward). All components share one matrix, factored once, in float64. Coordinates
 are centred and divided by the support radius R before anything else, so that neither a large offset nor the unit costs
 digits, and evaluation can run in float32. The linear part A, t is the trend; :mod:`deformnb.rbf.trends` has the
@@ -37,7 +38,16 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
-from deformnb.rbf.trends import NO_ANGLE, TRENDS, Span, complete, steadied
+from deformnb.rbf.trends import (
+    FLAT,
+    NO_ANGLE,
+    TRENDS,
+    Span,
+    complete,
+    products,
+    quadratic_forms,
+    steadied,
+)
 
 _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
 _GROUP = 4  # centres per turn of the inner loop
@@ -50,7 +60,10 @@ def few_sizes(tiles: int) -> int:
 
 
 class Leaves(NamedTuple):
-    """The arrays of an interpolant in the type that it is evaluated in; ``scales`` (C,) is None if all are 1."""
+    """The arrays of an interpolant in the type that it is evaluated in.
+
+    ``scales`` (C,) is None if all are 1, ``quadratic`` (dim, dim, dim) if the trend has no quadratic part.
+    """
 
     centers: Any
     coefficients: Any
@@ -58,6 +71,7 @@ class Leaves(NamedTuple):
     constant: Any
     count: Any
     scales: Any = None
+    quadratic: Any = None
 
 
 Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple[Any, ...]]
@@ -65,8 +79,11 @@ Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple
 
 def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
     """Components of D at relative points p (tuple of dim arrays of one shape); the loop's length is the count."""
-    dim, linear = len(p), leaves.linear
+    dim, linear, h = len(p), leaves.linear, leaves.quadratic
     start = tuple(sum(linear[m, k] * p[k] for k in range(dim)) + leaves.constant[m] for m in range(dim))
+    if h is not None:
+        start = tuple(start[m] + sum(h[m, k, j] * p[k] * p[j] for k in range(dim) for j in range(dim))
+                      for m in range(dim))
 
     def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
         phi = kernel.profile(sum(o**2 for o in offset) * square)
@@ -77,8 +94,11 @@ def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKerne
 
 def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
     """All dD_m/dp_k at relative points, row by row: ``A + 2 sum_j alpha_j slope(s_j) (p - c_j)^T``."""
-    dim, linear = len(p), leaves.linear
+    dim, linear, h = len(p), leaves.linear, leaves.quadratic
     start = tuple(linear[m, k] + 0 * p[0] for m in range(dim) for k in range(dim))
+    if h is not None:
+        start = tuple(start[m * dim + k] + 2 * sum(h[m, k, j] * p[j] for j in range(dim))
+                      for m in range(dim) for k in range(dim))
 
     def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
         slope = 2 * square * kernel.slope(sum(o**2 for o in offset) * square)
@@ -202,7 +222,8 @@ _PIXEL_SHARE = 1e-3
 
 @partial(
     jax.tree_util.register_dataclass,
-    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget"],
+    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget",
+                 "quadratic"],
     meta_fields=["kernel", "trend", "remarks", "ids"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
@@ -221,6 +242,8 @@ class RBFInterpolant(AbstractField):
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
+    quadratic : (dim, dim, dim) symmetric matrices H_m of the trend "quadratic" in relative coordinates, physical
+        units; None for the others.
     """
 
     centers: Any
@@ -236,6 +259,7 @@ class RBFInterpolant(AbstractField):
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
     nugget: Any = None
+    quadratic: Any = None
 
     def __repr__(self) -> str:
         count = len(self.ids)
@@ -258,7 +282,7 @@ class RBFInterpolant(AbstractField):
         Looked at are the points, three places on each edge of their Delaunay triangulation and the middles of its
         simplices; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
         """
-        if not np.asarray(self.coefficients).any():
+        if not np.asarray(self.coefficients).any() and self.quadratic is None:
             return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.linear) / self.support) <= 0)
         x = np.asarray(self.centers, dtype=np.float64)[: int(self.count)]
         jacobians = np.eye(self.dim) + self.jacobian(self.origin + self.support * _places_between(x))
@@ -271,7 +295,8 @@ class RBFInterpolant(AbstractField):
         """
         n = int(self.count)
         x, alpha = (np.asarray(a, dtype=np.float64)[:n] for a in (self.centers, self.coefficients))
-        if not self.dim + 4 <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
+        least = parameters_of(self.trend, self.dim) + 3
+        if not least <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
             return False
         nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
         drags = self.displacement(self.origin + self.support * x) + nugget[:, None] * alpha
@@ -291,7 +316,8 @@ class RBFInterpolant(AbstractField):
         p = (jnp.asarray(points) - self.origin) / self.support
         s = jnp.sum((p[..., None, :] - self.centers) ** 2, axis=-1)
         s = s if self.scales is None else s * jnp.asarray(self.scales) ** 2
-        return p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
+        plain = p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
+        return plain if self.quadratic is None else plain + jnp.einsum("...k,mkj,...j->...m", p, self.quadratic, p)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         relative, shape = self._relative(points)
@@ -315,8 +341,8 @@ class RBFInterpolant(AbstractField):
     def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """dD_m/dx_k at ``rows[:, r] + columns[:, c]``, (dim, dim, R, C): for pictures, not for proofs (float32)."""
         first, other = self._relative_lines(rows, columns)
-        leaves = self._leaves(np.float32)
-        d = jacobian_at_lattice(first, other, leaves, self.kernel, np.float32)
+        dtype = np.float64 if self.kernel.order > 2 else np.float32  # the terms of r^5 cancel each other
+        d = jacobian_at_lattice(first, other, self._leaves(dtype), self.kernel, dtype)
         return np.asarray(d / self.support, dtype=np.float32)
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
@@ -337,17 +363,25 @@ class RBFInterpolant(AbstractField):
         # Places far away in units of the support are rounded too; a kernel's slope is about 2.
         largest = max(np.abs(self.kernel(float(self.support))(np.array([0.0, farthest]))).max(), reach / 6)
         trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
+        if self.quadratic is not None:
+            trend += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * 6e-8
         return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
     def _leaves(self, dtype: Any) -> Leaves:
         arrays = (self.centers, self.coefficients, self.linear, self.constant)
         scales = None if self.scales is None else np.asarray(self.scales, dtype=dtype)
         centers, coefficients, linear, constant = (np.asarray(a, dtype=dtype) for a in arrays)
-        return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales)
+        bent = None if self.quadratic is None else np.asarray(self.quadratic, dtype=dtype)
+        return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
 
 
 MOST_LEFT_OUT = 512
 """Points of which a support is chosen at most: evenly taken from larger sets, for leaving out costs N^3 too."""
+
+
+def parameters_of(trend: str, dim: int) -> int:
+    """Number of points that determine an affine trend, or the quadratic one where that is asked for."""
+    return (dim + 1) * (dim + 2) // 2 if trend == "quadratic" else dim + 1
 
 
 def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[AbstractKernel], trend: str,
@@ -376,7 +410,9 @@ def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[Abstra
             d = d - (x - x.mean(axis=0)) @ (map_linear - np.eye(dim)).T
     one = np.ones((n, 1))
     p = np.concatenate([one, x], axis=1) if trend.startswith("affine") else one[:, : trend != "none"]
-    if kernel.order == 2:
+    if trend == "quadratic":
+        p = orthonormal(np.concatenate([one, x, products(x)], axis=1))
+    if kernel.order >= 2:
         whole = np.linalg.inv(np.block([[phi, p], [p.T, np.zeros((p.shape[1],) * 2)]]))[:n, :n]
     else:  # a constant added to a kernel of order 1 makes it definite and changes nothing else
         factor = scipy.linalg.cho_factor(phi + (2 * np.abs(phi).max() if kernel.order else 0.0), lower=True)
@@ -391,6 +427,12 @@ def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[Abstra
 
 def _values_between(x: Any, *, kernel: type[AbstractKernel]) -> Any:
     return kernel.profile(jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1))
+
+
+def orthonormal(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An orthonormal basis (n, r) of the span of columns (n, k), which may depend on one another."""
+    u, sigma, _ = np.linalg.svd(p / np.maximum(np.linalg.norm(p, axis=0), 1e-300), full_matrices=False)
+    return np.asarray(u[:, sigma > FLAT * sigma[0]])
 
 
 _profile_between = compiled(_values_between, static_argnames="kernel")
@@ -443,7 +485,8 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     with float64():
         solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend)
-        alpha, linear, constant, miss = (np.array(a) for a in solved)
+        alpha, linear, constant, miss = (np.array(a) for a in solved[:4])
+        bent = None if solved.quadratic is None else np.array(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
         raise DeformError(
             "the support radii that these control points have of their own do not go together: the system is nearly "
@@ -458,7 +501,7 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
         )
     r, notes = ready.support, ready.notes + _warnings(ready, kernel, np.eye(dim) + linear)
     return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, notes,
-                          ready.ids, scales, smoothed)
+                          ready.ids, scales, smoothed, bent)
 
 
 # Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to require 25 to 3600 times.
@@ -467,6 +510,7 @@ STEEP = 10.0
 _COLLAPSES = {
     "affine": "the trend collapses everything to one place",
     "affine_exact": "the trend collapses everything to one place",
+    "quadratic": "the trend collapses everything to one place",
     "similarity": "the trend collapses everything to one place",
     "rigid": "the turn is open and stays what it was",
 }
@@ -479,7 +523,7 @@ def _warnings(ready: PreparedPoints, kernel: type[AbstractKernel], map_linear: N
     notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"
              for i, j in torn]
     notes += [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
-    is_plain = ready.trend.startswith("affine") and (ready.trend != "affine" or kernel.order == 2)
+    is_plain = ready.trend == "affine_exact" or (ready.trend in ("affine", "quadratic") and kernel.order >= 2)
     if is_plain and np.linalg.norm(map_linear, 2) > STEEP:
         notes.append(  # without the number, which changes at every move: JAX compiles anew for other notes
             f"the affine trend stretches more than {STEEP:g} times: the control points nearly lie on one line or in "
@@ -506,30 +550,75 @@ def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
 # ---- the compiled solve ---------------------------------------------------------------------------------------------
 
 
+class Solved(NamedTuple):
+    """A solved fit in relative coordinates.
+
+    Parameters
+    ----------
+    alpha (C, dim), linear A (dim, dim), constant t (dim,); miss (C, dim), the residual of the conditions, zero but for
+    rounding; quadratic (dim, dim, dim), the matrices H_m of the trend "quadratic", else None.
+    """
+
+    alpha: Any
+    linear: Any
+    constant: Any
+    miss: Any
+    quadratic: Any = None
+
+
 def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
-          kernel: type[AbstractKernel], trend: str) -> tuple[Any, Any, Any, Any]:
+          kernel: type[AbstractKernel], trend: str) -> Solved:
     """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
 
     ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
     determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
-    their own. Returns alpha (C, dim), A (dim, dim), t (dim,) and the residual
-    (C, dim) of the interpolation conditions, zero but for rounding.
+    their own.
     """
     both = active[:, None] & active[None, :]
     s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
     s = s if scales is None else s * scales**2
     phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
     one = active.astype(x.dtype)[:, None]
+    c, q, whole = None, None, d
+    if trend == "quadratic":
+        q = products(x, jnp)
+        if kernel.order < 3:
+            c, trend = _quadratic_part(phi, x, d, q, one, span, scales is not None), "affine"
+            d = d - q @ c
     if scales is not None:
         alpha, linear, constant = _least_squares(phi, x, d, one, span, turn, trend)
+    elif kernel.order == 3:
+        assert q is not None
+        alpha, linear, constant, c = _bordered(phi, x, d, one, span.basis, q, span.quadrics)
     elif kernel.order == 2:
-        alpha, linear, constant = _bordered_affine(phi, x, d, one, span.basis)
+        alpha, linear, constant, _ = _bordered(phi, x, d, one, span.basis)
     elif TRENDS[trend].linear is None:
         alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
     else:
         alpha, linear, constant = _least_energy(phi, x, d, one, span, turn, kernel, trend)
-    miss = one * (phi @ alpha + x @ linear.T + constant - d)
-    return alpha, linear, constant, miss
+    bent = 0.0 if c is None else q @ c
+    miss = one * (phi @ alpha + x @ linear.T + constant + bent - whole)
+    return Solved(alpha, linear, constant, miss, None if c is None else quadratic_forms(c, x.shape[1]))
+
+
+def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_skew: bool) -> Any:
+    """C (q, dim) of least energy beside all affine maps, ``(S + tr(S) bend)^-1 Q^T W d`` with ``S = Q^T W Q``.
+
+    W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection.
+    """
+    p = jnp.concatenate([one, x @ span.basis], axis=1)
+    both = jnp.concatenate([q, d], axis=1)
+    if is_skew:
+        w = both - p @ jnp.linalg.lstsq(p, both)[0]
+    else:
+        border = jnp.zeros((p.shape[1],) * 2)
+        bordered = jnp.block([[phi, p], [p.T, border]])
+        w = jnp.linalg.solve(bordered, jnp.concatenate([both, jnp.zeros((p.shape[1], both.shape[1]))]))[: len(x)]
+    count = q.shape[1]
+    s, h = q.T @ w[:, :count], q.T @ w[:, count:]
+    size = jnp.trace(s)
+    held = s if span.bend is None else s + jnp.where(size > 0, size, 1.0) * span.bend
+    return jnp.linalg.solve(held, h)
 
 
 def _inverse_of(phi: Any) -> Any:
@@ -580,23 +669,35 @@ def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, tr
     return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
 
 
-def _bordered_affine(phi: Any, x: Any, d: Any, one: Any, basis: Any) -> tuple[Any, Any, Any]:
-    """Eqs. 3-4 as printed, for kernels of order 2: [Phi P; P^T 0], P = (1, x on the span of the points)."""
+def _bordered(phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None,
+              quadrics: Any = None) -> tuple[Any, Any, Any, Any]:
+    """Eqs. 3-4 as printed, for kernels of order 2 and 3: [Phi P; P^T 0], P = (1, x on the span of the points).
+
+    For order 3 P has the quadratic products ``q`` (C, k) too, in the combinations ``quadrics`` (k, r) that the points
+    determine. Returns alpha, A, t, and their factors (k, dim) or None.
+    """
     n, (dim, rank) = x.shape[0], basis.shape
-    p = jnp.concatenate([one, x @ basis], axis=1)
-    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((rank + 1, rank + 1))]]))
+    columns = [one, x @ basis]
+    if q is not None:
+        quadrics = jnp.eye(q.shape[1]) if quadrics is None else quadrics
+        columns.append(q @ quadrics)
+    p = jnp.concatenate(columns, axis=1)
+    width = p.shape[1]
+    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((width, width))]]))
 
     def bordered(b: Any) -> Any:
-        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((rank + 1, dim))]))
+        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((width, dim))]))
 
-    v = bordered(d)
+    v, last = bordered(d), n + 1 + rank
+    bent = None if q is None else quadrics @ v[last:]
     if rank == dim:
-        return v[:n], v[n + 1 :].T @ basis.T, v[n]
-    linear = complete(basis + v[n + 1 :].T, basis) - jnp.eye(dim)
+        return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
+    linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
     # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
     # fit what is left. Its trend is of the size of that rounding, and is kept.
-    rest = bordered(d - x @ linear.T)
-    return rest[:n], linear + rest[n + 1 :].T @ basis.T, rest[n]
+    rest = bordered(d - x @ linear.T - (0.0 if q is None else q @ bent))
+    bent = bent if q is None else bent + quadrics @ rest[last:]
+    return rest[:n], linear + rest[n + 1 : last].T @ basis.T, rest[n], bent
 
 
 _solve = compiled(solve, static_argnames=("kernel", "trend"))

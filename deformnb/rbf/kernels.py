@@ -1,21 +1,24 @@
 r"""Radial basis functions, each a function of the squared relative distance ``s = (r / support)**2``.
 
-=============  =========================================  =====  =======  ==========================
-name           phi(rho), rho = r / support                order  compact  smoothness
-=============  =========================================  =====  =======  ==========================
-wendland_c0    (1 - rho)^2_+                              0      yes      C0 (a kink at the point)
-wendland_c2    (1 - rho)^4_+ (4 rho + 1)                  0      yes      C2, the paper's psi_{3,1}
-wendland_c4    (1 - rho)^6_+ (35 rho^2 + 18 rho + 3)/3    0      yes      C4
-gaussian       exp(-(3 rho)^2 / 2)                        0      no       analytic
-multiquadric   -sqrt(1 + (4 rho)^2)                       1      no       analytic
-linear         -rho                                       1      no       C0 (a kink at the point)
-thin_plate     rho^2 log(rho)                             2      no       C1, least bending in 2D
-cubic          rho^3                                      2      no       C2, least bending in 3D
-=============  =========================================  =====  =======  ==========================
+====================  =========================================  =====  =======  ==========================
+name                  phi(rho), rho = r / support                order  compact  smoothness
+====================  =========================================  =====  =======  ==========================
+wendland_c0           (1 - rho)^2_+                              0      yes      C0 (a kink at the point)
+wendland_c2           (1 - rho)^4_+ (4 rho + 1)                  0      yes      C2, the paper's psi_{3,1}
+wendland_c4           (1 - rho)^6_+ (35 rho^2 + 18 rho + 3)/3    0      yes      C4
+gaussian              exp(-(3 rho)^2 / 2)                        0      no       analytic
+inverse_multiquadric  1 / sqrt(1 + (4 rho)^2)                    0      no       analytic
+inverse_quadratic     1 / (1 + (4 rho)^2)                        0      no       analytic
+multiquadric          -sqrt(1 + (4 rho)^2)                       1      no       analytic
+linear                -rho                                       1      no       C0 (a kink at the point)
+thin_plate            rho^2 log(rho)                             2      no       C1, least bending in 2D
+cubic                 rho^3                                      2      no       C2, least bending in 3D
+quintic               -rho^5                                     3      no       C4
+====================  =========================================  =====  =======  ==========================
 
 ``order`` is the order of conditional positive definiteness: the fit is well posed if the trend holds all polynomials
-of a smaller degree (0: any trend, 1: at least a translation, 2: an affine map). Wendland: Adv. Comput. Math. 4 (1995)
-389-396; the others: Wendland, Scattered Data Approximation (2004), chapter 8.
+of a smaller degree (0: any trend, 1: at least a translation, 2: an affine map, 3: a quadratic one). Wendland: Adv.
+Comput. Math. 4 (1995) 389-396; the others: Wendland, Scattered Data Approximation (2004), chapter 8.
 
 Working on the square keeps every gradient finite at a control point: ``d phi / d x = slope(s) 2 (x - x_i)/support^2``
 needs no division by r, where differentiating through ``sqrt`` gives NaN there.
@@ -185,6 +188,40 @@ class Multiquadric(AbstractKernel):
         return -8 / jnp.sqrt(1 + 16 * s)
 
 
+class InverseMultiquadric(AbstractKernel):
+    """1 / sqrt(1 + (4 rho)^2): a round bump that fades like 1 / r; a quarter is left at the support radius."""
+
+    name, title = "inverse_multiquadric", "Inverse multiquadric"
+    shares = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+    gaps = 1.0
+
+    @staticmethod
+    def profile(s: Any) -> Any:
+        return 1 / jnp.sqrt(1 + 16 * s)
+
+    @staticmethod
+    def slope(s: Any) -> Any:
+        t = 1 + 16 * s
+        return -8 / (t * jnp.sqrt(t))
+
+
+class InverseQuadratic(AbstractKernel):
+    """1 / (1 + (4 rho)^2): a round bump that fades like 1 / r^2; 6 % is left at the support radius."""
+
+    name, title = "inverse_quadratic", "Inverse quadratic"
+    shares = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
+    gaps = 1.0
+
+    @staticmethod
+    def profile(s: Any) -> Any:
+        return 1 / (1 + 16 * s)
+
+    @staticmethod
+    def slope(s: Any) -> Any:
+        t = 1 + 16 * s
+        return -16 / (t * t)
+
+
 class Linear(AbstractKernel):
     """-rho: the least wiggly of all, with a kink at each point."""
 
@@ -227,8 +264,23 @@ class Cubic(AbstractKernel):
         return 1.5 * _root(s)
 
 
+class Quintic(AbstractKernel):
+    """-rho^5: very smooth and global; needs the quadratic trend; independent of the support."""
+
+    name, title, order = "quintic", "Quintic", 3
+
+    @staticmethod
+    def profile(s: Any) -> Any:
+        return -s * s * jnp.sqrt(s)
+
+    @staticmethod
+    def slope(s: Any) -> Any:
+        return -2.5 * s * _root(s)
+
+
 KERNELS: dict[str, type[AbstractKernel]] = {
-    k.name: k for k in (WendlandC2, WendlandC0, WendlandC4, ThinPlate, Gaussian, Multiquadric, Cubic, Linear)
+    k.name: k for k in (WendlandC2, WendlandC0, WendlandC4, ThinPlate, Gaussian, Multiquadric, InverseMultiquadric,
+                        InverseQuadratic, Cubic, Quintic, Linear)
 }
 """All kernels by name; the first is the default."""
 

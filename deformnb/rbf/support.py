@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import at_rest, box_diagonal, prepare
-from deformnb.rbf.interpolant import MOST_LEFT_OUT, left_out, solve_prepared
+from deformnb.rbf.interpolant import MOST_LEFT_OUT, left_out, parameters_of, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel, kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import THIN, spreads_of, trend_named
@@ -75,10 +75,10 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     differences ("one standard error rule"), if the map does not fold between the points. The choice belongs to the
     moment when points are added or removed: chosen anew during a drag, the map would jump.
 
-    With dim + 2 dragged points or fewer it is a fixed share of the diagonal: one drag among points that are held gives
-    no evidence of its range, and the errors of so few with an affine trend are the same for every support. Points
-    in a row (in space: in a flat set too) get no more than half of it, see
-    :func:`longest_support`.
+    With dim + 2 dragged points or fewer (with the quadratic trend one more than it has parameters) it is a fixed share
+    of the diagonal: one drag among points that are held gives no evidence of its range, and the errors of so few with
+    an affine trend are the same for every support. Points in a row (in space: in a flat set too) get no more than half
+    of it, see :func:`longest_support`.
 
     Parameters
     ----------
@@ -105,7 +105,8 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     limit = min(longest_support(points, kind) for points in used)
     usual = min(kind.shares[len(kind.shares) // 2] * max(sizes), limit)
     radii = [share * max(sizes) for share in kind.shares if share * max(sizes) <= limit]
-    informative = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > points.dim + 2]
+    informative = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > 1 + parameters_of(
+        trend, points.dim)]
     if len(radii) < 2 or not informative:
         return usual
     errors = {}
@@ -136,9 +137,9 @@ def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractK
     if len(points) > MOST_LEFT_OUT:
         points = points.take(np.linspace(0, len(points) - 1, MOST_LEFT_OUT).astype(int))
     ready = prepare(points, kernel, radius, trend_named(trend), smoothing)
-    is_shrunk = ready.trend == "affine" and ready.span.ridge.any()
+    is_shrunk = ready.trend in ("affine", "quadratic") and ready.span.ridge.any()
     errors = left_out((ready.targets - ready.origin) / radius, ready.displacements, kernel,
-                      "similarity" if is_shrunk else ready.trend, smoothing / ready.weights)
+                      "similarity" if is_shrunk and kernel.order < 3 else ready.trend, smoothing / ready.weights)
     return np.asarray((errors**2).sum(axis=1))
 
 

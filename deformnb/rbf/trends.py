@@ -9,6 +9,10 @@ Points nearly on one line (in space: in one plane) determine an affine trend acr
 which would be magnified over the whole volume. The trend "affine" therefore shrinks to the similarity across the
 directions in which the points are thin, :func:`thin_directions`; "affine_exact" is the paper's, Eqs. 3-4.
 
+The trend "quadratic" adds ``q(x) C`` to the affine one, with q the products of two coordinates. C is the one of least
+energy beside all affine maps, and shrinks to zero in the directions that the points hardly determine, such as that of a
+conic through all of them; :func:`quadric_span`.
+
 The similarity and rigid trends replace the paper's Eq. 5, whose printed system has more equations than unknowns; these
 are its exact optima (S. Umeyama, IEEE PAMI 13 (1991) 376-380, with the dense weight W).
 """
@@ -40,6 +44,10 @@ THIN = 0.25
 SOFTNESS = 0.5
 # Below this spread the similarity is reached to rounding; it keeps the penalty finite.
 LEAST_SPREAD = 1e-4
+# The same limit for the quadratic part: the spread of the square of a direction that is just not thin.
+THIN_BEND = THIN**2
+# Ratio of singular values of the centred points below which they lie on a line or in a plane (independent of the axes).
+FLAT = 1e-7
 
 
 class Span(NamedTuple):
@@ -49,10 +57,13 @@ class Span(NamedTuple):
     ----------
     basis : (dim, rank) orthonormal columns that span the centred targets.
     ridge : (dim, dim) penalty of the trend "affine" across the :func:`thin_directions`; zero where there are none.
+    quadrics, bend : of :func:`quadric_span`, for the trend "quadratic"; None stands for all, and for no penalty.
     """
 
     basis: Any
     ridge: Any
+    quadrics: Any = None
+    bend: Any = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +74,8 @@ class Trend:
     ----------
     name, title : in code and in menus.
     order : order of conditional positive definiteness of the kernels it can be paired with (see kernels).
-    linear : function (S, H, span, previous) -> M, the linear part of T; None if there is no polynomial at all.
+    linear : function (S, H, span, previous) -> M, the linear part of T; None if there is no polynomial at all. That
+        of "quadratic" is the one of what its quadratic part leaves.
     """
 
     name: str
@@ -128,6 +140,7 @@ TRENDS: dict[str, Trend] = {
         Trend("translation", "Translation", 1, _translation),
         Trend("none", "None", 0, None),
         Trend("affine_exact", "Affine, exact across a row of points too", 2, _affine_exact),
+        Trend("quadratic", "Quadratic", 3, _affine),
     )
 }
 """All trends by name; the first is the default."""
@@ -187,9 +200,61 @@ def _relative_moments(m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def ridge_of(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> NDArray[np.float64]:
     """The penalty (..., dim, dim) of the trend "affine" for :func:`thin_directions`; zero where none is thin."""
-    s = np.maximum(spreads, LEAST_SPREAD)
-    weight = np.where(s < THIN, ((THIN - s) / s) ** 2 / SOFTNESS, 0.0)
+    weight = _penalty(spreads, THIN)
     return np.asarray(directions * weight[..., None, :] @ np.swapaxes(directions, -1, -2))
+
+
+def products(x: Any, xp: Any = np) -> Any:
+    """The products of two coordinates of x (n, dim): all squares, then the mixed ones times sqrt(2), (n, q).
+
+    With that factor a rotation of x rotates them as well.
+
+    >>> products(np.array([[1.0, 2.0]])).round(3).tolist()
+    [[1.0, 4.0, 2.828]]
+    """
+    dim = x.shape[1]
+    mixed = [np.sqrt(2.0) * x[:, a] * x[:, b] for a in range(dim) for b in range(a)]
+    return xp.stack([*(x[:, a] * x[:, a] for a in range(dim)), *mixed], axis=1)
+
+
+def quadratic_forms(coefficients: Any, dim: int) -> Any:
+    """The symmetric matrices H_m (dim, dim, dim) with ``(products(x) C)_m = x^T H_m x`` for C (q, dim)."""
+    pairs = [*((a, a) for a in range(dim)), *((a, b) for a in range(dim) for b in range(a))]
+    units = np.zeros((len(pairs), dim, dim))
+    for k, (a, b) in enumerate(pairs):
+        units[k, a, b] = units[k, b, a] = 1.0 if a == b else np.sqrt(0.5)
+    return jnp.einsum("qm,qab->mab", coefficients, units)
+
+
+def quadric_span(centred: NDArray[np.float64], basis: NDArray[np.float64]) -> tuple[NDArray[np.float64],
+                                                                                    NDArray[np.float64]]:
+    """The part of the :func:`products` that centred points determine beside affine maps.
+
+    Parameters
+    ----------
+    centred : (n, dim); basis : (dim, rank) of their span.
+
+    Returns
+    -------
+    quadrics (q, r), orthonormal columns of the combinations that do not vanish at the points but for an affine part;
+    bend (q, q), the penalty of those that nearly do: fewer than 6 points in the plane or 10 in space, or points on a
+    conic or a quadric, leave some open.
+    """
+    size = float(np.abs(centred).max(initial=0.0)) or 1.0
+    p = np.concatenate([np.ones((len(centred), 1)), centred @ basis / size], axis=1)
+    q = np.linalg.qr(p)[0]
+    every = products(centred / size)
+    rest = every - q @ (q.T @ every)
+    _, sigma, vt = np.linalg.svd(np.concatenate([rest, np.zeros((every.shape[1],) * 2)]), full_matrices=False)
+    if not sigma[0] > FLAT * np.abs(every).max(initial=1.0):
+        return np.zeros((every.shape[1], 0)), np.eye(every.shape[1])
+    spread = sigma / sigma[0]
+    return np.ascontiguousarray(vt[spread > FLAT].T), (vt.T * _penalty(spread, THIN_BEND)) @ vt
+
+
+def _penalty(spreads: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+    s = np.maximum(spreads, LEAST_SPREAD)
+    return np.where(s < limit, ((limit - s) / s) ** 2 / SOFTNESS, 0.0)
 
 
 def steadied(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: Any) -> tuple[Any, Any]:

@@ -27,7 +27,7 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.stages import check_stages
-from deformnb.rbf.trends import Span, ridge_of, spreads_of
+from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
 from deformnb.registration.similarity import (
     BLOCK,
     Fitting,
@@ -402,11 +402,12 @@ def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpo
     """The span of the initial points: it does not change while they are fitted."""
     dim = x.shape[1]
     nothing = np.zeros((dim, dim))
-    if start.trend == "affine" and start.kernel.order < 2:
-        return Span(np.eye(dim), ridge_of(*spreads_of(x, source)) if len(x) > 1 else nothing)
+    bent = quadric_span(x - x.mean(axis=0), np.eye(dim)) if start.trend == "quadratic" else (None, None)
+    if start.trend in ("affine", "quadratic") and start.kernel.order < 2:
+        return Span(np.eye(dim), ridge_of(*spreads_of(x, source)) if len(x) > 1 else nothing, *bent)
     sigma = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
-    if (len(x) > dim and sigma[-1] >= 1e-6 * sigma[0]) or not start.trend.startswith("affine"):
-        return Span(np.eye(dim), nothing)
+    if (len(x) > dim and sigma[-1] >= 1e-6 * sigma[0]) or start.trend not in ("affine", "affine_exact", "quadratic"):
+        return Span(np.eye(dim), nothing, *bent)
     if len(x) == 1:
         return Span(np.zeros((dim, 0)), nothing)
     raise DeformError("the control points lie on one line or in one plane, where this affine trend is open; add one "

@@ -214,11 +214,11 @@ def _fits(x: Any, fitting: Fitting) -> tuple[Any, Any]:
     step = jnp.where(inner, (fitting.source - x) / fitting.stages, 0.0)
 
     def one(end: Any) -> Any:
-        alpha, linear, constant, _ = solve(end, step, fitting.active, fitting.nugget, fitting.span, fitting.turn,
-                                           fitting.scales, kernel=fitting.kernel, trend=fitting.trend)
-        left = jnp.where(inner, step - end @ linear.T - constant, 0.0)
+        alpha, linear, constant, _, bent = solve(end, step, fitting.active, fitting.nugget, fitting.span, fitting.turn,
+                                                 fitting.scales, kernel=fitting.kernel, trend=fitting.trend)
+        left = jnp.where(inner, step - end @ linear.T - constant - _bent(end, bent), 0.0)
         # Radii of the points' own leave no energy that is never negative: what the trend leaves over stands for it.
-        return (end, alpha, linear, constant), jnp.sum((left if fitting.scales is not None else alpha) * left)
+        return (end, alpha, linear, constant, bent), jnp.sum((left if fitting.scales is not None else alpha) * left)
 
     fits, energies = jax.vmap(one)(ends)
     return fits, jnp.sum(energies)
@@ -229,9 +229,15 @@ def _squares(p: Any, centers: Any, scales: Any) -> Any:
     return s if scales is None else s * scales**2
 
 
+def _bent(p: Any, quadratic: Any) -> Any:
+    """The quadratic part of a trend at places (n, dim); 0 without one."""
+    return 0.0 if quadratic is None else jnp.einsum("nk,mkj,nj->nm", p, quadratic, p)
+
+
 def _displaced(p: Any, fit: Any, fitting: Fitting) -> Any:
-    centers, alpha, linear, constant = fit
-    return p + p @ linear.T + constant + fitting.kernel.of_square(_squares(p, centers, fitting.scales)) @ alpha
+    centers, alpha, linear, constant, bent = fit
+    trend = p @ linear.T + constant + _bent(p, bent)
+    return p + trend + fitting.kernel.of_square(_squares(p, centers, fitting.scales)) @ alpha
 
 
 def _seen(p: Any, fits: Any, fitting: Fitting, moving: SampledImage) -> Any:
@@ -258,11 +264,13 @@ def read_linear(values: Any, index: Any) -> Any:
 def _determinants(p: Any, fits: Any, fitting: Fitting) -> Any:
     """Det of the Jacobian of the backward map, stage by stage along the way."""
     def stage(state: tuple[Any, Any], fit: Any) -> tuple[tuple[Any, Any], None]:
-        (q, product), (centers, alpha, linear, _) = state, fit
+        (q, product), (centers, alpha, linear, _, bent) = state, fit
         slope = 2 * fitting.kernel.slope(_squares(q, centers, fitting.scales))
         slope = slope if fitting.scales is None else slope * fitting.scales**2
         across = [(slope * (q[:, None, k] - centers[None, :, k])) @ alpha for k in range(q.shape[1])]
         j = [[linear[m, k] + (m == k) + across[k][:, m] for k in range(q.shape[1])] for m in range(q.shape[1])]
+        if bent is not None:
+            j = [[j[m][k] + 2 * q @ bent[m, k] for k in range(q.shape[1])] for m in range(q.shape[1])]
         return (_displaced(q, fit, fitting), product * _det(j)), None
 
     (_, product), _ = lax.scan(stage, (p, jnp.ones(len(p), p.dtype)), fits)

@@ -13,12 +13,12 @@ from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, sli
 from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
-    "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "FLAT", "LONGEST_SHARE",
-                                    "COLLAPSED", "FAR_BEHIND")),
+    "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "LONGEST_SHARE", "COLLAPSED",
+                                    "FAR_BEHIND")),
     "interpolant": (interpolant, ("RESIDUAL", "ROUNDING", "MOST_GAIN", "STEEP")),
     "kernels": (kernels, ("TINY",)),
     "checks": (checks, ("LARGEST_COORDINATE",)),
-    "trends": (trends, ("NO_ANGLE", "THIN", "SOFTNESS", "LEAST_SPREAD")),
+    "trends": (trends, ("NO_ANGLE", "FLAT", "THIN", "THIN_BEND", "SOFTNESS", "LEAST_SPREAD")),
     "regions": (regions, ("LARGEST_SHAPE",)),
     "rigid": (rigid, ("SAME_MOTION",)),
     "slits": (slits, ("MOST_SLITS",)),

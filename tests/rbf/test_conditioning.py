@@ -347,7 +347,7 @@ def test_any_set_gives_a_finite_field_that_interpolates_or_an_error(points: Cont
 
 def test_every_kernel_survives_the_closest_points_it_lets_in() -> None:
     for kernel, kind in KERNELS.items():
-        trend = ["none", "translation", "affine"][kind.order]
+        trend = ["none", "translation", "affine", "quadratic"][kind.order]
         x = np.r_[BASE[:, :2], BASE[:1, :2] + [3 * SAME_PLACE * 120, 0]]
         try:
             points = ControlPoints.from_arrays(x + 4 * (x[:, :1] > 50), x)

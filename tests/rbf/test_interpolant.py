@@ -21,13 +21,14 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS, WendlandC2
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import TRENDS, Span
+from deformnb.rbf.trends import TRENDS, Span, quadric_span
 from deformnb.volume.plane import Raster
 
 # Published: the order of each kernel (Wendland 2004, chapter 8), and the largest order each trend can serve.
 KERNEL_ORDER = {"wendland_c0": 0, "wendland_c2": 0, "wendland_c4": 0, "gaussian": 0, "multiquadric": 1, "linear": 1,
-                "thin_plate": 2, "cubic": 2}
-TREND_ORDER = {"none": 0, "translation": 1, "similarity": 1, "rigid": 1, "affine": 2, "affine_exact": 2}
+                "thin_plate": 2, "cubic": 2, "inverse_multiquadric": 0, "inverse_quadratic": 0, "quintic": 3}
+TREND_ORDER = {"none": 0, "translation": 1, "similarity": 1, "rigid": 1, "affine": 2, "affine_exact": 2,
+               "quadratic": 3}
 PAIRS = [(k, t) for k in KERNELS for t in TRENDS if TREND_ORDER[t] >= KERNEL_ORDER[k]]
 REFUSED = [(k, t) for k in KERNELS for t in TRENDS if TREND_ORDER[t] < KERNEL_ORDER[k]]
 CASES = [(k, t, dim) for k, t in PAIRS for dim in (2, 3)]
@@ -52,9 +53,20 @@ def drag(dim: int, size: float = 6.0, n: int = 7) -> np.ndarray:
     return np.random.default_rng(4).normal(0, size, (n, dim))
 
 
+def richest(kernel: str) -> str:
+    """The trend "affine", or a quadratic one for a kernel that needs it."""
+    return "quadratic" if KERNEL_ORDER[kernel] > 2 else "affine"
+
+
+def count(trend: str) -> int:
+    """Points enough to determine a trend: a quadratic one has 10 parameters in space."""
+    return 14 if trend == "quadratic" else 7
+
+
 @cache
 def fitted(kernel: str, trend: str, dim: int) -> tuple[ControlPoints, RBFInterpolant]:
-    points = ControlPoints.from_arrays(sources(dim), sources(dim) + drag(dim))
+    x = sources(dim, count(trend))
+    points = ControlPoints.from_arrays(x, x + drag(dim, n=count(trend)))
     return points, fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend)
 
 
@@ -104,16 +116,16 @@ def groups(trend: str, dim: int) -> dict[str, tuple[Any, Any]]:
     shift = np.arange(1.0, dim + 1) * 7
     sheared = turn(dim) @ (np.eye(dim) + 0.4 * np.eye(dim, k=1)) * 1.3
     kinds = {"translation": (np.eye(dim), shift), "rigid": (turn(dim), shift), "similarity": (1.7 * turn(dim), shift),
-             "affine": (sheared, shift), "affine_exact": (sheared, shift)}
+             "affine": (sheared, shift), "affine_exact": (sheared, shift), "quadratic": (sheared, shift)}
     own = {"none": [], "translation": ["translation"], "rigid": ["translation", "rigid"],
            "similarity": ["translation", "rigid", "similarity"], "affine": list(kinds),
-           "affine_exact": list(kinds)}
+           "affine_exact": list(kinds), "quadratic": list(kinds)}
     return {name: kinds[name] for name in own[trend]}
 
 
 @pytest.mark.parametrize(("kernel", "trend", "dim"), [c for c in CASES if c[1] != "none"])
 def test_a_trend_reproduces_its_own_group_with_nothing_left_for_the_kernels(kernel: str, trend: str, dim: int) -> None:
-    x = sources(dim)
+    x = sources(dim, count(trend))
     for m, shift in groups(trend, dim).values():
         fit = fit_rbf(ControlPoints.from_arrays(x @ m.T + shift, x), kernel=kernel, support=SUPPORT, trend=trend)
         assert np.abs(fit.coefficients).max() < CLOSE
@@ -124,10 +136,10 @@ def test_a_trend_reproduces_its_own_group_with_nothing_left_for_the_kernels(kern
 
 @pytest.mark.parametrize(("kernel", "trend", "dim"), CASES)
 def test_no_drag_is_exactly_the_identity_and_a_tiny_drag_is_tiny(kernel: str, trend: str, dim: int) -> None:
-    x = sources(dim)
+    x = sources(dim, count(trend))
     still = fit_rbf(ControlPoints.from_arrays(x), kernel=kernel, support=SUPPORT, trend=trend)
     assert (still.displacement(elsewhere(dim)) == 0).all()
-    assert still.ids == tuple(range(7))
+    assert still.ids == tuple(range(count(trend)))
     moved = x.copy()
     moved[0] += 1e-12
     tiny = fit_rbf(ControlPoints.from_arrays(x, moved), kernel=kernel, support=SUPPORT, trend=trend)
@@ -138,7 +150,7 @@ def test_no_drag_is_exactly_the_identity_and_a_tiny_drag_is_tiny(kernel: str, tr
 def test_turning_scaling_and_permuting_everything_does_so_to_the_result(kernel: str, trend: str, dim: int) -> None:
     points, fit = fitted(kernel, trend, dim)
     r, scale, shift = turn(dim, -1.1), 0.031, np.full(dim, -44.0)
-    order = [3, 0, 6, 2, 5, 1, 4]
+    order = [3, 0, 6, 2, 5, 1, 4, *range(7, count(trend))]
     other = ControlPoints.from_arrays(*(scale * p[order] @ r.T + shift for p in (points.source, points.target)))
     again = fit_rbf(other, kernel=kernel, support=scale * SUPPORT, trend=trend)
     x = elsewhere(dim)
@@ -150,7 +162,7 @@ def test_turning_scaling_and_permuting_everything_does_so_to_the_result(kernel: 
 def test_inactive_points_count_for_nothing(trend: str) -> None:
     points, _ = fitted("wendland_c2", trend, 2)
     more = points.add([500.0, 500.0], [-900.0, 3.0]).add(points.source[0], points.target[0] + 5)
-    more = more.edit(7, active=False).edit(8, active=False)
+    more = more.edit(len(points), active=False).edit(len(points) + 1, active=False)
     a, b = (fit_rbf(p, trend=trend) for p in (points, more))  # the default support must not see them either
     assert a.support == b.support
     assert a.ids == b.ids
@@ -182,7 +194,7 @@ def test_capacities_change_over_without_a_jump(n: int) -> None:
 
 @pytest.mark.parametrize(("kernel", "dim"), [(k, d) for k in KERNELS for d in (2, 3)])
 def test_jacobian_is_that_of_central_differences_also_at_the_points(kernel: str, dim: int) -> None:
-    points, fit = fitted(kernel, "affine", dim)
+    points, fit = fitted(kernel, richest(kernel), dim)
     x = np.concatenate([points.target, elsewhere(dim, 10)])
     h = 1e-4
     steps = [fit.displacement(x + h * e) - fit.displacement(x - h * e) for e in np.eye(dim)]
@@ -192,20 +204,24 @@ def test_jacobian_is_that_of_central_differences_also_at_the_points(kernel: str,
     assert fit.jacobian(x[0]).shape == (dim, dim)
 
 
-def whole_span(dim: int) -> Span:
-    """What points that determine every linear map span."""
-    return Span(np.eye(dim), np.zeros((dim, dim)))
+def whole_span(x: np.ndarray, trend: str) -> Span:
+    """What points x that determine every linear map span."""
+    dim = x.shape[1]
+    bent = quadric_span(x - x.mean(axis=0), np.eye(dim)) if trend == "quadratic" else ()
+    return Span(np.eye(dim), np.zeros((dim, dim)), *bent)
 
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("trend", "dim"), [(t, d) for t in TRENDS for d in (2, 3)])
 def test_the_solve_is_differentiable_in_the_drag_and_in_the_places(trend: str, dim: int) -> None:
-    x, d = sources(dim) / EXTENT, drag(dim) / EXTENT
-    args = (np.ones(7, dtype=bool), np.zeros(7), whole_span(dim), np.eye(dim))
+    n = count(trend)
+    x, d = sources(dim, n) / EXTENT, drag(dim, n=n) / EXTENT
+    args = (np.ones(n, dtype=bool), np.zeros(n), whole_span(x, trend), np.eye(dim))
 
     def total(x: Any, d: Any) -> Any:
-        alpha, linear, constant, _ = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
-        return jnp.sum(jnp.sin(alpha)) + jnp.sum(linear**2) + jnp.sum(constant)
+        alpha, linear, constant, _, bent = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
+        curved = 0.0 if bent is None else jnp.sum(bent**2)
+        return jnp.sum(jnp.sin(alpha)) + jnp.sum(linear**2) + jnp.sum(constant) + curved
 
     with float64():
         gradients = jax.jit(jax.grad(total, argnums=(0, 1)))(x, d)
@@ -221,10 +237,10 @@ def test_the_solve_is_differentiable_in_the_drag_and_in_the_places(trend: str, d
 @pytest.mark.parametrize("trend", TRENDS)
 def test_gradients_stay_finite_where_nothing_is_dragged_and_the_points_form_a_ball(trend: str) -> None:
     x = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
-    args = (np.ones(8, dtype=bool), np.zeros(8), whole_span(3), np.eye(3))
+    args = (np.ones(8, dtype=bool), np.zeros(8), whole_span(x, trend), np.eye(3))
 
     def total(d: Any) -> Any:
-        alpha, linear, _, _ = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
+        alpha, linear, *_ = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
         return jnp.sum(alpha) + jnp.sum(linear * np.arange(9).reshape(3, 3))
 
     with float64():  # all singular values of H are equal: the derivative of an SVD is not finite there
@@ -249,13 +265,15 @@ def test_affine_is_the_printed_system(dim: int) -> None:
 
 
 SCIPY = {"thin_plate": ("thin_plate_spline", 1, 1.0), "cubic": ("cubic", 1, 1.0), "linear": ("linear", 0, 1.0),
-         "multiquadric": ("multiquadric", 0, 4 / SUPPORT), "gaussian": ("gaussian", -1, 3 / np.sqrt(2) / SUPPORT)}
+         "multiquadric": ("multiquadric", 0, 4 / SUPPORT), "gaussian": ("gaussian", -1, 3 / np.sqrt(2) / SUPPORT),
+         "inverse_multiquadric": ("inverse_multiquadric", -1, 4 / SUPPORT), "quintic": ("quintic", 2, 1.0),
+         "inverse_quadratic": ("inverse_quadratic", -1, 4 / SUPPORT)}
 
 
 @pytest.mark.parametrize(("kernel", "dim"), [(k, d) for k in SCIPY for d in (2, 3)])
 def test_scipy_gives_the_same_field(kernel: str, dim: int) -> None:
     name, degree, epsilon = SCIPY[kernel]
-    trend = {1: "affine", 0: "translation", -1: "none"}[degree]
+    trend = {2: "quadratic", 1: "affine", 0: "translation", -1: "none"}[degree]
     points, fit = fitted(kernel, trend, dim)
     theirs = scipy.interpolate.RBFInterpolator(points.target, points.displacement, kernel=name, degree=degree,
                                                epsilon=epsilon)
@@ -294,16 +312,72 @@ def test_kernels_without_a_scale_do_not_depend_on_the_support(name: str) -> None
     oracle.assert_close(other.displacement(elsewhere(2)), fit.displacement(elsewhere(2)), atol=10 * CLOSE)
 
 
+def maps_of_degree_two(x: np.ndarray, seed: int) -> np.ndarray:
+    """x with a quadratic polynomial added, of about 5 within the box."""
+    rng, t = np.random.default_rng(seed), x / EXTENT - 0.5
+    dim = x.shape[1]
+    curved = np.einsum("nk,mkj,nj->nm", t, rng.normal(0, 9, (dim,) * 3), t)
+    return x + curved + t @ rng.normal(0, 5, (dim, dim)) + rng.normal(0, 5, dim)
+
+
+@pytest.mark.parametrize(("kernel", "own", "dim"), [
+    ("wendland_c2", False, 2), ("thin_plate", False, 3), ("quintic", False, 2), ("gaussian", True, 2)])
+def test_the_quadratic_trend_reproduces_quadratic_maps_beyond_the_points(kernel: str, own: bool, dim: int) -> None:
+    x = sources(dim, 14)
+    points = ControlPoints.from_arrays(maps_of_degree_two(x, 1), x, radius=[40.0 if own else None, *[None] * 13])
+    fit = fit_rbf(points, kernel=kernel, support=SUPPORT, trend="quadratic")
+    assert np.abs(fit.coefficients).max() < 1e-9
+    far = 3 * elsewhere(dim)
+    oracle.assert_close(far + fit.displacement(far), maps_of_degree_two(far, 1), atol=1e-8)
+
+
+@pytest.mark.parametrize("kernel", ["wendland_c2", "thin_plate", "quintic"])
+def test_points_on_a_circle_leave_out_what_it_leaves_open(kernel: str) -> None:
+    """x^2 + y^2 is constant there: only x^2 - y^2 and x y are determined, with a note that names the conic."""
+    angle = np.arange(9.0) * 0.7
+    x = 50 + 40 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    moved = x + drag(2, n=9)
+    fit = fit_rbf(ControlPoints.from_arrays(moved, x), kernel=kernel, support=SUPPORT, trend="quadratic")
+    oracle.assert_close(fit.displacement(x), moved - x, atol=CLOSE)
+    h = np.asarray(fit.quadratic)
+    assert np.abs(np.trace(h, axis1=1, axis2=2)).max() < 1e-6 * np.abs(h).max()
+    assert any("nearly on one conic" in note for note in fit.remarks)
+
+
+@pytest.mark.parametrize(("n", "dim"), [(1, 2), (5, 2), (9, 3)])
+def test_too_few_points_for_a_quadratic_trend_are_met_with_what_they_determine(n: int, dim: int) -> None:
+    for kernel in ("wendland_c2", "quintic"):
+        x = sources(dim, n)
+        points = ControlPoints.from_arrays(x + drag(dim, n=n), x)
+        fit = fit_rbf(points, kernel=kernel, support=SUPPORT, trend="quadratic")
+        oracle.assert_close(fit.displacement(x), drag(dim, n=n), atol=CLOSE)
+        assert any("needs" in note or "one control point" in note for note in fit.remarks)
+
+
+def test_a_point_that_crosses_a_conic_through_the_others_moves_the_map_continuously() -> None:
+    angle = np.arange(8.0) * 0.8
+    circle = 50 + 40 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    maps = []
+    for off in (-1e-4, 0.0, 1e-4):
+        x = circle + np.outer(np.arange(8) == 0, [off, 0])
+        points = ControlPoints.from_arrays(x + drag(2, n=8), x)
+        maps.append(fit_rbf(points, support=SUPPORT, trend="quadratic").displacement(elsewhere(2)))
+    for found in maps:  # an exact quadratic trend would turn from one side to the other by 6 / 1e-4
+        oracle.assert_close(found, maps[1], atol=0.01)
+        assert np.abs(found).max() < 60
+
+
 # ---- smoothing -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("kernel", "trend", "dim"), [c for c in CASES if c[0] in ("wendland_c2", "linear", "cubic")])
 def test_smoothing_leaves_what_its_theory_says(kernel: str, trend: str, dim: int) -> None:
-    weight = np.array([1.0, 0.2, 3.0, 1.0, 7.0, 0.5, 1.0])
-    points = ControlPoints.from_arrays(sources(dim), sources(dim) + drag(dim), weight=weight)
+    n = count(trend)
+    weight = np.resize([1.0, 0.2, 3.0, 1.0, 7.0, 0.5, 1.0], n)
+    points = ControlPoints.from_arrays(sources(dim, n), sources(dim, n) + drag(dim, n=n), weight=weight)
     fit = fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend, smoothing=0.3)
     left = points.displacement - fit.displacement(points.target)
-    oracle.assert_close(left, 0.3 * fit.coefficients[:7] / weight[:, None], atol=CLOSE)
+    oracle.assert_close(left, 0.3 * fit.coefficients[:n] / weight[:, None], atol=CLOSE)
     assert np.abs(left).max() > 0.1
 
 
@@ -351,10 +425,9 @@ def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support
     """At points that lie on pixels: on_raster against what was asked, for small and for wide kernels."""
     target = np.array([[3, 5], [90, 8], [40, 50], [12, 93], [95, 95], [44, 54], [70, 30]], dtype=float)
     points = ControlPoints.from_arrays(target + drag(2, 15.0), target)
-    fit = fit_rbf(points, kernel=kernel, support=support, trend="affine")
     for offset in (0.0, 4e6):
         moved = ControlPoints.from_arrays(points.source + offset, points.target + offset)
-        fit = fit_rbf(moved, kernel=kernel, support=support, trend="affine")
+        fit = fit_rbf(moved, kernel=kernel, support=support, trend=richest(kernel))
         picture = fit.on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
         assert picture.dtype == np.float32
         shown = picture[:, target[:, 1].astype(int), target[:, 0].astype(int)].T
@@ -450,8 +523,8 @@ def test_beyond_its_own_radius_a_point_changes_nothing() -> None:
 def test_kernels_without_an_end_refuse_radii_of_their_own(kernel: str) -> None:
     points = ControlPoints.from_arrays(sources(2), radius=RADII)
     with pytest.raises(DeformError, match=f"radii of their own, and the {kernel} kernel"):
-        fit_rbf(points, kernel=kernel)
-    fit_rbf(ControlPoints.from_arrays(sources(2), radius=[None] * 7), kernel=kernel)
+        fit_rbf(points, kernel=kernel, trend=richest(kernel))
+    fit_rbf(ControlPoints.from_arrays(sources(2), radius=[None] * 7), kernel=kernel, trend=richest(kernel))
 
 
 def test_radii_that_do_not_go_together_are_refused_by_name() -> None:

@@ -27,7 +27,7 @@ WALL = HalfSpace((0, 0), (1, 0))  # a < 0 is fixed
 BOX = Polygon([(60, 60), (90, 55), (95, 85), (62, 88)])
 DISC = Mask(np.hypot(*np.meshgrid(np.arange(30) - 15, np.arange(30) - 14)) < 8, Raster((30, 30), (1.5, 2.0), (-60, 30)))
 TURN = RigidMotion.turn(25, (75, 70), (6, -4))
-FREE_TREND = [k for k in KERNELS if k in ("wendland_c0", "wendland_c2", "wendland_c4", "gaussian")]
+FREE_TREND = [k for k in KERNELS if k.startswith(("wendland", "inverse")) or k == "gaussian"]
 
 
 def points(dim: int = 2, n: int = 6) -> ControlPoints:

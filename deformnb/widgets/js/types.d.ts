@@ -143,6 +143,8 @@ export interface RbfFit {
   coefficients: Float64Array;
   linear: number[][];
   constant: number[];
+  /** Symmetric matrices of the trend "quadratic", one for each component; null for the others. */
+  quadratic: number[][][] | null;
   origin: number[];
   support: number;
   kernel: string;

@@ -667,7 +667,7 @@ export class EditorView extends EditorDrawing {
     const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
     if (!fit) return 0;
     const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has its own reach: this is the first one's
-    return order === 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels have no radius
+    return order >= 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels have no radius
   }
 
   #updateToolbar() {

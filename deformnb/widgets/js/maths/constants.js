@@ -4,7 +4,6 @@
 export const LARGEST_SET = 2000;
 export const SAME_PLACE = 1e-06;
 export const SAME_DISPLACEMENT = 1e-09;
-export const FLAT = 1e-07;
 export const LONGEST_SHARE = 100.0;
 export const COLLAPSED = 1e-06;
 export const FAR_BEHIND = 12;
@@ -23,7 +22,9 @@ export const LARGEST_COORDINATE = 1000000000000000.0;
 
 // trends.py
 export const NO_ANGLE = 1e-06;
+export const FLAT = 1e-07;
 export const THIN = 0.25;
+export const THIN_BEND = 0.0625;
 export const SOFTNESS = 0.5;
 export const LEAST_SPREAD = 0.0001;
 

@@ -3,7 +3,7 @@
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
 import { placeOf } from "./cuts.js";
-import { RBF_KERNELS } from "./rbf.js";
+import { RBF_KERNELS, rbfLinearAt } from "./rbf.js";
 import { fieldWithSlope } from "./warp_map.js";
 
 /** @import { Fit, LayeredFit, Raster, RbfFit } from "../types.d.ts" */
@@ -56,12 +56,13 @@ export function detsOnRaster(layered, raster, out = null) {
  * @param {Float64Array} dets
  */
 function rbfDetsOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin }, dets) {
-  const { support: r, centers: x, coefficients: alpha, scales, linear: [[m00, m01], [m10, m11]], count } = fit;
+  const { support: r, centers: x, coefficients: alpha, scales, linear: [[m00, m01], [m10, m11]], count, quadratic } = fit;
   const { slope, compact } = RBF_KERNELS[fit.kernel], step = du / r, p0 = (origin[0] - fit.origin[0]) / r;
   const row = new Float64Array(4 * nu);
   for (let i = 0; i < nv; i++) {
     const q = (origin[1] + i * dv - fit.origin[1]) / r;
     for (let k = 0; k < 4 * nu; k += 4) { row[k] = m00; row[k + 1] = m01; row[k + 2] = m10; row[k + 3] = m11; }
+    if (quadratic) for (let k = 0; k < nu; k++) row.set(rbfLinearAt(fit, p0 + k * step, q).flat(), 4 * k);
     for (let c = 0, j = 0; c < count; c++, j += 2) {
       const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq = q - x[j + 1], dq2 = dq * dq;
       if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;

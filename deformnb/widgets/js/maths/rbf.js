@@ -3,7 +3,7 @@
 
 import {
   COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MOST_GAIN,
-  NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, TINY,
+  NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
 } from "./constants.js";
 
 /** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
@@ -15,7 +15,9 @@ import {
  *   profile: (s: number) => number, slope: (s: number) => number }} Kernel
  *
  * The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span.
- * @typedef {{ basis: number[][], ridge: number[][] | null }} Span
+ * For the trend "quadratic" quadrics are the combinations of products of two coordinates that they determine, and bend
+ * is the penalty of the rest.
+ * @typedef {{ basis: number[][], ridge: number[][] | null, quadrics?: number[][], bend?: number[][] }} Span
  *
  * A control point with its weight, its target x and its displacement d.
  * @typedef {{ point: Point, w: number, x: number[], d: number[] }} Place
@@ -49,21 +51,151 @@ function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
     }
     phi[i * n + i] += nugget[i];
   }
+  const { order } = RBF_KERNELS[kernel], whole = d, isBent = trend === "quadratic";
+  const q = isBent ? rbfProducts(x) : new Float64Array(0);
+  /** @type {number[][] | null} */
+  let bent = null;
+  if (isBent && order < 3) {
+    bent = rbfQuadraticPart(phi, x, d, q, span, scales !== null);
+    d = rbfWithout(d, q, bent);
+    trend = "affine";
+  }
+  /** @type {{ alpha: Float64Array, linear: number[][], constant: number[], bent?: number[][] | null }} */
   let solved;
   if (scales) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
-  else if (RBF_KERNELS[kernel].order === 2) solved = rbfBorderedAffine(phi, x, d, span.basis);
+  else if (order === 3) {
+    solved = rbfBorderedTrend(phi, x, d, span.basis, q, span.quadrics ?? []);
+    bent = solved.bent ?? null;
+  } else if (order === 2) solved = rbfBorderedTrend(phi, x, d, span.basis);
   else if (trend === "none") {
     solved = { alpha: rbfCholeskySolve(phi, d, n, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
   } else solved = rbfLeastEnergy(phi, x, d, span, turn, kernel, trend);
   const { alpha, linear, constant } = solved, miss = new Float64Array(2 * n);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < 2; k++) {
-      let sum = x[2 * i] * linear[k][0] + x[2 * i + 1] * linear[k][1] + constant[k] - d[2 * i + k];
+      let sum = x[2 * i] * linear[k][0] + x[2 * i + 1] * linear[k][1] + constant[k] - whole[2 * i + k];
+      if (bent) for (let j = 0; j < 3; j++) sum += q[3 * i + j] * bent[j][k];
       for (let j = 0; j < n; j++) sum += phi[i * n + j] * alpha[2 * j + k];
       miss[2 * i + k] = sum;
     }
   }
-  return { ...solved, miss };
+  return { ...solved, miss, quadratic: bent && rbfQuadraticForms(bent) };
+}
+
+// ---- the quadratic trend: products of two coordinates, a^2, b^2 and sqrt(2) a b -------------------------------------
+
+/** @param {Float64Array} x  n x 2; n x 3 products come back */
+function rbfProducts(x) {
+  const out = new Float64Array(1.5 * x.length);
+  for (let i = 0, j = 0; i < x.length; i += 2, j += 3) {
+    out[j] = x[i] * x[i];
+    out[j + 1] = x[i + 1] * x[i + 1];
+    out[j + 2] = Math.SQRT2 * x[i] * x[i + 1];
+  }
+  return out;
+}
+
+/** The symmetric matrices of both components. @param {number[][]} c  3 x 2 */
+function rbfQuadraticForms(c) {
+  return [0, 1].map((m) => [[c[0][m], Math.SQRT1_2 * c[2][m]], [Math.SQRT1_2 * c[2][m], c[1][m]]]);
+}
+
+/** Displacements without their quadratic part. @param {Float64Array} d @param {Float64Array} q @param {number[][]} c */
+function rbfWithout(d, q, c) {
+  return Float64Array.from(d, (value, i) => {
+    const m = i % 2, j = 3 * (i - m) / 2;
+    return value - q[j] * c[0][m] - q[j + 1] * c[1][m] - q[j + 2] * c[2][m];
+  });
+}
+
+/**
+ * Factors (3 x 2) of the products of least energy beside all affine maps, as deformnb.rbf.interpolant has them.
+ * @param {Float64Array} phi
+ * @param {Float64Array} x
+ * @param {Float64Array} d
+ * @param {Float64Array} q
+ * @param {Span} span
+ * @param {boolean} isSkew  the matrix is not symmetric: by plain least squares
+ */
+function rbfQuadraticPart(phi, x, d, q, span, isSkew) {
+  const n = x.length / 2, width = span.basis.length + 1, p = rbfAffineColumns(x, span.basis);
+  const both = new Float64Array(5 * (n + width));
+  for (let i = 0; i < n; i++) both.set([q[3 * i], q[3 * i + 1], q[3 * i + 2], d[2 * i], d[2 * i + 1]], 5 * i);
+  const w = isSkew ? rbfProjected(p, both, n, width, 5)
+    : rbfFactored(rbfBordered(phi, p, n, width), n + width)(both, 5);
+  const s = new Float64Array(9), h = new Float64Array(6);
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < 3; k++) {
+      for (let j = 0; j < 3; j++) s[3 * k + j] += q[3 * i + k] * w[5 * i + j];
+      for (let m = 0; m < 2; m++) h[2 * k + m] += q[3 * i + k] * w[5 * i + 3 + m];
+    }
+  }
+  const trace = s[0] + s[4] + s[8], size = trace > 0 ? trace : 1;
+  span.bend?.flat().forEach((value, k) => { s[k] += size * value; });
+  const c = rbfFactored(s, 3)(h, 2);
+  return [0, 1, 2].map((k) => [c[2 * k], c[2 * k + 1]]);
+}
+
+/** (1, x on the span of the points), n x (1 + rank). @param {Float64Array} x @param {number[][]} basis */
+function rbfAffineColumns(x, basis) {
+  const n = x.length / 2, width = basis.length + 1, p = new Float64Array(n * width);
+  for (let i = 0; i < n; i++) {
+    p[i * width] = 1;
+    basis.forEach((e, k) => { p[i * width + 1 + k] = x[2 * i] * e[0] + x[2 * i + 1] * e[1]; });
+  }
+  return p;
+}
+
+/**
+ * What columns p (n x r) leave of columns b (n x m), by Gram-Schmidt, twice.
+ * @param {Float64Array} p
+ * @param {Float64Array} b
+ * @param {number} n
+ * @param {number} r
+ * @param {number} m
+ */
+function rbfProjected(p, b, n, r, m) {
+  const e = Float64Array.from(p), out = b.slice(0, n * m);
+  /** @type {(a: Float64Array, wa: number, k: number, f: Float64Array, wf: number, j: number) => void} */
+  const remove = (a, wa, k, f, wf, j) => {
+    let dot = 0;
+    for (let i = 0; i < n; i++) dot += a[i * wa + k] * f[i * wf + j];
+    for (let i = 0; i < n; i++) a[i * wa + k] -= dot * f[i * wf + j];
+  };
+  for (let k = 0; k < r; k++) {
+    for (let twice = 0; twice < 2; twice++) for (let j = 0; j < k; j++) remove(e, r, k, e, r, j);
+    let size = 0;
+    for (let i = 0; i < n; i++) size += e[i * r + k] ** 2;
+    for (let i = 0; i < n; i++) e[i * r + k] /= Math.sqrt(size) || 1;
+  }
+  for (let k = 0; k < m; k++) {
+    for (let twice = 0; twice < 2; twice++) for (let j = 0; j < r; j++) remove(out, m, k, e, r, j);
+  }
+  return out;
+}
+
+/**
+ * The part of the products that centred points determine beside affine maps: deformnb.rbf.trends.quadric_span.
+ * @param {number[][]} rows
+ * @param {number[][]} basis
+ */
+function rbfQuadricSpan(rows, basis) {
+  const n = rows.length, size = rows.reduce((m, p) => Math.max(m, Math.abs(p[0]), Math.abs(p[1])), 0) || 1;
+  const x = Float64Array.from(rows.flatMap((p) => [p[0] / size, p[1] / size])), q = rbfProducts(x);
+  const rest = rbfProjected(rbfAffineColumns(x, basis), q, n, basis.length + 1, 3);
+  const { sigma, directions } = rbfSingular([0, 1, 2].map((k) => rows.map((_, i) => rest[3 * i + k])));
+  const eye = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+  if (!(sigma[0] > FLAT * q.reduce((m, value) => Math.max(m, Math.abs(value)), 1))) return { quadrics: [], bend: eye };
+  const spreads = sigma.map((value) => value / sigma[0]), weights = spreads.map((value) => rbfPenalty(value, THIN_BEND));
+  return { quadrics: directions.filter((_, k) => spreads[k] > FLAT),
+    bend: eye.map((_, i) => eye.map((__, j) => weights.reduce((sum, w, k) => sum + w * directions[k][i] *
+      directions[k][j], 0))) };
+}
+
+/** The penalty of a direction with this spread. @param {number} spread @param {number} limit */
+function rbfPenalty(spread, limit) {
+  const s = Math.max(spread, LEAST_SPREAD);
+  return s < limit ? ((limit - s) / s) ** 2 / SOFTNESS : 0;
 }
 
 /**
@@ -336,24 +468,30 @@ function rbfNearestRotation(h, size, previous) {
 }
 
 /**
- * The solution of the bordered system with an affine trend on the span of the points.
+ * The solution of the bordered system with an affine trend on the span of the points, and with the combinations of
+ * products q that they determine.
  * @param {Float64Array} phi
  * @param {Float64Array} x
  * @param {Float64Array} d
  * @param {number[][]} basis
+ * @param {Float64Array | null} [q]  n x 3
+ * @param {number[][]} [quadrics]
  */
-function rbfBorderedAffine(phi, x, d, basis) {
-  const n = x.length / 2, rank = basis.length, width = rank + 1, p = new Float64Array(n * width);
+function rbfBorderedTrend(phi, x, d, basis, q = null, quadrics = []) {
+  const n = x.length / 2, rank = basis.length, affine = rank + 1, width = affine + quadrics.length;
+  const first = rbfAffineColumns(x, basis), p = new Float64Array(n * width);
   for (let i = 0; i < n; i++) {
-    p[i * width] = 1;
-    basis.forEach((e, k) => { p[i * width + 1 + k] = x[2 * i] * e[0] + x[2 * i + 1] * e[1]; });
+    p.set(first.subarray(i * affine, (i + 1) * affine), i * width);
+    if (q) quadrics.forEach((e, k) => { p[i * width + affine + k] = rbfDot3(e, q, 3 * i); });
   }
   const factored = rbfFactored(rbfBordered(phi, p, n, width), n + width);
   const solve = (/** @type {Float64Array} */ b) => {
     const rhs = new Float64Array(2 * (n + width));
     rhs.set(b);
     const v = factored(rhs, 2);
-    return { alpha: v.slice(0, 2 * n), constant: [v[2 * n], v[2 * n + 1]],
+    const bent = [0, 1, 2].map((j) => [0, 1].map(
+      (m) => quadrics.reduce((sum, e, k) => sum + e[j] * v[2 * (n + affine + k) + m], 0)));
+    return { alpha: v.slice(0, 2 * n), constant: [v[2 * n], v[2 * n + 1]], bent: q ? bent : null,
       images: basis.map((_, k) => [v[2 * (n + 1 + k)], v[2 * (n + 1 + k) + 1]]) };
   };
   // D on the span of the points: sum of image (outer) direction
@@ -361,17 +499,23 @@ function rbfBorderedAffine(phi, x, d, basis) {
   const spanned = (images) => [0, 1].map((i) => [0, 1].map(
     (j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0)));
   const whole = solve(d);
-  if (rank === 2) return { alpha: whole.alpha, linear: spanned(whole.images), constant: whole.constant };
+  if (rank === 2) return { ...whole, linear: spanned(whole.images) };
   const m = rbfComplete(whole.images.map((image, k) => [basis[k][0] + image[0], basis[k][1] + image[1]]), basis);
   const linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
   // Points that are flat only to rounding lie a little off their span, where the completed map displaces them too.
-  const left = Float64Array.from(d, (value, i) => {
-    const q = i - (i % 2);
-    return value - linear[i % 2][0] * x[q] - linear[i % 2][1] * x[q + 1];
+  const left = Float64Array.from(q && whole.bent ? rbfWithout(d, q, whole.bent) : d, (value, i) => {
+    const k = i - (i % 2);
+    return value - linear[i % 2][0] * x[k] - linear[i % 2][1] * x[k + 1];
   });
   const rest = solve(left), more = spanned(rest.images);
   return { alpha: rest.alpha, constant: rest.constant,
+    bent: whole.bent?.map((row, j) => row.map((value, m) => value + (rest.bent?.[j][m] ?? 0))),
     linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
+}
+
+/** @param {number[]} e @param {Float64Array} q @param {number} at */
+function rbfDot3(e, q, at) {
+  return e[0] * q[at] + e[1] * q[at + 1] + e[2] * q[at + 2];
 }
 
 /** Orthonormal directions that span centred points. @param {number[][]} rows */
@@ -383,28 +527,42 @@ function rbfSpan(rows) {
 }
 
 /**
- * Singular values of rows of two numbers, falling, and the direction of the first: by one-sided Jacobi, exact to
- * rounding.
+ * Singular values of rows of two numbers, falling, and the direction of the first.
  * @param {number[][]} rows
  */
 function rbfPrincipal(rows) {
-  let v = [[1, 0], [0, 1]];
-  let columns = [rows.map((r) => r[0]), rows.map((r) => r[1])];
+  const { sigma, directions } = rbfSingular([rows.map((r) => r[0]), rows.map((r) => r[1])]);
+  return { sigma, along: directions[0] };
+}
+
+/**
+ * Singular values of the columns of a matrix, falling, and their directions: by one-sided Jacobi, exact to rounding.
+ * @param {number[][]} columns
+ */
+function rbfSingular(columns) {
+  const count = columns.length, a = [...columns], v = a.map((_, k) => a.map((__, j) => Number(j === k)));
   /** @type {(p: number[], q: number[]) => number} */
   const dot = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
-  for (let sweep = 0; sweep < 8; sweep++) {
-    const gamma = dot(columns[0], columns[1]);
-    if (gamma === 0) break;
-    const zeta = (dot(columns[1], columns[1]) - dot(columns[0], columns[0])) / (2 * gamma);
-    const t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
-    const c = 1 / Math.hypot(1, t), s = c * t;
-    /** @type {(pair: number[][]) => number[][]} */
-    const turn = ([p, q]) => [p.map((value, k) => c * value - s * q[k]), p.map((value, k) => s * value + c * q[k])];
-    columns = turn(columns);
-    v = turn(v);
+  for (let sweep = 0, isDone = false; sweep < 8 * (count - 1) && !isDone; sweep++) {
+    isDone = true;
+    for (let i = 0; i < count; i++) {
+      for (let j = i + 1; j < count; j++) {
+        const gamma = dot(a[i], a[j]);
+        if (gamma === 0) continue;
+        isDone = false;
+        const zeta = (dot(a[j], a[j]) - dot(a[i], a[i])) / (2 * gamma);
+        const t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
+        const c = 1 / Math.hypot(1, t), s = c * t;
+        for (const m of [a, v]) {
+          const p = m[i], q = m[j];
+          m[i] = p.map((value, k) => c * value - s * q[k]);
+          m[j] = p.map((value, k) => s * value + c * q[k]);
+        }
+      }
+    }
   }
-  const sigma = columns.map((p) => Math.hypot(...p)), first = sigma[0] >= sigma[1] ? 0 : 1;
-  return { sigma: [sigma[first], sigma[1 - first]], along: v[first] };
+  const sizes = a.map((p) => Math.hypot(...p)), order = sizes.map((_, k) => k).sort((i, j) => sizes[j] - sizes[i] || i - j);
+  return { sigma: order.map((k) => sizes[k]), directions: order.map((k) => v[k]) };
 }
 
 /**
@@ -509,7 +667,8 @@ function rbfClosest(ready) {
 /** @param {Ready} ready @param {string} kernel @param {number[][]} map */
 function rbfWarnings(ready, kernel, map) {
   const notes = [];
-  const isPlain = ready.trend === "affine_exact" || (ready.trend === "affine" && RBF_KERNELS[kernel].order === 2);
+  const isPlain = ready.trend === "affine_exact" ||
+    (["affine", "quadratic"].includes(ready.trend) && RBF_KERNELS[kernel].order >= 2);
   if (isPlain && rbfSpectralNorm(map) > STEEP) {
     notes.push(`the affine trend stretches more than ${STEEP} times: the control points nearly lie on one line ` +
       "or in one plane; the trend similarity would not");
@@ -522,6 +681,7 @@ function rbfWarnings(ready, kernel, map) {
   /** @type {Record<string, string>} */
   const collapses = { affine: "the trend collapses everything to one place",
     affine_exact: "the trend collapses everything to one place",
+    quadratic: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
   const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
   if (Object.hasOwn(collapses, ready.trend) && sources < NO_ANGLE * spread((q) => q.x)) {
@@ -619,10 +779,25 @@ export const RBF_KERNELS = {
     profile: (s) => -Math.sqrt(1 + 16 * s),
     slope: (s) => -8 / Math.sqrt(1 + 16 * s),
   },
+  inverse_multiquadric: {
+    title: "Inverse multiquadric", order: 0, compact: false, share: 1 / 4, gaps: 1,
+    profile: (s) => 1 / Math.sqrt(1 + 16 * s),
+    slope: (s) => { const t = 1 + 16 * s; return -8 / (t * Math.sqrt(t)); },
+  },
+  inverse_quadratic: {
+    title: "Inverse quadratic", order: 0, compact: false, share: 1 / 4, gaps: 1,
+    profile: (s) => 1 / (1 + 16 * s),
+    slope: (s) => { const t = 1 + 16 * s; return -16 / (t * t); },
+  },
   cubic: {
     title: "Cubic", order: 2, compact: false, share: 1, gaps: Infinity,
     profile: (s) => s * Math.sqrt(s),
     slope: (s) => 1.5 * Math.sqrt(s),
+  },
+  quintic: {
+    title: "Quintic", order: 3, compact: false, share: 1, gaps: Infinity,
+    profile: (s) => -s * s * Math.sqrt(s),
+    slope: (s) => -2.5 * s * Math.sqrt(s),
   },
   linear: {
     title: "Linear", order: 1, compact: false, share: 1, gaps: Infinity,
@@ -642,6 +817,7 @@ export const RBF_TRENDS = {
   translation: { title: "Translation", order: 1 },
   none: { title: "None", order: 0 },
   affine_exact: { title: "Affine, exact across a row of points too", order: 2 },
+  quadratic: { title: "Quadratic", order: 3 },
 };
 
 // ---- the fit --------------------------------------------------------------------------------------------------------
@@ -815,8 +991,12 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   const basis = rbfSpan(merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]));
   const { ridge, where } = rbfThinness(merged, basis);
   const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where);
-  return { n, merged, origin, radius, basis, ridge, trend: name, notes: [...limited, ...notes, ...remark],
-    ids: merged.map((q) => q.point.id) };
+  /** @type {Pick<Span, "quadrics" | "bend">} */
+  const bent = name === "quadratic" ? rbfQuadricSpan(
+    merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]), basis) : {};
+  const open = bent.bend?.flat().some((value) => value !== 0) ? rbfOpenBend(n, kernel) : [];
+  return { n, merged, origin, radius, basis, ridge, ...bent, trend: name,
+    notes: [...limited, ...notes, ...remark, ...open], ids: merged.map((q) => q.point.id) };
 }
 
 /**
@@ -828,7 +1008,7 @@ function rbfThinness(merged, basis) {
   if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
   const { spread, along } = rbfSpreads(merged.map((q) => q.x), merged.map((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]));
   if (spread >= THIN) return { ridge: null, where: "" };
-  const s = Math.max(spread, LEAST_SPREAD), weight = ((THIN - s) / s) ** 2 / SOFTNESS;
+  const weight = rbfPenalty(spread, THIN);
   const across = [-along[1], along[0]], quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
   const degrees = ((quarters * 15) % 180 + 180) % 180;
   return { ridge: across.map((p) => across.map((q) => weight * p * q)), where: `on one line, at ${degrees} degrees` };
@@ -916,12 +1096,22 @@ function rbfShown(value) {
 function rbfDeterminedTrend(trend, kernel, n, rank, where) {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
-  if (rank === 0) return [order === 2 ? trend : "translation", ["one control point: the trend is a translation"]];
-  if (!where || !trend.startsWith("affine")) return [trend, []];
+  if (rank === 0) return [order >= 2 ? trend : "translation", ["one control point: the trend is a translation"]];
+  if (!where || RBF_TRENDS[trend].order < 2) return [trend, []];
   const lie = `the control points lie nearly ${where}: across it`;
-  if (trend === "affine" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
+  if (trend !== "affine_exact" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
   return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland ` +
     "kernel with the trend affine stays calm"]];
+}
+
+/** A note where n points do not determine all of the quadratic trend. @param {number} n @param {string} kernel */
+function rbfOpenBend(n, kernel) {
+  if (n < 2) return [];
+  const why = n < 6 ? `the quadratic trend needs 6 control points or more, and there are ${n}`
+    : "the control points lie nearly on one conic (an ellipse, a hyperbola, two lines)";
+  return [`${why}: ${RBF_KERNELS[kernel].order > 2 && n >= 6
+    ? "nothing holds the quadratic trend beside it; the thin-plate kernel would stay calm"
+    : "what they leave open of it is left out"}`];
 }
 
 /** @param {Ready} ready @param {string} kernel @param {string} trend @param {number} support @returns {RbfFit} */
@@ -934,7 +1124,8 @@ function rbfIdentity(ready, kernel, trend, support) {
   const radii = ready.merged.map((q) => q.point.radius ?? ready.radius), isOwn = radii.some((r) => r !== ready.radius);
   const scales = isOwn ? Float64Array.from(radii, (r) => ready.radius / r) : null;
   return { count: ready.n, scales, centers, coefficients: new Float64Array(2 * ready.n), linear: [[0, 0], [0, 0]],
-    constant: [0, 0], origin: ready.origin, support, kernel, trend, ids: ready.ids, notes: ready.notes, doubts: [] };
+    constant: [0, 0], quadratic: null, origin: ready.origin, support, kernel, trend, ids: ready.ids,
+    notes: ready.notes, doubts: [] };
 }
 
 /**
@@ -952,7 +1143,7 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
   const nugget = ready.merged.map((q) => smoothing / q.w);
   const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
-  const { alpha, linear, constant, miss } = rbfSolve(fit.centers, d, nugget, ready, turn, kernel, ready.trend,
+  const { alpha, linear, constant, quadratic, miss } = rbfSolve(fit.centers, d, nugget, ready, turn, kernel, ready.trend,
     fit.scales);
   /** @type {(array: Float64Array) => number} */
   const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
@@ -976,6 +1167,7 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
     ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`));
   return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
     constant: constant.map((value) => value * r), doubts: crossed,
+    quadratic: quadratic?.map((m) => m.map((row) => row.map((value) => value * r))) ?? null,
     notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)] };
 }
 
@@ -993,6 +1185,10 @@ export function rbfAt(fit, a, b) {
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const profile = RBF_KERNELS[fit.kernel].profile;
   let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
+  if (fit.quadratic) {
+    u += rbfQuadraticAt(fit.quadratic[0], p, q);
+    v += rbfQuadraticAt(fit.quadratic[1], p, q);
+  }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
     const dp = p - x[j], dq = q - x[j + 1], s = dp * dp + dq * dq;
     const phi = profile(scales ? s * scales[k] * scales[k] : s);
@@ -1002,11 +1198,27 @@ export function rbfAt(fit, a, b) {
   return [u, v];
 }
 
+/** The value of a quadratic form. @param {number[][]} h  symmetric @param {number} p @param {number} q */
+export function rbfQuadraticAt(h, p, q) {
+  return h[0][0] * p * p + 2 * h[0][1] * p * q + h[1][1] * q * q;
+}
+
+/**
+ * The derivative of the trend at a place in relative coordinates.
+ * @param {RbfFit} fit
+ * @param {number} p
+ * @param {number} q
+ */
+export function rbfLinearAt({ quadratic, linear }, p, q) {
+  return quadratic ? linear.map((row, m) => row.map((value, k) => value + 2 * (quadratic[m][k][0] * p +
+    quadratic[m][k][1] * q))) : linear;
+}
+
 /** [[dDa/da, dDa/db], [dDb/da, dDb/db]] at a place. @param {RbfFit} fit @param {number} a @param {number} b */
 export function rbfJacobianAt(fit, a, b) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
-  const { centers: x, coefficients: alpha, linear, count, scales } = fit, slope = RBF_KERNELS[fit.kernel].slope;
-  let [[m00, m01], [m10, m11]] = linear;
+  const { centers: x, coefficients: alpha, count, scales } = fit, slope = RBF_KERNELS[fit.kernel].slope;
+  let [[m00, m01], [m10, m11]] = rbfLinearAt(fit, p, q);
   for (let k = 0, j = 0; k < count; k++, j += 2) {
     const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;
     const g = 2 * w * slope((dp * dp + dq * dq) * w);
@@ -1029,7 +1241,7 @@ export function rbfOnRaster(fit, raster, out = null) {
   const [nv, nu] = raster.shape, [du, dv] = raster.spacing, r = fit.support;
   const map = out ?? new Float32Array(nv * nu * 2);
   const step = du / r, p0 = (raster.origin[0] - fit.origin[0]) / r;
-  const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
+  const { centers: x, coefficients: alpha, linear, constant, quadratic, count, scales } = fit;
   const { profile, compact } = RBF_KERNELS[fit.kernel], row = new Float64Array(2 * nu);
   for (let i = 0; i < nv; i++) {
     const q = (raster.origin[1] + i * dv - fit.origin[1]) / r;
@@ -1037,6 +1249,10 @@ export function rbfOnRaster(fit, raster, out = null) {
       const p = p0 + k * step;
       row[2 * k] = linear[0][0] * p + linear[0][1] * q + constant[0];
       row[2 * k + 1] = linear[1][0] * p + linear[1][1] * q + constant[1];
+      if (quadratic) {
+        row[2 * k] += rbfQuadraticAt(quadratic[0], p, q);
+        row[2 * k + 1] += rbfQuadraticAt(quadratic[1], p, q);
+      }
     }
     for (let c = 0, j = 0; c < count; c++, j += 2) {
       const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq2 = (q - x[j + 1]) ** 2;

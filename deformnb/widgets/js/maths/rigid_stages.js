@@ -242,9 +242,9 @@ export function isStill(fit) {
   if (fit.blend) return fit.blend.fits.every((one) => !one || isStill(one));
   if (fit.stages) return fit.stages.every(isStill);
   if (fit.rigid && !fit.rigid.every(({ back }) => back.isStill)) return false;
-  const { count, coefficients, linear, constant } = fit.base ?? fit;
+  const { count, coefficients, linear, constant, quadratic } = fit.base ?? fit;
   return count === 0 || (coefficients.every((v) => v === 0) && constant.every((v) => v === 0) &&
-    linear.every((row) => row.every((v) => v === 0)));
+    !quadratic && linear.every((row) => row.every((v) => v === 0)));
 }
 
 /**

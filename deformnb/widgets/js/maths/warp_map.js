@@ -1,7 +1,7 @@
 // A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
 import { marginOf, regionKey } from "./cuts.js";
-import { RBF_KERNELS } from "./rbf.js";
+import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.js";
 import { fieldAt, partsAt } from "./rigid_stages.js";
 import { sampledWithSlope } from "./sampled_fit.js";
 
@@ -109,7 +109,11 @@ function mapWithSlope(fit, a, b, out) {
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const { profile, slope } = RBF_KERNELS[fit.kernel];
   let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
-  let j00 = linear[0][0], j01 = linear[0][1], j10 = linear[1][0], j11 = linear[1][1];
+  let [[j00, j01], [j10, j11]] = rbfLinearAt(fit, p, q);
+  if (fit.quadratic) {
+    u += rbfQuadraticAt(fit.quadratic[0], p, q);
+    v += rbfQuadraticAt(fit.quadratic[1], p, q);
+  }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
     const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;
     const s = (dp * dp + dq * dq) * w, phi = profile(s), g = 2 * w * slope(s);
