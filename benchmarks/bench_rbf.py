@@ -26,6 +26,31 @@ def groups(options: Namespace) -> Iterator[Group]:
         # a wrong formula is wrong by pixels; how exact each one is stands in the table
         name = f"RBF: solve {count} points and evaluate {size} x {size}"
         yield Group(name, _cases(points, raster, size), 0.01, "pixels")
+    yield from many()
+
+
+def many() -> Iterator[Group]:
+    """Many points of compact support on a small picture: lists of centres against the sums of others."""
+    size, count = 256, 2048
+    points = problem.control_points(count, 2, size)
+    raster, support = Raster((size, size), (1.0, 1.0), (0.0, 0.0)), 0.1 * (size - 1)
+    at, d = np.asarray(points.target), np.asarray(points.source) - np.asarray(points.target)
+    pixels = raster.points().reshape(-1, 2)
+    fit = fit_rbf(points, support=support)
+    exact = np.moveaxis(fit.displacement(raster.points()), -1, 0)
+    theirs = RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1)
+    near = RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1, neighbors=32)
+    thin = theirs(pixels).T.reshape(exact.shape)
+    name = f"RBF: {count} points on {size} x {size}, Wendland C2 of support {support:.3g}"
+    yield Group(name, [
+        Case("deformnb: evaluate", lambda: fit.on_raster(raster), lambda r: r - exact, ours=True),
+        Case("deformnb: solve and evaluate", lambda: fit_rbf(points, support=support).on_raster(raster),
+             lambda r: r - exact, ours=True),
+        Case("scipy RBFInterpolator, thin plate: evaluate", lambda: theirs(pixels).T.reshape(exact.shape),
+             lambda r: r - thin),
+        Case("scipy RBFInterpolator, 32 neighbours: evaluate", lambda: near(pixels).T.reshape(exact.shape),
+             lambda r: r - thin),
+    ], 1.0, "pixels")
 
 
 def _cases(points: ControlPoints, raster: Raster, size: int) -> list[Case]:

@@ -27,8 +27,8 @@ from driven_studio import a_drag, a_volume, closed, crash, drag, notice_of, pane
 from waiting import PATIENCE, Threads
 
 from deformnb.errors import DeformError
+from deformnb.rbf.evaluation import capacity
 from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.interpolant import capacity
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.autosave import Autosave
 from deformnb.session.autosave_store import MOST_PER_VOLUME, restore, saved_sessions

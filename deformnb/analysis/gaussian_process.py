@@ -26,8 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._jax import compiled, float64
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
-from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.interpolant import RBFInterpolant, capacity, few_sizes
+from deformnb.rbf.evaluation import capacity, few_sizes
+from deformnb.rbf.fitting import fit_one_system
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import Span, products, trend_named
@@ -121,7 +122,7 @@ def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: f
     DeformError
         Where the fit does; if no point is active; if the system is singular to working precision.
     """
-    fit = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
+    fit = fit_one_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     if not int(fit.count):
         raise DeformError("there is no active control point to judge a fit by; add or switch on some.")
     ready = prepare(points, fit.kernel, float(fit.support), trend_named(trend), smoothing)

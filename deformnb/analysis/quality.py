@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from deformnb._jax import compiled, float64
 from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, same_place
-from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.interpolant import capacity
+from deformnb.rbf.evaluation import capacity
+from deformnb.rbf.fitting import fit_one_system
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import THIN_BEND, TRENDS, Span, products, ridge_of, steadied, thin_directions
 
@@ -111,7 +111,7 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     row, alone = _rows_of(system, active), _alone(system)
     errors = unit * _left_out(system, alone)[row]
     for k in np.flatnonzero((row < 0) | alone[row]).tolist():
-        rest = fit_rbf(active.remove(active.ids[k]), support=unit, **options)
+        rest = fit_one_system(active.remove(active.ids[k]), support=unit, **options)
         errors[k] = active.displacement[k] - rest.displacement(active.target[k])
     share, non_affine = affine_split(active)
     nearest = scipy.spatial.cKDTree(system.x).query((active.target - system.ready.origin) / unit)[1]

@@ -16,7 +16,8 @@ pulled past one another            fitted, and a note names the pair: a fold is 
 from one source to two targets     fitted, and a note names the pair: the map folds between them
 much nearer than the support       a compact kernel's support is limited to 100 diagonals of their box, with a note
 not finite, beyond 1e15            refused by ControlPoints, before any LAPACK call (inf makes some of them hang)
-more than 2000                     DeformError
+more than 2000                     a sparse system, or with kernels without an end local fits, with a note
+more than 20000                    DeformError
 =================================  ==================================================================================
 """
 
@@ -37,7 +38,11 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import FLAT, THIN, Span, Trend, quadric_span, ridge_of, spreads_of
 
 LARGEST_SET = 2000
-"""Dense solves cost N^3: 2000 points take 0.1 s, ten times as many would take minutes."""
+"""Points of one dense system, which costs N^3: 2000 take 0.1 s, ten times as many would take minutes. More of them have
+a sparse system (compact kernels) or local fits (:mod:`deformnb.rbf.partition`), and pages take no more."""
+
+MOST_POINTS = 20000
+"""Points of any fit: the sums at a million places take a minute then."""
 
 # Points nearer than this share of the support, or of their box, make Phi singular to working precision (its condition
 # is (R/gap)^2..3).
@@ -107,11 +112,9 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
             smoothing: float) -> PreparedPoints:
     """Check, merge and centre the active points; see the table at the top of this module."""
     chosen = np.flatnonzero(points.active)
-    if len(chosen) > LARGEST_SET:
-        raise DeformError(
-            f"{len(chosen)} control points are more than the {LARGEST_SET} a dense solve is meant for; switch some "
-            "off or thin them out."
-        )
+    if len(chosen) > MOST_POINTS:
+        raise DeformError(f"{len(chosen)} control points are more than the {MOST_POINTS} that a fit takes; switch some "
+                          "off or thin them out.")
     active = points.take(chosen)
     radius = _radius(active, kernel, support, trend)
     limit = LONGEST_SHARE * (box_diagonal(active) or np.inf)

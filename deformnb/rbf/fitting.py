@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import prepare
+from deformnb.rbf.conditioning import LARGEST_SET, prepare
 from deformnb.rbf.interpolant import RBFInterpolant, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel, kernel_named
+from deformnb.rbf.partition import LocalFits, fit_locally
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS, Trend, trend_named
@@ -14,7 +15,7 @@ from deformnb.rbf.trends import TRENDS, Trend, trend_named
 
 def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
             support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
-            previous: RBFInterpolant | None = None) -> RBFInterpolant:
+            previous: RBFInterpolant | LocalFits | None = None) -> RBFInterpolant | LocalFits:
     """Fit the displacement of control points.
 
     Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
@@ -33,7 +34,8 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
 
     Returns
     -------
-    RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend.
+    RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend. More than 2000 points with
+    a kernel that has no end are fitted locally (:class:`~deformnb.rbf.partition.LocalFits`), with a note.
 
     Raises
     ------
@@ -60,7 +62,28 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
         radius = float(previous.support) if same and len(previous.ids) == int(points.active.sum()) else None
     if radius is None:
         radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
-    return solve_prepared(prepare(points, kind, radius, chosen, smoothing), kind, smoothing, previous)
+    ready = prepare(points, kind, radius, chosen, smoothing)
+    if len(ready.targets) > LARGEST_SET and not kind.compact:
+        return fit_locally(ready, kind, smoothing)
+    return solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)
+
+
+def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
+                   support: float | None = None, trend: str = "affine", smoothing: float = 0.0) -> RBFInterpolant:
+    """:func:`fit_rbf` for what needs the whole system of a fit, which has at most 2000 points.
+
+    Raises
+    ------
+    DeformError
+        As that function does, and if there are more points.
+    """
+    count = int(as_control_points(points).active.sum())
+    if count <= LARGEST_SET:
+        fit = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
+        assert isinstance(fit, RBFInterpolant)
+        return fit
+    raise DeformError(f"{count} control points are more than the {LARGEST_SET} whose whole system can be looked at; "
+                      "switch some off or thin them out.")
 
 
 def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,

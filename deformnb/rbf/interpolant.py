@@ -10,190 +10,40 @@ correction of Eq. 5.
 Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so it need
 not be definite and there is no energy to make least: the trend is that of least squares (all points count alike),
 what is left is solved by elimination, and a system that comes out nearly singular is refused.
-
-Evaluation of the sum at many points is compiled: it is the inner loop of everything interactive. It runs in a loop over
-the centres with the accumulators in registers, tile by tile: writing it as one reduction over (points x centres) took
-24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it. The loop's length is a
-run-time number, so one compiled function serves every number of points up to its capacity.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.spatial
-from jax import lax
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import compiled, float64
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
+from deformnb.rbf.evaluation import (
+    CAPACITIES,
+    CULLED,
+    Leaves,
+    at_lattice,
+    at_points,
+    capacity,
+    jacobian_at_lattice,
+    jacobian_at_points,
+    local_squares,
+)
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
-from deformnb.rbf.trends import (
-    FLAT,
-    NO_ANGLE,
-    TRENDS,
-    Span,
-    complete,
-    products,
-    quadratic_forms,
-    steadied,
-)
-
-_TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
-_GROUP = 4  # centres per turn of the inner loop
-
-
-def few_sizes(tiles: int) -> int:
-    """A number of tiles rounded up by at most an eighth, so that few shapes compile and little work is wasted."""
-    step = max(1, 2 ** (tiles.bit_length() - 4))
-    return -(-tiles // step) * step
-
-
-class Leaves(NamedTuple):
-    """The arrays of an interpolant in the type that it is evaluated in.
-
-    ``scales`` (C,) is None if all are 1, ``quadratic`` (dim, dim, dim) if the trend has no quadratic part.
-    """
-
-    centers: Any
-    coefficients: Any
-    linear: Any
-    constant: Any
-    count: Any
-    scales: Any = None
-    quadratic: Any = None
-
-
-Sum: TypeAlias = Callable[[tuple[Any, ...], Leaves, type[AbstractKernel]], tuple[Any, ...]]
-
-
-def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
-    """Components of D at relative points p (tuple of dim arrays of one shape); the loop's length is the count."""
-    dim, linear, h = len(p), leaves.linear, leaves.quadratic
-    start = tuple(sum(linear[m, k] * p[k] for k in range(dim)) + leaves.constant[m] for m in range(dim))
-    if h is not None:
-        start = tuple(start[m] + sum(h[m, k, j] * p[k] * p[j] for k in range(dim) for j in range(dim))
-                      for m in range(dim))
-
-    def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
-        phi = kernel.profile(sum(o**2 for o in offset) * square)
-        return tuple(total[m] + a[m] * phi for m in range(dim))
-
-    return _over_centers(p, leaves, start, add)
-
-
-def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
-    """All dD_m/dp_k at relative points, row by row: ``A + 2 sum_j alpha_j slope(s_j) (p - c_j)^T``."""
-    dim, linear, h = len(p), leaves.linear, leaves.quadratic
-    start = tuple(linear[m, k] + 0 * p[0] for m in range(dim) for k in range(dim))
-    if h is not None:
-        start = tuple(start[m * dim + k] + 2 * sum(h[m, k, j] * p[j] for j in range(dim))
-                      for m in range(dim) for k in range(dim))
-
-    def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
-        slope = 2 * square * kernel.slope(sum(o**2 for o in offset) * square)
-        along = [slope * o for o in offset]
-        return tuple(total[m * dim + k] + a[m] * along[k] for m in range(dim) for k in range(dim))
-
-    return _over_centers(p, leaves, start, add)
-
-
-def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...],
-                  add: Callable[..., tuple[Any, ...]]) -> tuple[Any, ...]:
-    dim = len(p)
-
-    def body(q: Any, total: tuple[Any, ...]) -> tuple[Any, ...]:
-        x = lax.dynamic_slice(leaves.centers, (q * _GROUP, q * 0), (_GROUP, dim))
-        a = lax.dynamic_slice(leaves.coefficients, (q * _GROUP, q * 0), (_GROUP, dim))
-        scale = None if leaves.scales is None else lax.dynamic_slice(leaves.scales, (q * _GROUP,), (_GROUP,))
-        for i in range(_GROUP):
-            offset = [p[k] - x[i, k] for k in range(dim)]
-            total = add(total, offset, a[i], 1 if scale is None else scale[i] ** 2)
-        return total
-
-    return lax.fori_loop(0, (leaves.count + _GROUP - 1) // _GROUP, body, start)
-
-
-def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
-    dim = rows.shape[0]
-
-    def tile(r: Any) -> Any:
-        return jnp.stack(what(tuple(r[k][:, None] + columns[k][None, :] for k in range(dim)), leaves, kernel))
-
-    tiles = lax.map(tile, rows.reshape(dim, -1, _TILE).transpose(1, 0, 2))
-    return tiles.transpose(1, 0, 2, 3).reshape(-1, rows.shape[1], columns.shape[1])
-
-
-_evaluate_lattice = compiled(_lattice, static_argnames=("kernel", "what"))
-
-
-def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
-    return lax.map(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
-
-
-_evaluate_blocks = compiled(_blocks, static_argnames=("kernel", "what"))
-
-
-def at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
-               dtype: Any) -> NDArray[Any]:
-    """Displacements (dim, R, C) at relative points ``rows[:, r] + columns[:, c]``."""
-    return _at_lattice(rows, columns, leaves, kernel, dtype, _displacement)
-
-
-def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
-                        kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
-    """Derivatives (dim, dim, R, C) of D with respect to the relative coordinates, as :func:`at_lattice`."""
-    dim = len(rows)
-    return _at_lattice(rows, columns, leaves, kernel, dtype, _jacobian).reshape(dim, dim, rows.shape[1], -1)
-
-
-def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
-                dtype: Any, what: Sum) -> NDArray[Any]:
-    dim, n = rows.shape
-    padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
-    padded[:, :n] = rows
-    with float64():
-        out = _evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what)
-    return np.asarray(out)[:, :n]
-
-
-def at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
-    """Displacements (dim, n) at relative points (dim, n)."""
-    return _at_points(points, leaves, kernel, dtype, _displacement)
-
-
-def jacobian_at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
-                       dtype: Any) -> NDArray[Any]:
-    """Derivatives (dim, dim, n) of D with respect to the relative coordinates, as :func:`at_points`."""
-    dim = len(points)
-    return _at_points(points, leaves, kernel, dtype, _jacobian).reshape(dim, dim, -1)
-
-
-def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any,
-               what: Sum) -> NDArray[Any]:
-    dim, n = points.shape
-    block = 64 if n <= 64 else 4096
-    count = few_sizes(-(-n // block)) if n else 1
-    padded = np.zeros((count * block, dim), dtype=dtype)
-    padded[:n] = points.T
-    with float64():
-        out = _evaluate_blocks(padded.reshape(count, block, dim).transpose(0, 2, 1), leaves, kernel=kernel, what=what)
-    out = np.asarray(out)  # [block, component, point]
-    return out.transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
-
-
-CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048)
-"""Numbers of points that are compiled for; a fit is padded to the next one, so adding a point rarely recompiles."""
+from deformnb.rbf.system import plain_moments, solve, solve_sparse
+from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
 
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
 # above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
@@ -217,6 +67,7 @@ POOR = ("the control points predict each other worse than their affine trend alo
 # supports of 1/8 to 3/2 of the image. Where 36 times that is more than this share of a pixel, evaluation runs in
 # float64 (2.8 times as long).
 _FLOAT32_ERROR = 36 * 6e-8
+_COMPACT_ERROR = 14 * 6e-8
 _PIXEL_SHARE = 1e-3
 
 
@@ -359,6 +210,8 @@ class RBFInterpolant(AbstractField):
 
     def float32_error(self, reach: float = 1.0) -> float:
         """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
+        if self.kernel.compact and int(self.count) >= CULLED:
+            return float(_COMPACT_ERROR * np.sqrt(local_squares(self._leaves(np.float64)).max()))
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
         # Places far away in units of the support are rounded too; a kernel's slope is about 2.
         largest = max(np.abs(self.kernel(float(self.support))(np.array([0.0, farthest]))).max(), reach / 6)
@@ -368,6 +221,8 @@ class RBFInterpolant(AbstractField):
         return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
     def _leaves(self, dtype: Any) -> Leaves:
+        if self.kernel.compact and int(self.count) >= CULLED:
+            dtype = np.float64  # tiles subtract their middle first
         arrays = (self.centers, self.coefficients, self.linear, self.constant)
         scales = None if self.scales is None else np.asarray(self.scales, dtype=dtype)
         centers, coefficients, linear, constant = (np.asarray(a, dtype=dtype) for a in arrays)
@@ -455,9 +310,10 @@ def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([x, middles, *(a + share * (b - a) for share in (0.25, 0.5, 0.75))])
 
 
-def capacity(n: int) -> int:
-    """The smallest of :data:`CAPACITIES` that holds n points."""
-    return next(c for c in CAPACITIES if c >= n)
+DENSE = 1000
+"""Points up to which the system of a compact kernel is solved as a dense one, compiled; beyond, as a sparse one."""
+
+_solve = compiled(solve, static_argnames=("kernel", "trend"))
 
 
 def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
@@ -484,7 +340,13 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
                               ready.trend, ready.notes, ready.ids, scales, smoothed)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     with float64():
-        solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend)
+        if kernel.compact and n > DENSE:
+            own = None if scales is None else scales[:n]
+            solved = solve_sparse(x[:n], d[:n], nugget[:n] if smoothing else np.zeros(n), ready.span, turn, own,
+                                  kernel=kernel, trend=ready.trend).padded(size)
+        else:
+            solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel,
+                            trend=ready.trend)
         alpha, linear, constant, miss = (np.array(a) for a in solved[:4])
         bent = None if solved.quadratic is None else np.array(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
@@ -545,159 +407,3 @@ def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
     u, _, vt = np.linalg.svd(m)
     r = u @ vt
     return r if np.linalg.det(r) > 0 else np.eye(fit.dim)
-
-
-# ---- the compiled solve ---------------------------------------------------------------------------------------------
-
-
-class Solved(NamedTuple):
-    """A solved fit in relative coordinates.
-
-    Parameters
-    ----------
-    alpha (C, dim), linear A (dim, dim), constant t (dim,); miss (C, dim), the residual of the conditions, zero but for
-    rounding; quadratic (dim, dim, dim), the matrices H_m of the trend "quadratic", else None.
-    """
-
-    alpha: Any
-    linear: Any
-    constant: Any
-    miss: Any
-    quadratic: Any = None
-
-
-def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
-          kernel: type[AbstractKernel], trend: str) -> Solved:
-    """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
-
-    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
-    determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
-    their own.
-    """
-    both = active[:, None] & active[None, :]
-    s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
-    s = s if scales is None else s * scales**2
-    phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
-    one = active.astype(x.dtype)[:, None]
-    c, q, whole = None, None, d
-    if trend == "quadratic":
-        q = products(x, jnp)
-        if kernel.order < 3:
-            c, trend = _quadratic_part(phi, x, d, q, one, span, scales is not None), "affine"
-            d = d - q @ c
-    if scales is not None:
-        alpha, linear, constant = _least_squares(phi, x, d, one, span, turn, trend)
-    elif kernel.order == 3:
-        assert q is not None
-        alpha, linear, constant, c = _bordered(phi, x, d, one, span.basis, q, span.quadrics)
-    elif kernel.order == 2:
-        alpha, linear, constant, _ = _bordered(phi, x, d, one, span.basis)
-    elif TRENDS[trend].linear is None:
-        alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
-    else:
-        alpha, linear, constant = _least_energy(phi, x, d, one, span, turn, kernel, trend)
-    bent = 0.0 if c is None else q @ c
-    miss = one * (phi @ alpha + x @ linear.T + constant + bent - whole)
-    return Solved(alpha, linear, constant, miss, None if c is None else quadratic_forms(c, x.shape[1]))
-
-
-def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_skew: bool) -> Any:
-    """C (q, dim) of least energy beside all affine maps, ``(S + tr(S) bend)^-1 Q^T W d`` with ``S = Q^T W Q``.
-
-    W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection.
-    """
-    p = jnp.concatenate([one, x @ span.basis], axis=1)
-    both = jnp.concatenate([q, d], axis=1)
-    if is_skew:
-        w = both - p @ jnp.linalg.lstsq(p, both)[0]
-    else:
-        border = jnp.zeros((p.shape[1],) * 2)
-        bordered = jnp.block([[phi, p], [p.T, border]])
-        w = jnp.linalg.solve(bordered, jnp.concatenate([both, jnp.zeros((p.shape[1], both.shape[1]))]))[: len(x)]
-    count = q.shape[1]
-    s, h = q.T @ w[:, :count], q.T @ w[:, count:]
-    size = jnp.trace(s)
-    held = s if span.bend is None else s + jnp.where(size > 0, size, 1.0) * span.bend
-    return jnp.linalg.solve(held, h)
-
-
-def _inverse_of(phi: Any) -> Any:
-    factor = jax.scipy.linalg.cho_factor(phi, lower=True)
-    return lambda b: jax.scipy.linalg.cho_solve(factor, b)
-
-
-def _least_energy(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel],
-                  trend: str) -> tuple[Any, Any, Any]:
-    """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
-    dim = x.shape[1]
-    rhs = jnp.concatenate([x, d], axis=1)
-    if kernel.order == 0:
-        v = _inverse_of(phi)(jnp.concatenate([one, rhs], axis=1))
-        mean = (one.T @ v[:, 1:]) / (one.T @ v[:, :1])
-        w = v[:, 1:] - v[:, :1] * mean
-    else:  # Phi is not definite: only the bordered system is well posed
-        bordered = jnp.block([[phi, one], [one.T, jnp.zeros((1, 1))]])
-        v = jnp.linalg.solve(bordered, jnp.concatenate([rhs, jnp.zeros((1, 2 * dim))]))
-        w, mean = v[:-1], v[-1:]
-    wx, wd = w[:, :dim], w[:, dim:]
-    s = x.T @ wx
-    rule = TRENDS[trend].linear
-    assert rule is not None
-    moments = s, s + d.T @ wx
-    if trend == "affine":
-        moments = steadied(moments, plain_moments(x, d, one), span.ridge)
-    linear = rule(*moments, span, turn) - jnp.eye(dim)
-    return wd - wx @ linear.T, linear, mean[0, dim:] - linear @ mean[0, :dim]
-
-
-def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
-    """S and H of :mod:`deformnb.rbf.trends` in which all points count alike."""
-    mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
-    centred = one * (x - mean_x)
-    s = centred.T @ centred
-    return s, s + (d - mean_d).T @ centred
-
-
-def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
-    """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves."""
-    dim, rule = x.shape[1], TRENDS[trend].linear
-    linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
-    if rule is not None:
-        mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
-        linear = rule(*plain_moments(x, d, one), span, turn) - jnp.eye(dim)
-        constant = mean_d - linear @ mean_x
-    return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
-
-
-def _bordered(phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None,
-              quadrics: Any = None) -> tuple[Any, Any, Any, Any]:
-    """Eqs. 3-4 as printed, for kernels of order 2 and 3: [Phi P; P^T 0], P = (1, x on the span of the points).
-
-    For order 3 P has the quadratic products ``q`` (C, k) too, in the combinations ``quadrics`` (k, r) that the points
-    determine. Returns alpha, A, t, and their factors (k, dim) or None.
-    """
-    n, (dim, rank) = x.shape[0], basis.shape
-    columns = [one, x @ basis]
-    if q is not None:
-        quadrics = jnp.eye(q.shape[1]) if quadrics is None else quadrics
-        columns.append(q @ quadrics)
-    p = jnp.concatenate(columns, axis=1)
-    width = p.shape[1]
-    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((width, width))]]))
-
-    def bordered(b: Any) -> Any:
-        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((width, dim))]))
-
-    v, last = bordered(d), n + 1 + rank
-    bent = None if q is None else quadrics @ v[last:]
-    if rank == dim:
-        return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
-    linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
-    # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
-    # fit what is left. Its trend is of the size of that rounding, and is kept.
-    rest = bordered(d - x @ linear.T - (0.0 if q is None else q @ bent))
-    bent = bent if q is None else bent + quadrics @ rest[last:]
-    return rest[:n], linear + rest[n + 1 : last].T @ basis.T, rest[n], bent
-
-
-_solve = compiled(solve, static_argnames=("kernel", "trend"))

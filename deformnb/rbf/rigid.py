@@ -42,6 +42,7 @@ from deformnb.rbf.fields import AbstractField, in_blocks
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.support import choose_support
@@ -373,7 +374,7 @@ class RigidInterpolant(AbstractField):
     notes : remarks for a status line.
     """
 
-    base: RBFInterpolant
+    base: RBFInterpolant | LocalFits
     regions: tuple[AbstractRegion, ...]
     matrices: Any
     shifts: Any
@@ -466,7 +467,7 @@ def _is_still(matrix: Any, shift: Any) -> bool:
 
 def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str = "wendland_c2",
               support: float | None = None, trend: str = "affine",
-              smoothing: float = 0.0) -> RBFInterpolant | RigidInterpolant:
+              smoothing: float = 0.0) -> RBFInterpolant | LocalFits | RigidInterpolant:
     """Fit control points beside rigid parts (Eq. 6).
 
     Parameters

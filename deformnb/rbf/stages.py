@@ -23,6 +23,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.rigid import RigidInterpolant, RigidPart, fit_rigid
 from deformnb.rbf.support import choose_support
@@ -93,7 +94,7 @@ class Staged(AbstractField):
         return np.asarray(total - one)
 
 
-Fit = RBFInterpolant | RigidInterpolant | Staged
+Fit = RBFInterpolant | LocalFits | RigidInterpolant | Staged
 """Fit of a set of control points; all have notes, ids and a trend."""
 
 
@@ -128,7 +129,7 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
     if stages == 1:
         if any(part.enabled for part in parts):
             return fit_rigid(points, parts, support=support, **settings)
-        kept = previous if isinstance(previous, RBFInterpolant) else None
+        kept = previous if isinstance(previous, RBFInterpolant | LocalFits) else None
         return fit_rbf(points, support=support, previous=kept, **settings)
     settings["support"] = support or choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
     return Staged(tuple(_fit_stage(_part_of_way(points, j, stages), parts, settings, j, stages)
@@ -153,7 +154,7 @@ def _part_of_way(points: ControlPoints, j: int, stages: int) -> ControlPoints:
 
 
 def _fit_stage(points: ControlPoints, parts: Sequence[RigidPart], settings: dict[str, Any], j: int,
-               stages: int) -> RBFInterpolant | RigidInterpolant:
+               stages: int) -> RBFInterpolant | LocalFits | RigidInterpolant:
     try:
         return fit_rigid(points, parts, **settings)
     except DeformError as error:

@@ -23,7 +23,7 @@ from deformnb._jax import float64
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_one_system
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.stages import check_stages
@@ -341,7 +341,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     check_stages(stages, ())
     _check_options(energy, iterations, least)
     pair = grey_pair(points, moving, fixed)
-    start = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
+    start = fit_one_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     objective = initial_objective(points, start, smoothing, energy, alike, stages)
     search = MultiscaleFit(objective, np.asarray(start.origin), float(start.support), *pair, iterations, least,
                            progress or (lambda share: None))
@@ -459,7 +459,7 @@ def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pict
     pair = grey_pair(points, moving, fixed)
     chosen = tuple(points.ids if ids is None else dict.fromkeys(int(i) for i in ids))
     near = _length(radius, max(_SHARE * pair[0].diagonal, _PIXELS * pair[0].pixel), "radius")
-    window = _Window(*pair, map_now or fit_rbf(points, **fit), near, _length(search, near, "search"))
+    window = _Window(*pair, map_now or fit_one_system(points, **fit), near, _length(search, near, "search"))
     score, shift = np.full(len(chosen), np.nan), np.zeros((len(chosen), points.dim))
     target, left = points.target.copy(), {}
     for n, point in enumerate(chosen):

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64
 from deformnb.errors import DeformError
-from deformnb.rbf.interpolant import solve
 from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.system import solve
 
 BLOCK = 4096
 """Places whose displacements are computed at once: with 64 points 2 MiB for each intermediate, within the cache."""
@@ -111,7 +111,7 @@ class Fitting:
     Parameters
     ----------
     source : (C, dim), zero beyond the points in use; active : (C,) True for these.
-    nugget, scales, span, turn, kernel, trend : as :func:`deformnb.rbf.interpolant.solve` takes them.
+    nugget, scales, span, turn, kernel, trend : as :func:`deformnb.rbf.system.solve` takes them.
     stages : equal parts in which the points go their way.
     """
 

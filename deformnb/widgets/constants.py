@@ -9,7 +9,7 @@ import json
 
 from deformnb import checks
 from deformnb.imaging import occlusion
-from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, trends
+from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, support, trends
 from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
@@ -24,6 +24,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "slits": (slits, ("MOST_SLITS",)),
     "stages": (stages, ("MOST_STAGES",)),
     "occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
+    "support": (support, ("MANY", "MOST_NEIGHBOURS")),
     "edit_messages": (edit_messages, ("LONGEST_EDIT",)),
 }
 """The modules by name, and the constants of each that the front end needs too; their reasons are there."""

@@ -199,10 +199,13 @@ def test_the_registries_are_alike() -> None:
 
 
 def test_a_page_that_knows_no_choice_takes_the_usual_support() -> None:
-    """Of scattered points, of a row, of sources at one place, of none; and the box's diagonal of older documents."""
+    """Of scattered points, of a row, of sources at one place, of none, of many; and the box's diagonal of older
+    documents."""
     row = ControlPoints.from_arrays(np.outer(np.arange(9.0), [30.0, 40.0]))
     piled = ControlPoints.from_arrays(np.full((4, 2), 9.0), scattered().target[:4])
-    sets = [scattered(), row, row.take([0, 3]), piled, ControlPoints.empty()]
+    many = np.random.default_rng(3).uniform(0, 300, (1100, 2))
+    sets = [scattered(), row, row.take([0, 3]), piled, ControlPoints.empty(), ControlPoints.from_arrays(many),
+            ControlPoints.from_arrays(many * [1.0, 1e-3])]
     main = """({ sets, kernels }) => sets.map((points) => [rbfBoxDiagonal(points),
         ...kernels.map((kernel) => rbfSupport(points, { kernel, lone_support: null }))])"""
     found = run_script(FILES, main, {"sets": [as_json(points) for points in sets], "kernels": list(KERNELS)})

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import LARGEST_SET, SAME_PLACE, box_diagonal
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.conditioning import MOST_POINTS, SAME_PLACE, box_diagonal
+from deformnb.rbf.fitting import fit_one_system, fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
@@ -250,11 +250,13 @@ def test_a_support_that_is_no_length_is_refused(support: float, trend: str) -> N
         fit_rbf(ControlPoints.from_arrays(BASE, BASE + 1), support=support, trend=trend)
 
 
-def test_more_points_than_a_dense_solve_can_take_are_refused_at_once() -> None:
-    x = np.random.default_rng(0).uniform(0, 100, (LARGEST_SET + 1, 2))
+def test_more_points_than_a_fit_can_take_are_refused_at_once() -> None:
+    x = np.random.default_rng(0).uniform(0, 100, (MOST_POINTS + 1, 2))
     points = ControlPoints.from_arrays(x, x + 1)
-    with pytest.raises(DeformError, match="2001 control points are more than the 2000"):
+    with pytest.raises(DeformError, match="20001 control points are more than the 20000"):
         fit_rbf(points)
+    with pytest.raises(DeformError, match="20001 control points are more than the 2000 whose"):
+        fit_one_system(points)
 
 
 @pytest.mark.allow_nan

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
+from deformnb.rbf import evaluation, system
 from deformnb.rbf import interpolant as rbf
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
@@ -173,7 +174,7 @@ def test_inactive_points_count_for_nothing(trend: str) -> None:
                                                ("thin_plate", "affine"), ("wendland_c2", "none")])
 def test_padding_never_changes_a_result(kernel: str, trend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     points, fit = fitted(kernel, trend, 2)
-    monkeypatch.setattr(rbf, "CAPACITIES", (16, 32))
+    monkeypatch.setattr(evaluation, "CAPACITIES", (16, 32))
     wide = fit_rbf(points, kernel=kernel, support=SUPPORT, trend=trend)
     assert len(wide.centers) == 16
     oracle.assert_close(wide.displacement(elsewhere(2)), fit.displacement(elsewhere(2)), atol=CLOSE)
@@ -185,7 +186,7 @@ def test_padding_never_changes_a_result(kernel: str, trend: str, monkeypatch: py
 def test_capacities_change_over_without_a_jump(n: int) -> None:
     x = sources(2, n)
     fit = fit_rbf(ControlPoints.from_arrays(x, x + drag(2, n=n)), support=SUPPORT)
-    assert len(fit.centers) == rbf.capacity(n) == (8 if n == 8 else 16)
+    assert len(fit.centers) == evaluation.capacity(n) == (8 if n == 8 else 16)
     oracle.assert_close(fit.displacement(x + drag(2, n=n)), -drag(2, n=n), atol=CLOSE)
 
 
@@ -219,7 +220,7 @@ def test_the_solve_is_differentiable_in_the_drag_and_in_the_places(trend: str, d
     args = (np.ones(n, dtype=bool), np.zeros(n), whole_span(x, trend), np.eye(dim))
 
     def total(x: Any, d: Any) -> Any:
-        alpha, linear, constant, _, bent = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
+        alpha, linear, constant, _, bent = system.solve(x, d, *args, kernel=WendlandC2, trend=trend)
         curved = 0.0 if bent is None else jnp.sum(bent**2)
         return jnp.sum(jnp.sin(alpha)) + jnp.sum(linear**2) + jnp.sum(constant) + curved
 
@@ -240,7 +241,7 @@ def test_gradients_stay_finite_where_nothing_is_dragged_and_the_points_form_a_ba
     args = (np.ones(8, dtype=bool), np.zeros(8), whole_span(x, trend), np.eye(3))
 
     def total(d: Any) -> Any:
-        alpha, linear, *_ = rbf.solve(x, d, *args, kernel=WendlandC2, trend=trend)
+        alpha, linear, *_ = system.solve(x, d, *args, kernel=WendlandC2, trend=trend)
         return jnp.sum(alpha) + jnp.sum(linear * np.arange(9).reshape(3, 3))
 
     with float64():  # all singular values of H are equal: the derivative of an SVD is not finite there

@@ -2,8 +2,8 @@
 // in float64, as in the package; a test compares the two for every kernel and trend.
 
 import {
-  COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MOST_GAIN,
-  NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
+  COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MANY, MOST_GAIN,
+  MOST_NEIGHBOURS, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
 } from "./constants.js";
 
 /** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
@@ -838,8 +838,8 @@ export function rbfFit(points, settings = {}) {
       "knows none; choose a Wendland kernel or the Gaussian, or clear their radii.");
   }
   if (active.length > LARGEST_SET) {
-    throw new RbfError(`${active.length} control points are more than the ${LARGEST_SET} a dense solve is meant ` +
-      "for; switch some off or thin them out.");
+    throw new RbfError(`${active.length} control points are more than the ${LARGEST_SET} that are fitted here; ` +
+      "Python fits them: warp the volume, or switch some off to drag.");
   }
   // The radius is that of the points as dragged, at full strength, as in deformnb.document.deformation.Step.
   const radius = rbfRadius(active, rbfSupport(points, settings), trend);
@@ -937,8 +937,11 @@ export function rbfBoxDiagonal(points) {
 function rbfUsualSupport(points, kernel) {
   const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
   if (size === 0) return null;
-  const isThin = rbfSpreads(places, places).spread < THIN;
-  return size * (isThin ? Math.min(share, 0.5, gaps / Math.max(1, places.length - 1)) : share);
+  const isThin = rbfSpreads(places, places).spread < THIN, wide = isThin ? 1 : 2;
+  const across = Math.max(1, places.length ** (1 / wide) - 1), ball = isThin ? 2 : Math.PI;
+  const most = places.length > MANY && RBF_KERNELS[kernel].order < 2
+    ? (MOST_NEIGHBOURS / ball) ** (1 / wide) / Math.sqrt(wide) / across : Infinity;
+  return size * Math.min(share, most, ...(isThin ? [0.5, gaps / across] : []));
 }
 
 /**

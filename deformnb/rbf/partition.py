@@ -1,0 +1,262 @@
+"""Local fits blended as a partition of unity: many control points with a kernel that has no end.
+
+A dense system of N points costs N^3. Space is divided in boxes of few points each, halved at the median along their
+longest side, and every box has a fit of its own of the points within it and around it. The displacement is
+
+    ``D(x) = sum_k w_k(x) D_k(x) / sum_k w_k(x)``
+
+with w_k a product of smooth steps across the faces of box k: 1 within, 0 from a margin on. Every fit whose w_k is not
+zero at a control point interpolates it, so the blend does; steps with two continuous derivatives make it as smooth as
+the kernel, where taking the nearest points of each place anew would jump (H. Wendland, Scattered Data Approximation
+(2004), chapter 15).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.spatial
+from jax import lax
+from numpy.typing import ArrayLike, NDArray
+
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import PreparedPoints
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.interpolant import RBFInterpolant, solve_prepared
+from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
+
+Floats = NDArray[np.float64]
+
+LEAF = 150
+"""Points of a box at most; with those around it a fit has a few hundred, which takes milliseconds."""
+
+_MARGIN = 0.35  # width of the steps across the faces, in sides of the box
+_AROUND = 1.6  # how far around a box its fit takes points, in margins: its rim is a guess without them
+_LEAST = 60  # points of a fit at least, or all: the nearest ones are added to those of a box
+_PROBES = 9  # places where the deviation is measured
+_WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is compared with
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["fits", "low", "high", "margin"],
+         meta_fields=["remarks", "ids"])
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalFits(AbstractField):
+    """Fits of the points in and around boxes that tile space, blended across the faces of these.
+
+    Parameters
+    ----------
+    fits : one for each box, of one kernel and support.
+    low, high : (n, dim) corners of the boxes, physical; infinite at the rim.
+    margin : (n, dim) half of the width of the steps across their faces.
+    remarks : notes; ids : of the control points behind the fits.
+    """
+
+    fits: tuple[RBFInterpolant, ...]
+    low: Any
+    high: Any
+    margin: Any
+    remarks: tuple[str, ...] = ()
+    ids: tuple[int, ...] = ()
+
+    @property
+    def dim(self) -> int:
+        return int(self.fits[0].dim)
+
+    @property
+    def kernel(self) -> type[AbstractKernel]:
+        """The kernel of the fits."""
+        return self.fits[0].kernel
+
+    @property
+    def support(self) -> float:
+        """The support of the fits."""
+        return float(self.fits[0].support)
+
+    @property
+    def trend(self) -> str:
+        """The trend of the fits."""
+        return str(self.fits[0].trend)
+
+    @property
+    def count(self) -> int:
+        """Number of control points."""
+        return len(self.ids)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks for a status line."""
+        return self.remarks
+
+    def __call__(self, points: Any) -> Any:
+        x = jnp.asarray(points)
+
+        def add(total: tuple[Any, Any], box: tuple[Any, ...]) -> tuple[tuple[Any, Any], None]:
+            fit, low, high, margin = box
+            w = jnp.prod(_steps(x, low, high, margin, jnp), axis=-1, keepdims=True)
+            return (total[0] + w * fit(x), total[1] + w), None
+
+        start = jnp.zeros_like(x), jnp.zeros_like(x[..., :1])
+        boxes = tuple(jnp.asarray(a, dtype=x.dtype) for a in (self.low, self.high, self.margin))
+        (total, weight), _ = lax.scan(add, start, (_stacked(self.fits, x.dtype), *boxes))
+        return total / weight
+
+    def displacement(self, points: ArrayLike) -> Floats:
+        x, shape = self._places(points)
+        total, weight = np.zeros(x.shape), np.zeros(len(x))
+        for k, near in self._within(x):
+            w = np.prod(_steps(x[near], self.low[k], self.high[k], self.margin[k], np), axis=1)
+            total[near] += w[:, None] * self.fits[k].displacement(x[near])
+            weight[near] += w
+        return (total / weight[:, None]).reshape(shape)
+
+    def jacobian(self, points: ArrayLike) -> Floats:
+        """dD/dx by the quotient rule: ``(sum_k w_k J_k + (D_k - D) dw_k^T) / sum_k w_k``."""
+        x, shape = self._places(points)
+        n, dim = x.shape
+        blended = self.displacement(x)
+        total, weight = np.zeros((n, dim, dim)), np.zeros(n)
+        for k, near in self._within(x):
+            p, m = x[near], self.margin[k]
+            down, up = (p - self.low[k]) / m, (self.high[k] - p) / m
+            rise = (_step_slope(down) * _step(up, np) - _step(down, np) * _step_slope(up)) / m
+            steps = _steps(p, self.low[k], self.high[k], m, np)
+            w = np.prod(steps, axis=1)
+            slope = np.stack([rise[:, a] * np.prod(np.delete(steps, a, axis=1), axis=1) for a in range(dim)], axis=1)
+            beside = self.fits[k].displacement(p) - blended[near]
+            total[near] += w[:, None, None] * self.fits[k].jacobian(p) + beside[:, :, None] * slope[:, None, :]
+            weight[near] += w
+        return (total / weight[:, None, None]).reshape(*shape, dim)
+
+    def folds_between_points(self) -> bool:
+        """Check whether one of the fits folds between its points."""
+        return any(fit.folds_between_points() for fit in self.fits)
+
+    def _places(self, points: ArrayLike) -> tuple[Floats, tuple[int, ...]]:
+        x = np.asarray(points, dtype=np.float64)
+        if x.shape[-1:] != (self.dim,):
+            raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
+        return x.reshape(-1, self.dim), x.shape
+
+    def _within(self, x: Floats) -> Any:
+        for k in range(len(self.fits)):
+            low, high = self.low[k] - self.margin[k], self.high[k] + self.margin[k]
+            near = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
+            if len(near):
+                yield k, near
+
+
+def _stacked(fits: tuple[RBFInterpolant, ...], dtype: Any) -> RBFInterpolant:
+    """The fits as one whose arrays have the fits on their first axis, for a loop of JAX."""
+    size, own = max(len(fit.centers) for fit in fits), any(fit.scales is not None for fit in fits)
+
+    def plain(fit: RBFInterpolant) -> RBFInterpolant:
+        rest = size - len(fit.centers)
+        scales = np.pad(np.ones(len(fit.centers)) if fit.scales is None else fit.scales, (0, rest)) if own else None
+        centers, coefficients = (np.pad(a, ((0, rest), (0, 0))) for a in (fit.centers, fit.coefficients))
+        return RBFInterpolant(centers, coefficients, fit.linear, fit.constant, fit.origin, fit.support, fit.count,
+                              fit.kernel, fit.trend, scales=scales, quadratic=fit.quadratic)
+
+    found: RBFInterpolant = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), dtype=dtype), *map(plain, fits))
+    return found
+
+
+def _steps(x: Any, low: Any, high: Any, margin: Any, xp: Any) -> Any:
+    """The two steps along each axis across the faces of a box, multiplied: (..., dim)."""
+    return _step((x - low) / margin, xp) * _step((high - x) / margin, xp)
+
+
+def _step(t: Any, xp: Any) -> Any:
+    """A step from 0 at -1 to 1 at 1 with two continuous derivatives."""
+    s = xp.clip((t + 1) / 2, 0.0, 1.0)
+    return s * s * s * (s * (6 * s - 15) + 10)
+
+
+def _step_slope(t: Floats) -> Floats:
+    s = np.clip((t + 1) / 2, 0.0, 1.0)
+    return 15 * np.square(s * (1 - s))
+
+
+def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float) -> LocalFits:
+    """Local fits of prepared points, with a note of how far they deviate from wider ones.
+
+    Raises
+    ------
+    DeformError
+        Where a fit is refused; it names points of its own.
+    """
+    x = ready.targets
+    low, high, members = _boxes(x)
+    sides = np.where(np.isfinite(high - low), high - low, np.inf)
+    inner = np.array([np.ptp(x[m], axis=0) for m in members])
+    margin = _MARGIN * np.minimum(sides, np.maximum(inner, inner.max(axis=1, keepdims=True) * 1e-3))
+    tree = scipy.spatial.cKDTree(x)
+    fits = []
+    for k in range(len(members)):
+        wide = _AROUND * margin[k]
+        near = ((x >= low[k] - wide) & (x <= high[k] + wide)).all(axis=1)
+        fits.append(solve_prepared(_part_of(ready, _filled(near, x, tree)), kernel, smoothing, None))
+    counts = [int(fit.count) for fit in fits]
+    field = LocalFits(tuple(fits), low, high, margin, (), ready.ids)
+    deviation = _deviation(field, ready, kernel, smoothing, tree)
+    note = (f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
+            f"to {max(counts)} points, blended; midway between points they deviate by up to {deviation:.1g} from "
+            f"fits of {_WIDER} times as many points")
+    return replace(field, remarks=(*ready.notes, note))
+
+
+def _filled(near: NDArray[np.bool_], x: Floats, tree: Any) -> NDArray[np.int64]:
+    """Positions of points near a box, and of the nearest others where these are few."""
+    at = np.flatnonzero(near)
+    if len(at) < min(_LEAST, len(x)):
+        at = np.union1d(at, np.asarray(tree.query(x[at].mean(axis=0), k=min(_LEAST, len(x)))[1]))
+    return at.astype(np.int64)
+
+
+def _boxes(x: Floats) -> tuple[Floats, Floats, list[NDArray[np.int64]]]:
+    """Boxes that tile space, each with at most :data:`LEAF` points: corners (n, dim) and the points of each."""
+    waiting = [(np.full(x.shape[1], -np.inf), np.full(x.shape[1], np.inf), np.arange(len(x)))]
+    low, high, members = [], [], []
+    while waiting:
+        bottom, top, own = waiting.pop()
+        axis = int(np.ptp(x[own], axis=0).argmax())
+        middle = float(np.median(x[own, axis]))
+        below = x[own, axis] < middle
+        if len(own) <= LEAF or not below.any():
+            low.append(bottom)
+            high.append(top)
+            members.append(own)
+            continue
+        inner_top, inner_bottom = top.copy(), bottom.copy()
+        inner_top[axis] = inner_bottom[axis] = middle
+        waiting += [(bottom, inner_top, own[below]), (inner_bottom, top, own[~below])]
+    return np.array(low), np.array(high), members
+
+
+def _part_of(ready: PreparedPoints, at: NDArray[np.int64]) -> PreparedPoints:
+    """Some of the prepared points, with the span that they have themselves."""
+    x, d = ready.targets[at], ready.displacements[at]
+    origin = x.mean(axis=0)
+    bent = quadric_span(x - origin, np.eye(x.shape[1])) if ready.trend == "quadratic" else ()
+    span = Span(np.eye(x.shape[1]), ridge_of(*spreads_of(x, x + d)), *bent)
+    return replace(ready, targets=x, displacements=d, weights=ready.weights[at], radii=ready.radii[at], origin=origin,
+                   span=span, ids=tuple(ready.ids[k] for k in at.tolist()), notes=())
+
+
+def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
+               tree: Any) -> float:
+    """The largest difference, midway between neighbours from the middle to the rim, to fits of more points."""
+    x, worst = ready.targets, 0.0
+    outwards = np.argsort(np.linalg.norm(x - np.median(x, axis=0), axis=1))
+    count = min(_WIDER * int(np.mean([int(fit.count) for fit in field.fits])), len(x))
+    for k in outwards[np.linspace(0, len(x) - 1, _PROBES).astype(int)].tolist():
+        near = np.asarray(tree.query(x[k], k=count)[1])
+        place = (x[near[0]] + x[near[1]]) / 2
+        wide = solve_prepared(_part_of(ready, np.sort(near)), kernel, smoothing, None).displacement(place)
+        worst = max(worst, float(np.linalg.norm(wide - field.displacement(place))))
+    return worst

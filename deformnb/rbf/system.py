@@ -1,0 +1,297 @@
+"""Linear systems of a fit: dense, compiled and differentiable; sparse for many points with a compact kernel.
+
+Coordinates are relative to the support radius. All components of the displacement share one matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+import scipy.spatial
+from numpy.typing import NDArray
+
+from deformnb._jax import compiled
+from deformnb.errors import DeformError
+from deformnb.rbf.evaluation import few_sizes
+from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.trends import TRENDS, Span, complete, products, quadratic_forms, steadied
+
+
+class Solved(NamedTuple):
+    """A solved fit in relative coordinates.
+
+    Parameters
+    ----------
+    alpha (C, dim), linear A (dim, dim), constant t (dim,); miss (C, dim), the residual of the conditions, zero but for
+    rounding; quadratic (dim, dim, dim), the matrices H_m of the trend "quadratic", else None.
+    """
+
+    alpha: Any
+    linear: Any
+    constant: Any
+    miss: Any
+    quadratic: Any = None
+
+    def padded(self, size: int) -> Solved:
+        """The same with zeros for centres up to ``size``."""
+        rest = ((0, size - len(self.alpha)), (0, 0))
+        return self._replace(alpha=np.pad(self.alpha, rest), miss=np.pad(self.miss, rest))
+
+
+def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
+          kernel: type[AbstractKernel], trend: str) -> Solved:
+    """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
+
+    ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
+    determine, ``turn`` is the rotation to fall back on, ``scales`` (C,) are support / R_j where points have radii of
+    their own.
+    """
+    both = active[:, None] & active[None, :]
+    s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
+    s = s if scales is None else s * scales**2
+    phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
+    one = active.astype(x.dtype)[:, None]
+    c, q, whole = None, None, d
+    if trend == "quadratic":
+        q = products(x, jnp)
+        if kernel.order < 3:
+            c, trend = _quadratic_part(phi, x, d, q, one, span, scales is not None), "affine"
+            d = d - q @ c
+    if scales is not None:
+        alpha, linear, constant = _least_squares(phi, x, d, one, span, turn, trend)
+    elif kernel.order == 3:
+        assert q is not None
+        alpha, linear, constant, c = _bordered(phi, x, d, one, span.basis, q, span.quadrics)
+    elif kernel.order == 2:
+        alpha, linear, constant, _ = _bordered(phi, x, d, one, span.basis)
+    elif TRENDS[trend].linear is None:
+        alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
+    else:
+        alpha, linear, constant = _least_energy(phi, x, d, one, span, turn, kernel, trend)
+    bent = 0.0 if c is None else q @ c
+    miss = one * (phi @ alpha + x @ linear.T + constant + bent - whole)
+    return Solved(alpha, linear, constant, miss, None if c is None else quadratic_forms(c, x.shape[1]))
+
+
+def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_skew: bool) -> Any:
+    """C (q, dim) of least energy beside all affine maps, ``(S + tr(S) bend)^-1 Q^T W d`` with ``S = Q^T W Q``.
+
+    W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection.
+    """
+    p = jnp.concatenate([one, x @ span.basis], axis=1)
+    both = jnp.concatenate([q, d], axis=1)
+    if is_skew:
+        w = both - p @ jnp.linalg.lstsq(p, both)[0]
+    else:
+        border = jnp.zeros((p.shape[1],) * 2)
+        bordered = jnp.block([[phi, p], [p.T, border]])
+        w = jnp.linalg.solve(bordered, jnp.concatenate([both, jnp.zeros((p.shape[1], both.shape[1]))]))[: len(x)]
+    count = q.shape[1]
+    s, h = q.T @ w[:, :count], q.T @ w[:, count:]
+    size = jnp.trace(s)
+    held = s if span.bend is None else s + jnp.where(size > 0, size, 1.0) * span.bend
+    return jnp.linalg.solve(held, h)
+
+
+def _inverse_of(phi: Any) -> Any:
+    factor = jax.scipy.linalg.cho_factor(phi, lower=True)
+    return lambda b: jax.scipy.linalg.cho_solve(factor, b)
+
+
+def _least_energy(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel],
+                  trend: str) -> tuple[Any, Any, Any]:
+    """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
+    dim = x.shape[1]
+    rhs = jnp.concatenate([x, d], axis=1)
+    if kernel.order == 0:
+        v = _inverse_of(phi)(jnp.concatenate([one, rhs], axis=1))
+        mean = (one.T @ v[:, 1:]) / (one.T @ v[:, :1])
+        w = v[:, 1:] - v[:, :1] * mean
+    else:  # Phi is not definite: only the bordered system is well posed
+        bordered = jnp.block([[phi, one], [one.T, jnp.zeros((1, 1))]])
+        v = jnp.linalg.solve(bordered, jnp.concatenate([rhs, jnp.zeros((1, 2 * dim))]))
+        w, mean = v[:-1], v[-1:]
+    wx, wd = w[:, :dim], w[:, dim:]
+    s = x.T @ wx
+    linear = _linear_part((s, s + d.T @ wx), plain_moments(x, d, one), span, turn, trend=trend)
+    return wd - wx @ linear.T, linear, mean[0, dim:] - linear @ mean[0, :dim]
+
+
+def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, turn: Any, *, trend: str) -> Any:
+    """A (dim, dim) of a trend from the moments S and H of the energy, and from those of all points alike."""
+    rule = TRENDS[trend].linear
+    assert rule is not None
+    if trend == "affine":
+        moments = steadied(moments, plain, span.ridge)
+    return rule(*moments, span, turn) - jnp.eye(len(turn))
+
+
+def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
+    """S and H of :mod:`deformnb.rbf.trends` in which all points count alike."""
+    mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+    centred = one * (x - mean_x)
+    s = centred.T @ centred
+    return s, s + (d - mean_d).T @ centred
+
+
+def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:
+    """For a matrix that is not symmetric: the trend of least squares, and Phi alpha = what it leaves."""
+    dim, rule = x.shape[1], TRENDS[trend].linear
+    linear, constant = jnp.zeros((dim, dim)), jnp.zeros(dim)
+    if rule is not None:
+        mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+        linear = rule(*plain_moments(x, d, one), span, turn) - jnp.eye(dim)
+        constant = mean_d - linear @ mean_x
+    return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
+
+
+def _bordered(phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None,
+              quadrics: Any = None) -> tuple[Any, Any, Any, Any]:
+    """Eqs. 3-4 as printed, for kernels of order 2 and 3: [Phi P; P^T 0], P = (1, x on the span of the points).
+
+    For order 3 P has the quadratic products ``q`` (C, k) too, in the combinations ``quadrics`` (k, r) that the points
+    determine. Returns alpha, A, t, and their factors (k, dim) or None.
+    """
+    n, (dim, rank) = x.shape[0], basis.shape
+    columns = [one, x @ basis]
+    if q is not None:
+        quadrics = jnp.eye(q.shape[1]) if quadrics is None else quadrics
+        columns.append(q @ quadrics)
+    p = jnp.concatenate(columns, axis=1)
+    width = p.shape[1]
+    factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((width, width))]]))
+
+    def bordered(b: Any) -> Any:
+        return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((width, dim))]))
+
+    v, last = bordered(d), n + 1 + rank
+    bent = None if q is None else quadrics @ v[last:]
+    if rank == dim:
+        return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
+    linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
+    # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
+    # fit what is left. Its trend is of the size of that rounding, and is kept.
+    rest = bordered(d - x @ linear.T - (0.0 if q is None else q @ bent))
+    bent = bent if q is None else bent + quadrics @ rest[last:]
+    return rest[:n], linear + rest[n + 1 : last].T @ basis.T, rest[n], bent
+
+
+# ---- many points with a compact kernel -------------------------------------------------------------------------------
+
+_LARGEST_FACTOR = 2**28
+"""Numbers of a factor, 2 GiB: wider supports of many points are refused before the memory is taken."""
+
+Floats = NDArray[np.float64]
+
+
+def solve_sparse(x: Floats, d: Floats, nugget: Floats, span: Span, turn: Any, scales: Floats | None = None, *,
+                 kernel: type[AbstractKernel], trend: str) -> Solved:
+    """The fit of :func:`solve` for a compact kernel, whose matrix has few entries; NumPy, without padding.
+
+    Sorted along their longest side points reach only their neighbours in that order, so that the matrix is a band and
+    has a Cholesky factor within it: n b^2 operations for n points of which b lie within a support of that side.
+    Points with radii of their own are solved by sparse elimination (SuperLU).
+
+    Raises
+    ------
+    DeformError
+        If the factor would take more memory than 2 GiB.
+    """
+    order = np.argsort(x[:, np.ptp(x, axis=0).argmax()], kind="stable")
+    back = np.argsort(order)
+    x, d, nugget = x[order], d[order], nugget[order]
+    own = None if scales is None else scales[order]
+    phi, inverse = _factored(x, nugget, own, kernel)
+    n, dim = x.shape
+    one, linear, constant = np.ones((n, 1)), np.zeros((dim, dim)), np.zeros(dim)
+    bent, q, rest = None, products(x), d
+    if trend == "quadratic":
+        bent = _quadratic_of(x, d, q, span, None if own is not None else inverse)
+        rest, trend = d - q @ bent, "affine"
+    mean_x, mean_d = x.mean(axis=0), rest.mean(axis=0)
+    plain = plain_moments(x, rest, one)
+    if trend == "none":
+        alpha = inverse(rest)
+    elif own is not None:
+        linear = np.asarray(_linear_alone(plain, plain, span, turn, trend=trend))
+        constant = mean_d - linear @ mean_x
+        alpha = inverse(rest - x @ linear.T - constant)
+    else:
+        v = inverse(np.concatenate([one, x, rest], axis=1))
+        mean = v[:, 1:].sum(axis=0) / v[:, 0].sum()
+        w = v[:, 1:] - v[:, :1] * mean
+        s = x.T @ w[:, :dim]
+        linear = np.asarray(_linear_alone((s, s + rest.T @ w[:, :dim]), plain, span, turn, trend=trend))
+        constant = mean[dim:] - linear @ mean[:dim]
+        alpha = w[:, dim:] - w[:, :dim] @ linear.T
+    miss = phi(alpha) + x @ linear.T + constant - rest
+    return Solved(alpha[back], linear, constant, miss[back], None if bent is None else quadratic_forms(bent, dim))
+
+
+_linear_alone = compiled(_linear_part, static_argnames="trend")
+
+
+def _factored(x: Floats, nugget: Floats, scales: Floats | None,
+              kernel: type[AbstractKernel]) -> tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]:
+    """Phi with its nugget, and its inverse, as functions of right-hand sides (n, k)."""
+    n = len(x)
+    reach = 1.0 if scales is None else float(1 / scales.min())
+    pairs = scipy.spatial.cKDTree(x).query_pairs(reach, output_type="ndarray")
+    i, j = pairs.min(axis=1), pairs.max(axis=1)
+    square = ((x[i] - x[j]) ** 2).sum(axis=1)
+    diagonal = _profile_of(np.zeros(1), kernel)[0] + nugget
+    width = int((j - i).max(initial=0))
+    if (width + 1) * n > _LARGEST_FACTOR:
+        raise DeformError(f"the support radius holds {2 * len(pairs) // n} neighbours of each of these {n} control "
+                          "points on average, too many for the memory of a solve; give a smaller support radius, or "
+                          "leave it to the points.")
+    if scales is not None:
+        whole = np.arange(n)
+        entries = np.concatenate([diagonal, _profile_of(square * scales[j] ** 2, kernel),
+                                  _profile_of(square * scales[i] ** 2, kernel)])
+        places = (np.concatenate([whole, i, j]), np.concatenate([whole, j, i]))
+        matrix = scipy.sparse.csc_array((entries, places), shape=(n, n))
+        return matrix.__matmul__, scipy.sparse.linalg.splu(matrix).solve
+    value = _profile_of(square, kernel)
+
+    def phi(b: Floats) -> Floats:
+        columns = [diagonal * c + np.bincount(i, value * c[j], n) + np.bincount(j, value * c[i], n) for c in b.T]
+        return np.stack(columns, axis=1)
+
+    band = np.zeros((width + 1, n))
+    band[0], band[j - i, i] = diagonal, value
+    factor, failed = scipy.linalg.lapack.dpbtrf(band, lower=1, overwrite_ab=1)
+    if failed:  # the check of the residual names the points
+        return phi, lambda b: np.full(b.shape, np.nan)
+    return phi, lambda b: np.asarray(scipy.linalg.lapack.dpbtrs(factor, b, lower=1)[0])
+
+
+def _profile_of(square: Floats, kernel: type[AbstractKernel]) -> Floats:
+    padded = np.zeros(max(256, few_sizes(len(square))))
+    padded[: len(square)] = square
+    return np.asarray(_profile(padded, kernel=kernel))[: len(square)]
+
+
+_profile = compiled(lambda s, kernel: kernel.profile(s), static_argnames="kernel")
+
+
+def _quadratic_of(x: Floats, d: Floats, q: Floats, span: Span, inverse: Callable[[Floats], Floats] | None) -> Floats:
+    """As :func:`_quadratic_part`, by an inverse of Phi; None for the plain projection."""
+    p = np.concatenate([np.ones((len(x), 1)), x @ span.basis], axis=1)
+    both = np.concatenate([q, d], axis=1)
+    if inverse is None:
+        w = both - p @ np.linalg.lstsq(p, both, rcond=None)[0]
+    else:
+        v = inverse(np.concatenate([p, both], axis=1))
+        vp, w = v[:, : p.shape[1]], v[:, p.shape[1] :]
+        w = w - vp @ np.linalg.solve(p.T @ vp, p.T @ w)
+    s, h = q.T @ w[:, : q.shape[1]], q.T @ w[:, q.shape[1] :]
+    size = float(np.trace(s))
+    return np.asarray(np.linalg.solve(s if span.bend is None else s + (size if size > 0 else 1.0) * span.bend, h))
