@@ -5,10 +5,10 @@ longest side, and every box has a fit of its own of the points within it and aro
 
     ``D(x) = sum_k w_k(x) D_k(x) / sum_k w_k(x)``
 
-with w_k a product of smooth steps across the faces of box k: 1 within, 0 from a margin on. Every fit whose w_k is not
-zero at a control point interpolates it, so the blend does; steps with two continuous derivatives make it as smooth as
-the kernel, where taking the nearest points of each place anew would jump (H. Wendland, Scattered Data Approximation
-(2004), chapter 15).
+with w_k a product of smooth steps across the faces of box k, from 0 a margin outside to 1 a margin inside. Every fit
+whose w_k is not zero at a control point interpolates it, so the blend does; steps with two continuous derivatives make
+it as smooth as the kernel, where taking the nearest points of each place anew would jump (H. Wendland, Scattered Data
+Approximation (2004), chapter 15).
 """
 
 from __future__ import annotations
