@@ -3,6 +3,7 @@ from . import datasets as datasets
 from . import document as document
 from . import errors as errors
 from . import imaging as imaging
+from . import interop as interop
 from . import io as io
 from . import rbf as rbf
 from . import registration as registration

@@ -47,7 +47,7 @@ COMES_WITH_PYVISTA = {"vtk", "vtkmodules"}
 COMES_WITH_TRAME = {"aiohttp", "msgpack", "trame_client", "wslink"}
 COMES_WITH_IPYWIDGETS = {"comm"}
 # Of use where it happens to be installed, and done without elsewhere.
-USED_IF_PRESENT = {"psutil", "jupyter_server"}
+USED_IF_PRESENT = {"psutil", "jupyter_server", "napari"}
 LEFT_OUT = sys.stdlib_module_names | COMES_WITH_PYVISTA | COMES_WITH_TRAME | COMES_WITH_IPYWIDGETS | USED_IF_PRESENT
 HEAVY = {
     "anywidget",
@@ -61,6 +61,7 @@ HEAVY = {
     "SimpleITK",
     "trame",
     "vtkmodules",
+    "xarray",
 }
 CONDA_NAME = {"lazy-loader": "lazy_loader", "matplotlib": "matplotlib-base"}
 
@@ -124,13 +125,13 @@ def test_conda_environment_equals_the_requirements() -> None:
     found = dict(re.fullmatch(r"([\w.-]+)(.*)", line).groups() for line in lines if isinstance(line, str))  # type: ignore[union-attr]
     assert found.pop("python") == PROJECT["requires-python"]
     assert found.pop("pip") == ""
-    wanted = _requirements("formats", "notebook", "zarr")
+    wanted = _requirements("formats", "interop", "notebook", "zarr")
     assert found == {CONDA_NAME.get(name, name): bound for name, bound in wanted.items()}
 
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "movie", "notebook", "zarr"]), ("tests", ["test", "peers"]),
+    [("deformnb", ["formats", "interop", "movie", "notebook", "zarr"]), ("tests", ["test", "peers"]),
      ("benchmarks", ["benchmark"]), ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
@@ -140,7 +141,7 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 
 def test_everything_required_is_imported() -> None:
-    assert set(_requirements("formats", "movie", "zarr")) - _imported(PACKAGE) == set()
+    assert set(_requirements("formats", "interop", "movie", "zarr")) - _imported(PACKAGE) == set()
 
 
 def test_doctor_looks_for_what_is_required() -> None:
@@ -177,6 +178,7 @@ def test_import_leaves_global_jax_settings_alone() -> None:
 
 
 OF_A_WHOLE_PACKAGE = {
+    "interop/test_pipelines.py": "the page docs/pipelines.md, whose code is run",
     "app/test_app.py": "the application's parts together",
     "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
@@ -303,8 +305,8 @@ def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows(
     """
     top, packages = json.loads(_python(textwrap.dedent(code)))
     assert 55 < len(top) < 66
-    assert set(packages) == {"analysis", "datasets", "document", "errors", "imaging", "io", "rbf", "registration",
-                             "session", "volume", "warping", "widgets"}
+    assert set(packages) == {"analysis", "datasets", "document", "errors", "imaging", "interop", "io", "rbf",
+                             "registration", "session", "volume", "warping", "widgets"}
     assert all(packages.values())
 
 

@@ -1,4 +1,4 @@
-"""Analysis of a deformation: folds, strain, fit quality, uncertainty, extent."""
+"""Analysis of a deformation: folds, strain, fit quality, uncertainty, extent, volumes of labels."""
 
 import lazy_loader
 

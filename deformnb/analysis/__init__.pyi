@@ -3,6 +3,8 @@ from .folds import folds_of as folds_of
 from .folds import jacobian_determinant as jacobian_determinant
 from .gaussian_process import Uncertainty as Uncertainty
 from .gaussian_process import uncertainty as uncertainty
+from .label_volumes import LabelVolume as LabelVolume
+from .label_volumes import label_volumes as label_volumes
 from .quality import FitQuality as FitQuality
 from .quality import bending_energy as bending_energy
 from .quality import fit_quality as fit_quality

@@ -26,6 +26,7 @@ OPTIONAL = {
     "imagecodecs": ("TIFF with LZW or PackBits, compressed DICOM, meshes with LZ4", "formats"),
     "pydicom": ("DICOM series", "formats"),
     "zarr": ("transforms as OME-NGFF", "zarr"),
+    "xarray": ("xarray's arrays", "interop"),
     "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),
 }

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
+import io
 import json
 import sys
 import time
@@ -99,7 +101,8 @@ class _Line:
 
 
 # What only voxels have: (option, its value where it is not given).
-_OF_VOLUMES = (("method", None), ("fill", None), ("labels", False), ("resolution", None), ("margin", None))
+_OF_VOLUMES = (("method", None), ("fill", None), ("labels", False), ("resolution", None), ("margin", None),
+               ("animate", False), ("volumes", None))
 
 
 def add_warp(commands: Any) -> None:
@@ -109,7 +112,8 @@ def add_warp(commands: Any) -> None:
         description="Apply a session to a volume, or to labels, a mesh or landmarks of it: all end at the same place.",
         usage="deformnb warp SESSION INPUT OUTPUT [options]")
     p.add_argument("session", help="a document written by deformnb (.json), or a transform of ITK (.tfm .h5)")
-    p.add_argument("input", help="the volume to deform, or a mesh (.ply .stl .obj .vtp) or landmarks (.mrk.json .fcsv "
+    p.add_argument("input", help="the volume to deform, with all its channels and moments, or a mesh (.ply .stl "
+                   ".obj .vtp) or landmarks (.mrk.json .fcsv "
                    ".csv .tps .nts .txt .prm) in its space")
     p.add_argument("output", help="the file to write; its suffix decides the format")
     add_spacing(p)
@@ -122,6 +126,10 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--margin", nargs="+", metavar="M",
                    help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or '
                    "a length to add on every side, one or three (x y z), negative crops (default the session's)")
+    p.add_argument("--volumes", metavar="FILE",
+                   help="for labels: write the volume of each before and after as a table (.csv)")
+    p.add_argument("--animate", action="store_true", help="for a series of moments (4D): each by the moment of the "
+                   "session's animation, whose key frames are stretched to the series; else one map moves all")
     p.add_argument("--volume", metavar="FILE",
                    help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
@@ -166,13 +174,20 @@ def _warp(options: argparse.Namespace) -> None:
 
 def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
     """Deform a volume by the file of a transform in place of a session."""
-    from deformnb.io import read_transform, write_volume
+    from deformnb.io import is_series, open_series, read_transform, write_volume
+    from deformnb.session.series import warp_series
     from deformnb.warping.warper import warp
 
     if follows is not None or options.strength != 1 or options.resolution or options.margin:
         raise DeformError(f"{Path(options.session).name} is a transform and no session: it deforms volumes only, onto "
                           "their own grid and as it is (without --strength, --resolution, --margin).")
     with stages() as stage:
+        if is_series(options.input):
+            series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
+                                 is_labels=options.labels or None)
+            warp_series(series, read_transform(options.session, series.grid), options.output, fill=options.fill,
+                        method=options.method, progress=stage("deform"))
+            return
         volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
         field = read_transform(options.session, volume)
         warped = warp(volume, field, fill=options.fill, method=options.method, progress=stage("deform"))
@@ -180,8 +195,17 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
 
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
-    from deformnb.io import write_volume
+    from deformnb.io import is_series, write_segmentation, write_volume
+    from deformnb.io.atomic import check_target
+    from deformnb.io.label_names import is_segmentation_file
 
+    if options.volumes:
+        check_target(Path(options.volumes), overwrite=options.force)
+    if is_series(options.input):
+        _warp_series(document, options, stage)
+        return
+    if options.animate:
+        raise DeformError(f"--animate is for a series of moments, and {Path(options.input).name} holds one.")
     target = Path(options.output)
     volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
     note(*_difference(document, volume))
@@ -189,7 +213,46 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
     given = {} if output is None else {"output": output}
     warped = document.apply(volume, fill=options.fill, method=options.method, progress=stage("deform"), **given)
     note(*(text for text in warped.notes if text not in volume.notes))
-    write_volume(warped, target, progress=stage(f"write {target.name}"))
+    progress = stage(f"write {target.name}")
+    if is_segmentation_file(options.input) and target.suffix.lower() == ".nrrd":
+        write_segmentation(warped, target, options.input, progress=progress)
+    else:
+        write_volume(warped, target, progress=progress)
+    if options.volumes:
+        _write_label_volumes(volume, warped, options)
+
+
+def _write_label_volumes(before: Volume, after: Volume, options: argparse.Namespace) -> None:
+    """Write the volume of each label before and after as a table."""
+    from deformnb.analysis import label_volumes
+    from deformnb.io import atomic_write, read_label_names
+
+    lines = io.StringIO()
+    table = csv.writer(lines, lineterminator="\n")
+    table.writerow(["label", "name", "before_mm3", "after_mm3", "change_percent"])
+    for row in label_volumes(before, after, read_label_names(options.input)):
+        table.writerow([row.label, row.name, f"{row.before:.6g}", f"{row.after:.6g}", f"{row.change:.4g}"])
+    with atomic_write(options.volumes) as file:
+        file.write(lines.getvalue().encode())
+
+
+def _warp_series(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    """Deform all channels and moments of a file, moment by moment; for the options it is the first one that counts."""
+    from deformnb.document.animation import Animation
+    from deformnb.io import open_series
+    from deformnb.session.series import warp_series
+
+    series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
+                         is_labels=options.labels or None)
+    note(*series.notes, f"{Path(options.input).name} holds {series.layout}; all are deformed",
+         *_difference(document, series.grid))
+    output = None
+    if options.resolution is not None or options.margin is not None:
+        output = _output_grid(document, next(iter(series)).brightness(), options)
+    given: dict[str, Any] = {} if output is None else {"output": output}
+    target = Path(options.output)
+    warp_series(series, Animation(document) if options.animate else document, target, fill=options.fill,
+                method=options.method, progress=stage(f"deform to {target.name}"), **given)
 
 
 def _follow_mesh(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:

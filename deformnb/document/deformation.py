@@ -10,7 +10,7 @@ It also holds the easing of an animation: the course of time between two key fra
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any
@@ -35,7 +35,7 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Matrix3, Volume, as_grid, as_volume, voxel_checksum
 from deformnb.warping.inverse import Inverse, invert
 from deformnb.warping.points import Landmarks, warp_points
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import warp_all
 
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
 """Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
@@ -570,8 +570,18 @@ class Deformation:
         The result has the notes of the volume, and those of this document. One that was made on a known volume with the
         wrong spacing of its file gives the voxels that it gave then, on a grid with the true spacing.
         """
-        volume = as_volume(volume)
-        known, grid = self.older_spacing(volume.grid), self.own_grid(volume.grid)
+        return self.apply_all([as_volume(volume)], **options)[0]
+
+    def apply_all(self, volumes: Sequence[Volume], **options: Any) -> list[Volume]:
+        """Several volumes on one grid, such as channels, each as by :meth:`apply`; the map is computed once.
+
+        Raises
+        ------
+        DeformError
+            As :func:`deformnb.warping.warper.warp_all`.
+        """
+        own = volumes[0].grid
+        known, grid = self.older_spacing(own), self.own_grid(own)
         output = self.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
             raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
@@ -579,9 +589,12 @@ class Deformation:
                               f"spacing={known.header_spacing}.")
         field, notes = self.field(grid), self._fit_notes(grid)
         if known is None:
-            warped = warp(volume, field, **{"output": self.output, **options})
+            warped = warp_all(volumes, field, **{"output": self.output, **options})
         else:
-            as_then = warp(replace(volume, grid=grid), field, **{**options, "output": output})
-            warped = replace(as_then, grid=known.corrected(output, volume.grid))
+            then = [replace(volume, grid=grid) for volume in volumes]
+            corrected = known.corrected(output, own)
+            warped = [replace(done, grid=corrected)
+                      for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
-        return replace(warped, notes=tuple(dict.fromkeys((*volume.notes, *notes))))
+        return [replace(done, notes=tuple(dict.fromkeys((*volume.notes, *notes))))
+                for done, volume in zip(warped, volumes, strict=True)]

@@ -8,6 +8,7 @@ from .formats import describe_file as describe_file
 from .formats import read_volume as read_volume
 from .formats import write_volume as write_volume
 from .label_names import read_label_names as read_label_names
+from .label_names import write_segmentation as write_segmentation
 from .landmarks import LANDMARK_FORMATS as LANDMARK_FORMATS
 from .landmarks import points_from_csv as points_from_csv
 from .landmarks import read_landmarks as read_landmarks
@@ -16,6 +17,12 @@ from .memory import available_memory as available_memory
 from .meshes import MESH_FORMATS as MESH_FORMATS
 from .meshes import read_mesh as read_mesh
 from .meshes import write_mesh as write_mesh
+from .series import Series as Series
+from .series import is_series as is_series
+from .series import open_series as open_series
+from .series import read_channels as read_channels
+from .series import write_channels as write_channels
+from .series import write_series as write_series
 from .transforms import TRANSFORM_FORMATS as TRANSFORM_FORMATS
 from .transforms import TRANSFORM_SUFFIXES as TRANSFORM_SUFFIXES
 from .transforms import read_transform as read_transform

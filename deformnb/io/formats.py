@@ -51,7 +51,8 @@ FORMATS: dict[str, Format] = {
     "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json"),
     "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json"),
     "tiff": Format(tiff.SUFFIXES, tiff.read_header, None, "TIFF stack, or a folder of slices"),
-    "image": Format(images.SUFFIXES, images.read_header, None, "picture, as a volume of one slice"),
+    "image": Format(images.SUFFIXES, images.read_header, images.write,
+                    "picture, as a volume of one slice"),
     "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
 }
 """All formats by name. A new one is one row: suffixes, a header reader, a writer or None."""
@@ -141,7 +142,8 @@ def _writable() -> str:
     return ", ".join(suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes)
 
 
-def _located(path: str | os.PathLike[str]) -> Path:
+def located(path: str | os.PathLike[str]) -> Path:
+    """The path of a file or a folder that is there; VolumeFileError else."""
     place = as_path(path)
     try:
         place.stat()
@@ -152,8 +154,8 @@ def _located(path: str | os.PathLike[str]) -> Path:
     return place
 
 
-def _read_header(path: Path, series: str | int | None) -> tuple[str, Header]:
-    """Name of the format, and the header."""
+def read_any_header(path: Path, series: str | int | None = None) -> tuple[str, Header]:
+    """Name of the format, and the header, of a file or a folder that is there."""
     if path.is_dir():
         if dicom.dicom_files(path):
             return "dicom", dicom.read_header(path, series)
@@ -199,11 +201,14 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     >>> read_volume(folder / "a.nrrd").grid.spacing
     (1.0, 2.0, 3.0)
     """
-    place = _located(path)
+    place = located(path)
     step = _checked_stride(stride)
     _check_spacing(spacing)
     with Damage(place, _LESS):
-        kind, header = _read_header(place, series)
+        kind, header = read_any_header(place, series)
+        if not header.layout.is_single:
+            raise fail(place, f"a volume is one channel at one moment, and this file holds {header.layout}. "
+                              "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.")
         grid, notes = header.grid(spacing)
         _check_memory(header, step, max_bytes)
         labels = header.is_labels if is_labels is None else is_labels
@@ -213,7 +218,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     grid = replace(grid, shape=loaded.shape, spacing=tuple(step * s for s in grid.spacing))  # type: ignore[arg-type]
     if step > 1:
         notes += (f"every {step}. voxel along each axis was read",)
-    return Volume(loaded.values, grid, _plain_name(place, kind) if name is None else name, loaded.is_labels,
+    return Volume(loaded.values, grid, plain_name(place, kind) if name is None else name, loaded.is_labels,
                   header.notes + notes + loaded.notes)
 
 
@@ -251,17 +256,19 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
     VolumeFileError
         As :func:`read_volume` does.
     """
-    place = _located(path)
+    place = located(path)
     with Damage(place, _LESS):
-        kind, header = _read_header(place, series)
+        kind, header = read_any_header(place, series)
         grid, notes = _right_spacing(*header.grid(), header)
         sizes = [file.stat().st_size for file in place.iterdir() if file.is_file()] if place.is_dir() else [
             place.stat().st_size]
-    volume = read_volume(place, series=series, progress=progress) if voxels else None
+    layout = header.layout
+    volume = read_volume(place, series=series, progress=progress) if voxels and layout.is_single else None
+    notes += () if layout.is_single else (f"the file holds {layout}, each as large as stated here",)
     dtype = volume.dtype if volume else header.loaded_dtype
     return FileDescription(
         shown(place.name), FORMATS[kind].description, grid, dtype, bool(header.is_labels), sum(sizes),
-        grid.size * dtype.itemsize, volume.notes if volume else header.notes + notes,
+        grid.size * dtype.itemsize * layout.frames * layout.channels, volume.notes if volume else header.notes + notes,
         volume.value_range if volume else None,
     )
 
@@ -282,7 +289,8 @@ def _right_spacing(grid: Grid, notes: tuple[str, ...], header: Header,
     return (grid, notes) if known is None else (replace(grid, spacing=known.spacing), (*notes, known.note))
 
 
-def _plain_name(path: Path, kind: str) -> str:
+def plain_name(path: Path, kind: str) -> str:
+    """The name of a file without the suffix of its format."""
     suffix = next((s for s in FORMATS[kind].suffixes if path.name.lower().endswith(s)), "")
     return path.name[:len(path.name) - len(suffix)] or path.name
 

@@ -7,6 +7,7 @@ load garbage in silence when a header is wrong. Text of a header is only ever te
 from __future__ import annotations
 
 import csv
+import json
 import lzma
 import math
 import os
@@ -35,6 +36,79 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,19}")
 
 Blocks = Callable[[], Iterator[NDArray[Any]]]
 
+# More channels or moments than this are no channels but a damaged header, or another kind of axis.
+_MOST_CHANNELS, _MOST_FRAMES = 1024, 1_000_000
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a file holds beside the three axes of a volume: channels, moments in time, or both.
+
+    Parameters
+    ----------
+    frames : number of moments.
+    channels : number of channels, or of the parts of a colour.
+    kind : a key of :data:`~deformnb.volume.channels.KINDS`.
+    names : of the channels; empty where the file has none.
+    colours : of the channels; empty where the file has none.
+    interleaved : blocks come as [some z, y, x, channel], frame by frame; else as [some z, y, x], of each frame all
+        slices of its first channel, then those of the second, and so on.
+    duration : from one frame to the next; 0 if the file does not say.
+    """
+
+    frames: int = 1
+    channels: int = 1
+    kind: str = "channels"
+    names: tuple[str, ...] = ()
+    colours: tuple[Float3, ...] = ()
+    interleaved: bool = False
+    duration: float = 0.0
+
+    @property
+    def is_single(self) -> bool:
+        """True for one volume."""
+        return self.frames == 1 and self.channels == 1
+
+    def __str__(self) -> str:
+        parts = [f"{self.frames} moments"] * (self.frames > 1)
+        if self.kind != "channels":
+            parts.append("colours")
+        elif self.channels > 1:
+            parts.append(f"{self.channels} channels")
+        return " of ".join(parts) or "one volume"
+
+
+SINGLE = Layout()
+"""The layout of one volume."""
+
+
+def layout_description(layout: Layout) -> str:
+    """Kind, names and colours of the channels as one line of JSON, for a comment in a header."""
+    return json.dumps({"kind": layout.kind, "names": layout.names, "colours": layout.colours})
+
+
+def described_layout(layout: Layout, text: str) -> Layout:
+    """The layout with what such a line says of its channels, where it is one that fits; else as it is."""
+    try:
+        found = json.loads(text) if text else {}
+        colours = tuple(triple([min(1.0, max(0.0, float(part))) for part in colour]) for colour in found["colours"])
+        names = tuple(shown(name) for name in found["names"])
+        if layout.channels == {"rgb": 3, "rgba": 4}.get(found["kind"], layout.channels if found["kind"] == "channels"
+                                                        else 0):
+            layout = replace(layout, kind=found["kind"])
+    except (ValueError, TypeError, KeyError, IndexError, RecursionError):
+        return layout
+    return replace(layout, names=names if len(names) == layout.channels else (),
+                   colours=colours if len(colours) == layout.channels else ())
+
+
+def checked_layout(path: Path, layout: Layout) -> Layout:
+    """The layout, if its numbers can be; VolumeFileError else."""
+    if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= _MOST_FRAMES):
+        raise fail(path, f"it has {layout.frames} moments and {layout.channels} channels, more than can be; the header "
+                         "is damaged, or it holds something else than channels or times.")
+    return layout
+
 
 @dataclass(frozen=True)
 class Header:
@@ -53,6 +127,7 @@ class Header:
     is_labels : as in the file, None if it is not stated.
     notes : remarks for a status line.
     working_bytes : memory that reading takes beside the voxels: a page, a packed and an unpacked strip or tile.
+    layout : channels and moments; the shape is that of one channel at one moment, the blocks are those of all.
     """
 
     path: Path
@@ -69,6 +144,7 @@ class Header:
     is_labels: bool | None = None
     notes: tuple[str, ...] = ()
     working_bytes: int = 0
+    layout: Layout = SINGLE
 
     @property
     def is_scaled(self) -> bool:

@@ -1,4 +1,4 @@
-"""Pictures as volumes of one slice (read only): PNG, JPEG and others that Pillow reads, as grey values.
+"""Pictures as volumes of one slice: PNG, JPEG and WebP, as grey values or in their colours.
 
 Rows of a picture run along y and columns along x, so that it stands upright when it is seen along z.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.headers import Header, fail, shown
+from deformnb._typing import Progress
+from deformnb.io.atomic import atomic_write
+from deformnb.io.headers import Header, Layout, fail, shown
+from deformnb.volume.channels import Channels
+from deformnb.volume.volume import Volume
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 _DEEP = {"I;16", "I;16B", "I;16L", "I;16N"}
@@ -37,6 +42,48 @@ def read_header(path: Path) -> Header:
                   working_bytes=5 * width * height)
 
 
+def read_colour_header(path: Path) -> Header:
+    """The header of a picture in its colours; that of :func:`read_header` for one that has none."""
+    grey = read_header(path)
+    with _opened(path) as picture:
+        if picture.mode in (*_DEEP, "L", "1", "I", "F"):
+            return grey
+        kind = "rgba" if picture.has_transparency_data else "rgb"
+    notes = tuple(note for note in grey.notes if "grey" not in note)
+    layout = Layout(1, len(kind), kind, interleaved=True)
+    return replace(grey, layout=layout, notes=notes, blocks=partial(_colour_blocks, path, kind.upper()))
+
+
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
+    """Write a volume of one slice as a grey picture: 8 or 16 bits as PNG, 8 bits as JPEG and WebP."""
+    values = volume.values.view(np.uint8) * 255 if volume.dtype == np.bool_ else volume.values
+    _save(values, path, overwrite)
+
+
+def write_colours(channels: Channels, path: Path, overwrite: bool) -> None:
+    """Write colours of one slice as a picture."""
+    values = channels.values
+    if channels.kind == "rgba" and path.suffix.lower() in (".jpg", ".jpeg"):
+        raise fail(path, "JPEG has no transparency, and these colours have; write a .png.")
+    _save(values, path, overwrite)
+
+
+def _save(values: NDArray[Any], path: Path, overwrite: bool) -> None:
+    from PIL import Image
+
+    kind = {".png": "PNG", ".webp": "WEBP"}.get(path.suffix.lower(), "JPEG")
+    if values.shape[0] != 1:
+        raise fail(path, f"a picture is one slice, and this volume has {values.shape[0]}; write .nrrd or .nii.gz, or "
+                         "one slice of it: Volume.from_array(volume.values[k]).")
+    deep = kind == "PNG" and values.ndim == 3
+    if values.dtype != np.uint8 and not (deep and values.dtype == np.uint16):
+        raise fail(path, f"pixels of {kind} are whole numbers of 8 bits{', or grey ones of 16' * (kind == 'PNG')}, and "
+                         f"these are {values.dtype}; scale them, or write .nrrd.")
+    settings: dict[str, dict[str, Any]] = {"WEBP": {"lossless": True}, "JPEG": {"quality": 95, "subsampling": 0}}
+    with atomic_write(path, overwrite=overwrite) as file:
+        Image.fromarray(np.ascontiguousarray(values[0])).save(file, kind, **settings.get(kind, {}))
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """The picture, not decoded yet; VolumeFileError for what is none, or is larger than any picture."""
@@ -51,6 +98,13 @@ def _opened(path: Path) -> Iterator[Any]:
         raise fail(path, "it is cut short or no picture.") from None
     except (Image.DecompressionBombError, SyntaxError) as error:
         raise fail(path, f"it cannot be read as a picture ({shown(error)}).") from None
+
+
+def _colour_blocks(path: Path, mode: str) -> Iterator[NDArray[Any]]:
+    from PIL import ImageOps
+
+    with _opened(path) as picture:
+        yield np.asarray(ImageOps.exif_transpose(picture).convert(mode), dtype=np.uint8)[None]
 
 
 def _blocks(path: Path, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:

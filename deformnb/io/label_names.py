@@ -1,4 +1,7 @@
-"""Names of labels: of the segments in a file of 3D Slicer, or in a table of their own."""
+"""Names of labels: of the segments in a file of 3D Slicer, or in a table that lies beside a label volume.
+
+The segments of a file of 3D Slicer are written back with the labels that were deformed.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,12 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from deformnb.io.headers import as_path
-from deformnb.io.nrrd import segment_names
+from deformnb._typing import Progress
+from deformnb.io import nrrd
+from deformnb.io.atomic import check_target
+from deformnb.io.headers import as_path, fail
+from deformnb.io.nrrd import segment_keys, segment_names
+from deformnb.volume.volume import Volume
 
 LABEL_TABLES = (".csv", ".tsv", ".ctbl", ".txt", ".label")
 """Endings of the names of tables of label names."""
@@ -67,6 +74,36 @@ def read_label_table(path: str | Path) -> dict[int, str]:
     if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
         return {}
     return _table(path.read_text(encoding="utf-8-sig", errors="replace"))
+def is_segmentation_file(path: str | Path) -> bool:
+    """Check whether a file is a segmentation of 3D Slicer, whose segments have names and colours."""
+    path = as_path(path)
+    return path.suffix.lower() in (".nrrd", ".nhdr") and path.is_file() and bool(segment_keys(path))
+
+
+def write_segmentation(volume: Volume, path: str | Path, like: str | Path, *, overwrite: bool = True,
+                       progress: Progress | None = None) -> None:
+    """Write labels as a segmentation of 3D Slicer, with the names, colours and terms of the segments of another.
+
+    Parameters
+    ----------
+    volume : the labels, such as deformed ones.
+    path : ends in .nrrd (.seg.nrrd, for 3D Slicer to take it for a segmentation).
+    like : the segmentation whose segments these are; the box of each is found anew.
+    overwrite : whether an existing file may be replaced.
+    progress : receives the share done, 0 to 1; may raise Cancelled.
+
+    Raises
+    ------
+    VolumeFileError
+        If the other file is no segmentation, or this one cannot be written.
+    """
+    path, like = as_path(path), as_path(like)
+    if path.suffix.lower() != ".nrrd":
+        raise fail(path, "the names of segments are written to .nrrd files only; name it .seg.nrrd.")
+    if not is_segmentation_file(like):
+        raise fail(like, "it is no segmentation of 3D Slicer (.seg.nrrd), whose segments have names.")
+    check_target(path, overwrite=overwrite)
+    nrrd.write_segmentation(volume, path, segment_keys(like), overwrite, progress)
 
 
 def _table(text: str) -> dict[int, str]:

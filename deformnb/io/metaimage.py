@@ -16,17 +16,22 @@ import numpy as np
 from deformnb._typing import Float3, Progress
 from deformnb.io.headers import (
     HEADER_BYTES,
+    SINGLE,
     Header,
+    Layout,
+    checked_layout,
+    described_layout,
     detached_file,
     detached_proof,
     fail,
     floats,
     integers,
+    layout_description,
     proven_crc,
     shown,
     volume_shape,
 )
-from deformnb.io.streams import Source, checked_blocks, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import Source, checked_blocks, layout_blocks, stored_dtype, write_packed, write_pair
 from deformnb.volume.volume import Matrix3, Volume
 
 _TYPES = {
@@ -40,6 +45,7 @@ _NAMES = {"i1": "MET_CHAR", "u1": "MET_UCHAR", "i2": "MET_SHORT", "u2": "MET_USH
 # MetaImage has no field for voxels that are names of regions, nor for a checksum; a comment, which every reader
 # keeps or ignores, can.
 _LABELS = "deformnb labels"
+_CHANNELS = "deformnb channels "
 _MOST_SKIPPED = 2**26
 
 
@@ -91,16 +97,23 @@ def read_header(path: Path) -> Header:
     if not 1 <= dimension <= 10:
         raise fail(path, f"the field 'NDims' is {dimension}; a volume has 3.")
     channels = integers(path, "ElementNumberOfChannels", fields.get("elementnumberofchannels", "1"), 1)[0]
-    if channels != 1:
-        raise fail(path, f"every voxel has {channels} channels (colours or a vector); save one channel by itself.")
     dtype = _dtype(path, fields)
-    shape, notes = volume_shape(path, integers(path, "DimSize", fields["dimsize"], dimension), dtype.itemsize)
-    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize)
+    sizes = integers(path, "DimSize", fields["dimsize"], dimension)
+    if any(size != 1 for size in sizes[4:]):
+        volume_shape(path, sizes, dtype.itemsize)  # which lists the axes
+    shape, notes = volume_shape(path, sizes[:3], dtype.itemsize)
     comment = fields.get("comment", "")
+    duration = floats(path, "ElementSpacing", fields["elementspacing"], dimension)[3] if (
+        dimension > 3 and "elementspacing" in fields) else 0.0
+    layout = checked_layout(path, Layout((*sizes[3:4], 1)[0], channels, interleaved=channels > 1,
+                                         duration=duration if math.isfinite(duration) else 0.0))
+    layout = described_layout(layout, comment.partition(_CHANNELS)[2])
+    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize * layout.frames * channels)
     labels = True if comment.split(";")[0] == _LABELS else None
     spacing, origin, direction = _geometry(path, fields, dimension)
-    blocks = checked_blocks(source, shape, dtype, proven_crc(comment, fields["elementdatafile"]), path)
-    return Header(path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes)
+    crc = proven_crc(comment, fields["elementdatafile"])
+    blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
+    return Header(path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout)
 
 
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
@@ -163,23 +176,34 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
         write_packed(volume, path, _header_text(volume, "LOCAL"), "raw", overwrite, progress)
 
 
-def _header_text(volume: Volume, data_file: str, crc: int | None = None) -> bytes:
+def series_header(_path: Path, volume: Volume, layout: Layout) -> bytes:
+    """The header of channels and moments like this volume: a fourth axis is time, channels are parts of a voxel."""
+    return _header_text(volume, "LOCAL", layout=layout)
+
+
+def _header_text(volume: Volume, data_file: str, crc: int | None = None,
+                 layout: Layout = SINGLE) -> bytes:
     def words(values: Any) -> str:
         return " ".join(map(repr, values))
 
-    grid = volume.grid
+    grid, moments = volume.grid, layout.frames > 1
+    axes = 4 if moments else 3
+    matrix = np.eye(axes)
+    matrix[:3, :3] = np.transpose(grid.direction)
     comments = [_LABELS] * volume.is_labels + ([] if crc is None else [detached_proof(crc)])
+    comments += [_CHANNELS + layout_description(layout)] if layout.channels > 1 else []
     lines = [
         "ObjectType = Image",
-        "NDims = 3",
+        f"NDims = {axes}",
         *(["Comment = " + ";".join(comments)] if comments else []),
         "BinaryData = True",
         "BinaryDataByteOrderMSB = False",
         "CompressedData = False",
-        "TransformMatrix = " + words(np.transpose(grid.direction).ravel().tolist()),
-        "Offset = " + words(grid.origin),
-        "ElementSpacing = " + words(grid.spacing),
-        "DimSize = " + words(volume.shape[::-1]),
+        "TransformMatrix = " + words(matrix.ravel().tolist()),
+        "Offset = " + words((*grid.origin, 0.0)[:axes]),
+        "ElementSpacing = " + words((*grid.spacing, layout.duration or 1.0)[:axes]),
+        "DimSize = " + words((*volume.shape[::-1], layout.frames)[:axes]),
+        *([f"ElementNumberOfChannels = {layout.channels}"] if layout.channels > 1 else []),
         f"ElementType = {_NAMES[stored_dtype(volume).str[1:]]}",
         f"ElementDataFile = {data_file}",
     ]

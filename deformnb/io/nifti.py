@@ -18,16 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress
-from deformnb.io.headers import Header, fail, triple, volume_shape
-from deformnb.io.streams import Source, take, write_packed
+from deformnb.io.headers import SINGLE, Header, Layout, checked_layout, fail, triple, volume_shape
+from deformnb.io.streams import Source, layout_blocks, take, write_packed
 from deformnb.volume.volume import Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
-_REFUSED = {1: "single bits", 32: "complex numbers", 128: "RGB colours", 1536: "128-bit floats",
-            1792: "complex numbers", 2048: "complex numbers", 2304: "RGBA colours"}
+_REFUSED = {1: "single bits", 32: "complex numbers", 1536: "128-bit floats", 1792: "complex numbers",
+            2048: "complex numbers"}
+_COLOURS = {128: "rgb", 2304: "rgba"}  # of one byte for each part, one after the other
 
 _LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
+_VECTOR_INTENT = 1007  # NIFTI_INTENT_VECTOR: the fifth axis are parts of one voxel
 _UNITS = {1: "metres", 3: "micrometres"}  # 2 is millimetres, 0 unknown
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
@@ -88,13 +90,15 @@ def read_header(path: Path) -> Header:
         fields = _fields(path, take(stream, 544))
     if fields.datatype in _REFUSED:
         raise fail(path, f"its voxels are {_REFUSED[fields.datatype]}; save one real number per voxel.")
-    if fields.datatype not in _TYPES:
+    colours = _COLOURS.get(fields.datatype)
+    if fields.datatype not in _TYPES and not colours:
         raise fail(path, f"the field 'datatype' is {fields.datatype}, which NIfTI does not define.")
-    dtype = np.dtype(fields.order + _TYPES[fields.datatype])
+    dtype = np.dtype(fields.order + _TYPES.get(fields.datatype, "u1"))
     axes = fields.dim[0]
     if not 1 <= axes <= 7:
         raise fail(path, f"the field 'dim' starts with {axes} axes; a volume has 3.")
-    shape, notes = volume_shape(path, list(fields.dim[1:1 + axes]), dtype.itemsize)
+    layout = _layout(path, list(fields.dim[1:1 + axes]), colours, fields)
+    shape, notes = volume_shape(path, list(fields.dim[1:1 + min(axes, 3)]), dtype.itemsize)
     offset = _offset(path, fields.vox_offset)
     source = Source(path, skip=offset, encoding="gzip") if packed else Source(path, offset)
     slope, intercept = _scaling(path, fields.scaling)
@@ -103,8 +107,20 @@ def read_header(path: Path) -> Header:
     units = _UNITS.get(fields.units & 7)
     if units:
         notes += (f"lengths of the file are in {units} and stay so",)
-    return Header(path, shape, dtype, source.blocks(shape, dtype), spacing, origin, direction, affine, slope, intercept,
-                  is_labels=True if fields.intent == _LABEL_INTENT else None, notes=notes + place_notes)
+    blocks = layout_blocks(source, shape, dtype, layout)
+    return Header(path, shape, dtype, blocks, spacing, origin, direction, affine, slope, intercept,
+                  is_labels=True if fields.intent == _LABEL_INTENT else None, notes=notes + place_notes, layout=layout)
+
+
+def _layout(path: Path, sizes: list[int], colours: str | None, fields: _Fields) -> Layout:
+    """Moments along the fourth axis or channels along the fifth; ITK, ANTs and FSL write vectors so."""
+    frames, channels = (*sizes[3:5], 1, 1)[:2]
+    if any(size != 1 for size in sizes[5:]) or (channels > 1 and (frames > 1 or colours)):
+        volume_shape(path, sizes, 1)  # which lists the axes
+    duration = fields.pixdim[4] if len(fields.pixdim) > 4 and math.isfinite(fields.pixdim[4]) else 0.0
+    if colours:
+        return checked_layout(path, Layout(frames, len(colours), colours, interleaved=True, duration=duration))
+    return checked_layout(path, Layout(frames, channels, duration=duration))
 
 
 def _offset(path: Path, offset: float) -> int:
@@ -164,8 +180,33 @@ def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
     return rows, (-x, -y, z)
 
 
-def _packed_header(volume: Volume) -> bytes:
+def series_header(path: Path, volume: Volume, layout: Layout) -> bytes:
+    """The header of channels or moments like this volume; the fifth axis are channels, the fourth moments."""
+    if layout.channels > 1 and layout.frames > 1 and layout.kind == "channels":
+        raise fail(path, "NIfTI holds the channels of all moments one after the other, which cannot be written moment "
+                         "by moment; write .nrrd, .mha or .ome.tif.")
+    if layout.kind != "channels" and volume.dtype != np.uint8:
+        raise fail(path, f"colours in NIfTI are bytes, and these are {volume.dtype}; write .nrrd, .mha or .ome.tif.")
+    check_size(path, volume, max(layout.frames, layout.channels))
+    return _packed_header(volume, layout)
+
+
+def check_size(path: Path, volume: Volume, most: int = 1) -> None:
+    """Refuse what NIfTI-1 cannot hold: more than its 16 bits along an axis, lengths beyond float32."""
+    longest = max(*volume.shape, most)
+    if longest > _LARGEST:
+        raise fail(path, f"NIfTI-1 has at most {_LARGEST} voxels along an axis, this volume has {longest}; "
+                         "write .nrrd instead.")
+    check_float32(path, volume.grid)
+
+
+def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     grid = volume.grid
+    is_colour = layout.kind != "channels"
+    channels = 1 if is_colour else layout.channels
+    code = next(code for code, kind in _COLOURS.items() if kind == layout.kind) if is_colour else _CODES[volume.dtype]
+    intent = _VECTOR_INTENT if channels > 1 else _LABEL_INTENT if volume.is_labels else 0
+    axes = 5 if channels > 1 else 4 if layout.frames > 1 else 3
     affine = _RAS @ grid.affine
     turn = _RAS[:3, :3] @ np.asarray(grid.direction)
     flip = -1.0 if np.linalg.det(turn) < 0 else 1.0
@@ -175,11 +216,11 @@ def _packed_header(volume: Volume) -> bytes:
         struct.pack_into("<" + form, header, offset, *values)
 
     put("i", 0, 348)
-    put("8h", 40, 3, *volume.shape[::-1], 1, 1, 1, 1)
-    put("3h", 68, _LABEL_INTENT if volume.is_labels else 0, _CODES[volume.dtype], 8 * volume.dtype.itemsize)
-    put("8f", 76, flip, *grid.spacing, 0, 0, 0, 0)
+    put("8h", 40, axes, *volume.shape[::-1], layout.frames, channels, 1, 1)
+    put("3h", 68, intent, code, 8 * volume.dtype.itemsize * (layout.channels if is_colour else 1))
+    put("8f", 76, flip, *grid.spacing, layout.duration, 0, 0, 0)
     put("3f", 108, _FIRST_VOXEL, 1, 0)
-    put("B", 123, 2)
+    put("B", 123, 2 + 8 * (layout.frames > 1))  # millimetres and seconds
     put("2h", 252, 1, 1)
     put("6f", 256, *_quaternion(turn * [1, 1, flip]), *affine[:3, 3])
     put("12f", 280, *affine[:3].ravel())
@@ -198,10 +239,7 @@ def _quaternion(turn: NDArray[np.float64]) -> tuple[float, float, float]:
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write NIfTI-1; sform and qform are the same, lengths in millimetres, bool becomes uint8."""
-    if max(volume.shape) > _LARGEST:
-        raise fail(path, f"NIfTI-1 has at most {_LARGEST} voxels along an axis, this volume has {max(volume.shape)}; "
-                         "write .nrrd instead.")
-    check_float32(path, volume.grid)
+    check_size(path, volume)
     encoding = "gzip" if path.suffix.lower() == ".gz" else "raw"
     write_packed(volume, path, _packed_header(volume), encoding, overwrite, progress)
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,18 +20,23 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.io.headers import (
     HEADER_BYTES,
+    SINGLE,
     Header,
+    Layout,
+    checked_layout,
+    described_layout,
     detached_file,
     detached_proof,
     fail,
     floats,
     integers,
+    layout_description,
     proven_crc,
     shown,
     triple,
     volume_shape,
 )
-from deformnb.io.streams import Source, checked_blocks, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import Source, checked_blocks, layout_blocks, stored_dtype, write_packed, write_pair
 from deformnb.volume.volume import Volume
 
 _TYPES = {
@@ -60,6 +67,7 @@ _SPACES = {
 _PLACES = {"domain", "space", "???", "none"}
 
 _LABELS_KEY = "deformnb_labels"  # NRRD has no field for voxels that are names of regions; hence a key of our own
+_CHANNELS_KEY = "deformnb_channels"  # nor for the names of channels
 _MOST_SKIPPED = 2**26
 
 
@@ -119,13 +127,21 @@ def read_header(path: Path) -> Header:
     if not 1 <= dimension <= 16:
         raise fail(path, f"the field 'dimension' is {dimension}; a volume has 3.")
     sizes = integers(path, "sizes", fields["sizes"], dimension)
-    axes = _places(path, fields, sizes)
+    axes, layout = _places(path, fields, sizes)
+    layout = checked_layout(path, described_layout(layout, keys.get(_CHANNELS_KEY, "")))
     shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
-    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize)
+    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize * layout.frames * layout.channels)
     affine = _affine(path, fields, axes, dimension)
-    labels = True if keys.get(_LABELS_KEY) == "yes" else None
-    blocks = checked_blocks(source, shape, dtype, proven_crc(comments, fields.get("datafile", "")), path)
-    return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes, **affine)
+    # What 3D Slicer saves as a segmentation holds the numbers of segments, although no field of NRRD says so.
+    labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
+    crc = proven_crc(comments, fields.get("datafile", ""))
+    blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
+    return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes, layout=layout, **affine)
+
+
+def segment_keys(path: Path) -> dict[str, str]:
+    """The keys of a segmentation of 3D Slicer, such as Segment0_Name and Segment0_Color; empty for other files."""
+    return {key: value for key, value in _fields(path).keys.items() if re.match(r"Segment(\d+|ation)_", key)}
 
 
 def segment_names(path: Path) -> dict[int, str]:
@@ -154,8 +170,11 @@ def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
     return dtype.newbyteorder(">" if endian == "big" else "<")
 
 
-def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> list[int]:
-    """Indices of the axes x, y and z: all but those of size 1 that are colours, vectors or time."""
+def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[int], Layout]:
+    """Indices of the axes x, y and z, and the channels and moments along the others.
+
+    The parts of a voxel lie along the first axis, moments along the last.
+    """
     kinds = fields["kinds"].lower().split() if "kinds" in fields else ["domain"] * len(sizes)
     if "spacedirections" in fields:
         vectors = _vectors(path, "space directions", fields["spacedirections"])
@@ -166,11 +185,23 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> list[int]:
     if len(kinds) != len(sizes):
         raise fail(path, f"the field 'kinds' names {len(kinds)} axes but there are {len(sizes)}.")
     other = [axis for axis, kind in enumerate(kinds) if kind not in _PLACES]
-    if any(sizes[axis] != 1 for axis in other):
+    places = [axis for axis in range(len(sizes)) if axis not in other]
+    if len(places) > 3:  # a fourth axis that the file calls a place is the slowest one: moments
+        places, other = places[:3], [*other, *places[3:]]
+    real = [axis for axis in sorted(other) if sizes[axis] != 1]
+    last = len(sizes) - 1
+    if min(sizes) < 1:
+        volume_shape(path, sizes, 1)  # which refuses it
+    is_series = last not in real or last == 0 or kinds[last] in _PLACES | {"time", "list"}
+    if not set(real) <= {0, last} or not is_series:
         axes = ", ".join(f"{shown(kind)}: {size}" for kind, size in zip(kinds, sizes, strict=True))
         raise fail(path, f"a volume has three axes in space but this file has ({axes}). Save one channel or one time "
                          "point as a file of its own and read that.")
-    return [axis for axis in range(len(sizes)) if axis not in other]
+    parts = sizes[0] if 0 in real else 1
+    colours = {"rgb-color": 3, "3-color": 3, "rgba-color": 4, "4-color": 4}.get(kinds[0]) if parts > 1 else None
+    kind = {3: "rgb", 4: "rgba"}.get(parts, "channels") if colours == parts else "channels"
+    moments = sizes[last] if last in real and last > 0 else 1
+    return places, Layout(moments, parts, kind, interleaved=parts > 1)
 
 
 def _vectors(path: Path, field: str, text: str) -> list[list[float] | None]:
@@ -269,23 +300,57 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
         write_packed(volume, path, _header_text(volume, "gzip"), "gzip", overwrite, progress, header_outside=True)
 
 
-def _header_text(volume: Volume, encoding: str, data_file: str | None = None, crc: int | None = None) -> bytes:
+def series_header(_path: Path, volume: Volume, layout: Layout) -> bytes:
+    """The header of channels and moments like this volume: parts of a voxel come first, moments last.
+
+    Moments are of the kind "list", not "time", which ITK takes for a fourth axis in space and refuses.
+    """
+    return _header_text(volume, "gzip", layout=layout)
+
+
+def write_segmentation(volume: Volume, path: Path, keys: Mapping[str, str], overwrite: bool,
+                       progress: Progress | None) -> None:
+    """Write labels with the keys of a segmentation of 3D Slicer (:func:`segment_keys`).
+
+    The box of each segment, which Slicer keeps beside its number, is found anew.
+    """
+    known = {found[1]: int(value) for key, value in keys.items()
+             if (found := re.fullmatch(r"(Segment\d+)_LabelValue", key)) and value.isdecimal()}
+    boxes = {f"{segment}_Extent": _extent(volume, label) for segment, label in known.items()}
+    kept = {**keys, **boxes}
+    write_packed(volume, path, _header_text(volume, "gzip", keys=kept), "gzip", overwrite, progress,
+                 header_outside=True)
+
+
+def _extent(volume: Volume, label: int) -> str:
+    """First and last index of a label along x, y and z; 0 and -1 where it is not."""
+    places = np.nonzero(volume.values == label)
+    return " ".join(f"{p.min()} {p.max()}" if len(p) else "0 -1" for p in places[::-1])
+
+
+def _header_text(volume: Volume, encoding: str, data_file: str | None = None, crc: int | None = None, *,
+                 layout: Layout = SINGLE, keys: Mapping[str, str] = MappingProxyType({})) -> bytes:
     grid = volume.grid
     vectors = " ".join("(" + ",".join(map(repr, column)) + ")" for column in grid.matrix.T.tolist())
+    parts, moments = layout.channels > 1, layout.frames > 1
+    first = {"rgb": "RGB-color", "rgba": "RGBA-color"}.get(layout.kind, "vector")
+    sizes = [layout.channels] * parts + [*volume.shape[::-1]] + [layout.frames] * moments
     lines = [
         "NRRD0005",
         *([] if crc is None else [f"# {detached_proof(crc)}"]),  # a comment: other programs pass keys on to new voxels
         f"type: {_NAMES[stored_dtype(volume).str[1:]]}",
-        "dimension: 3",
+        f"dimension: {len(sizes)}",
         "space: left-posterior-superior",
-        "sizes: " + " ".join(map(str, volume.shape[::-1])),
-        "space directions: " + vectors,
-        "kinds: domain domain domain",
+        "sizes: " + " ".join(map(str, sizes)),
+        "space directions: " + "none " * parts + vectors + " none" * moments,
+        "kinds: " + f"{first} " * parts + "domain domain domain" + " list" * moments,
         "endian: little",
         f"encoding: {encoding}",
         "space origin: (" + ",".join(map(repr, grid.origin)) + ")",
     ]
-    lines += [f"{_LABELS_KEY}:=yes"] if volume.is_labels else []
+    lines += [f"{_LABELS_KEY}:=yes"] if volume.is_labels and not keys else []
+    lines += [f"{_CHANNELS_KEY}:={layout_description(layout)}"] if parts else []
+    lines += [f"{key}:={value}" for key, value in keys.items()]
     # The data file comes last: in some readers whatever follows a detached file's name is lost.
     lines += [f"data file: {data_file}"] if data_file else []
     return ("\n".join(lines) + "\n\n").encode()

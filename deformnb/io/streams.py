@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.atomic import atomic_write, check_target, flush_folder, sweep
-from deformnb.io.headers import Blocks, detached_name, fail, is_detached_name, shown
+from deformnb.io.headers import Blocks, Layout, detached_name, fail, is_detached_name, shown
 from deformnb.volume.volume import Volume
 
 # Small enough that a file of thousands of tiny gzip members, each of which copies the rest of its chunk, stays quick.
@@ -182,6 +182,23 @@ class Source:
             raise fail(self.path, f"the header needs {expected} bytes of voxels, more than the {max(0, present)} "
                                   "compressed bytes of the file can hold: it is cut short or damaged.")
         return lambda: stream_blocks(self.path, self.open, shape, dtype)
+
+
+def layout_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[Any], layout: Layout,
+                  check: Callable[[Source, tuple[int, int, int]], Blocks] | None = None) -> Blocks:
+    """The blocks of a file of channels and moments in its own order, with the checks of :meth:`Source.blocks`.
+
+    Parameters
+    ----------
+    check : makes the blocks of a source and a shape, instead of :meth:`Source.blocks`.
+    """
+    nz, ny, nx = shape
+    inner = layout.channels if layout.interleaved else 1
+    whole = (layout.frames * (layout.channels // inner) * nz, ny, nx * inner)
+    blocks = source.blocks(whole, dtype) if check is None else check(source, whole)
+    if not layout.interleaved:
+        return blocks
+    return lambda: (block.reshape(len(block), ny, nx, inner) for block in blocks())
 
 
 def stream_blocks(path: Path, open_stream: Callable[[], Stream], shape: tuple[int, int, int],

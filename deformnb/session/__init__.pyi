@@ -5,4 +5,5 @@ from .batch import replay as replay
 from .examples import EXAMPLES as EXAMPLES
 from .examples import apply_example as apply_example
 from .history import HistoryNode as HistoryNode
+from .series import warp_series as warp_series
 from .session import Session as Session

@@ -1,3 +1,6 @@
+from .channels import Channels as Channels
+from .labelled import from_xarray as from_xarray
+from .labelled import to_xarray as to_xarray
 from .plane import VIEWS as VIEWS
 from .plane import Picture as Picture
 from .plane import Plane as Plane

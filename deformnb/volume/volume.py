@@ -206,6 +206,23 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     return (note,)
 
 
+def refuse_lazy(given: Any) -> None:
+    """Refuse an array that lies in chunks (of dask, Zarr or HDF5): it would be loaded whole without a word.
+
+    Raises
+    ------
+    DeformError
+        With its size and what to do.
+    """
+    if getattr(given, "chunks", None) is None or isinstance(given, np.ndarray):
+        return
+    kind = type(given).__module__.partition(".")[0]
+    size = int(np.prod(given.shape, dtype=np.float64)) * np.dtype(given.dtype).itemsize
+    load = "array.compute()" if kind in ("dask", "xarray") else "array[...]"
+    raise DeformError(f"this is an array in chunks ({kind}) of {size / 2**20:.6g} MiB, which would be loaded whole. "
+                      f"deformnb.chunked.warp deforms it block by block; where it fits into memory, load it: {load}.")
+
+
 def optional_package(package: str) -> Any:
     """An optional package, imported now.
 
@@ -631,7 +648,7 @@ class Volume:
         ------
         DeformError
             For other axes (time, colour), no voxels, complex or object types, values no type holds exactly, masked
-            arrays, and for a spacing, origin or direction that :class:`Grid` refuses.
+            arrays, arrays in chunks (dask, Zarr), and for a spacing, origin or direction that :class:`Grid` refuses.
 
         Examples
         --------
@@ -640,6 +657,7 @@ class Volume:
         """
         if isinstance(array, np.ma.MaskedArray):
             raise DeformError("masked arrays are not supported; choose what hidden voxels hold: array.filled(value).")
+        refuse_lazy(array)
         try:
             given = np.asanyarray(array)
         except ValueError as error:

@@ -12,4 +12,5 @@ from .points import warp_landmarks as warp_landmarks
 from .points import warp_points as warp_points
 from .warper import Warper as Warper
 from .warper import warp as warp
+from .warper import warp_all as warp_all
 from .warper import warp_picture as warp_picture

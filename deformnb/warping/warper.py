@@ -12,7 +12,7 @@ The paper's transparency map A is applied to voxels too: those that a cut hides 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField, HasField, Identity, as_field
+from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
+from deformnb.volume.labelled import is_labelled, mapped
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
@@ -70,7 +71,9 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
 
     Parameters
     ----------
-    volume : the voxels to deform; NaN and infinity count as background.
+    volume : the voxels to deform; NaN and infinity count as background. Or an ``xarray.DataArray`` with the dimensions
+        z, y and x: the result is one too, with its dimensions, coordinates and attributes, and what lies along its
+        other dimensions (channels, time) is deformed by the same map.
     field : backward displacements in space, of dimension 3; or a Deformation, which is applied.
     output : the grid of the result (field of view and resolution); default is the volume's.
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
@@ -111,10 +114,23 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
     options: dict[str, Any] = {"fill": fill, "method": method, "step": step}
     if output is not None:  # else a deformation has its own
         options["output"] = as_grid(output)
-    apply = getattr(field, "apply", None)
-    if callable(apply) and not isinstance(field, AbstractField | type):
-        return apply(as_volume(volume), **options, progress=progress)
-    return Warper(volume, **options)(field, progress=progress)
+    if is_labelled(volume):
+        return mapped(volume, partial(deformed, field=field, **options, progress=progress))
+    return deformed([as_volume(volume)], field, **options, progress=progress)[0]
+
+
+def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
+    """Volumes on one grid through a field, or a Deformation, whose result may have a grid of its own.
+
+    Parameters
+    ----------
+    options : those of :func:`warp_all`.
+    """
+    apply_all = getattr(field, "apply_all", None)
+    if callable(apply_all) and not isinstance(field, AbstractField | type):
+        done: list[Volume] = apply_all(volumes, **options)
+        return done
+    return warp_all(volumes, field, **options)
 
 
 class Warper:
@@ -149,28 +165,14 @@ class Warper:
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""
-        field = as_field(field, self.volume)
-        if field.dim != 3:
-            raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
-        _ = self.volume.values  # raises where its file has changed
-        plan, cut = None, None
-        if not METHODS[self.method].is_spline:  # its coefficients hold the value along the normal in three taps
-            plan = planning.extruded(field, self.volume.grid, self.output, self._compute)
-            cut = None if plan else plan_cut(field, self.volume.grid, self.output, self._compute)
-        try:
-            values = self._near_cuts(cut, progress) if cut else self._planned(plan, field, progress)
-        except MemoryError:
-            nz, ny, nx = self.output.shape
-            raise DeformError(f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
-                              "smaller or its spacing larger (output).") from None
+        return _together([self], field, progress)[0]
+
+    def _finished(self, values: NDArray[Any]) -> Volume:
         if self.volume.dtype == np.bool_:
             values = values.view(np.bool_)
         return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
 
-    def _planned(self, plan: planning.Extruded | None, field: AbstractField,
-                 progress: Progress | None) -> NDArray[Any]:
-        if plan is None:
-            return self._general(field, progress)
+    def _planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         if plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
             values = self._rows(plan, progress)
         elif plan.weights is not None and plan.normal == 2:
@@ -197,14 +199,6 @@ class Warper:
         values = self.volume.finite_values
         return values.view(np.uint8) if values.dtype == np.bool_ else values
 
-    def _share(self, parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None) -> None:
-        """Do all parts; the file of a memory map is checked before each, for JAX reads from the map itself."""
-        def checked(part: _Part) -> None:
-            _ = self.volume.values
-            work(part)
-
-        planning.run_parts(parts, checked, progress)
-
     def _is_whole(self, axis: int) -> bool:
         return self.output.shape[axis] == self.volume.shape[axis]
 
@@ -225,49 +219,6 @@ class Warper:
     def _settings(self) -> dict[str, Any]:
         return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index}
 
-    def _general(self, field: AbstractField, progress: Progress | None) -> NDArray[Any]:
-        grid, at = self.output, self._places
-        out = np.empty(grid.shape, self._voxels.dtype)
-        with self._arithmetic():
-            flat = self._flat
-        step = 1 if field.has_cuts else self.step  # no displacement is interpolated across a cut
-
-        chain = ComposedEvaluator(field, grid)
-
-        def work(block: tuple[slice, slice]) -> None:
-            nodes = planning.lattice(grid, block, step)
-            d, opacity = planning.seen(field, nodes, step) if chain.is_single else chain.seen(nodes)
-            with self._arithmetic():
-                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), self._fill, step=step,
-                                                     **self._settings()))
-            if opacity is not None:
-                result = self._faded(result, opacity)
-            target = out[block]
-            target[...] = result[: target.shape[0], : target.shape[1]]
-
-        self._share(planning.blocks(grid.shape, step), work, progress)
-        return out
-
-    def _near_cuts(self, cut: CutPlan, progress: Progress | None) -> NDArray[Any]:
-        """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
-        out = self._planned(cut.apart, Identity(3), None)
-        with self._arithmetic():
-            flat = self._flat
-
-        def work(tile: tuple[slice, slice, slice]) -> None:
-            d, opacity = cut.tile(tile)
-            weights = np.ones((1, d.shape[cut.apart.normal + 1]), np.float32)
-            with self._arithmetic():
-                result = np.asarray(sampling.extruded(
-                    flat, d[None], weights, cut.apart.matrix, *self._places.block(tile), self._fill,
-                    normal=cut.apart.normal, **self._settings()))
-            result = self._faded(result, opacity)
-            target = out[tile]
-            target[...] = result[tuple(slice(n) for n in target.shape)]
-
-        self._share(cut.tiles, work, progress)
-        return out
-
     def _extruded(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
         axis, n = plan.normal, self.output.shape[plan.normal]
@@ -282,7 +233,7 @@ class Warper:
             with self._arithmetic():
                 out[*before, part] = self._slices(plan, voxels, None if plan.weights is None else plan.weights[:, part])
 
-        self._share(planning.parts(n, most), work, progress)
+        _share([self], planning.parts(n, most), work, progress)
         return out
 
     def _slices(self, plan: planning.Extruded, voxels: NDArray[Any], weights: Any) -> NDArray[Any]:
@@ -310,7 +261,7 @@ class Warper:
                 out[block] = sampling.extruded(flat, plan.maps[:, :, *block, None], plan.weights, plan.matrix,
                                                *self._places.block(block), self._fill, normal=2, **self._settings())
 
-        self._share(planning.blocks(self.output.shape, 1), work, progress)
+        _share([self], planning.blocks(self.output.shape, 1), work, progress)
         return out
 
     def _rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
@@ -320,6 +271,143 @@ class Warper:
         settings = self._settings() | {"shape": shape}
         out = _moved_rows(self._tables[plan.normal], plan.maps[0], at, self._fill, settings, progress)
         return np.moveaxis(out, 2, plan.normal)
+
+
+def _together(warpers: Sequence[Warper], field: AbstractField | HasField,
+              progress: Progress | None) -> list[Volume]:
+    """The volumes of several warpers, of one grid and one output, deformed by one field that is evaluated once."""
+    first = warpers[0]
+    field, grid, output = as_field(field, first.volume), first.volume.grid, first.output
+    if field.dim != 3:
+        raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
+    for warper in warpers:
+        _ = warper.volume.values  # raises where its file has changed
+    plan, cut = None, None
+    if not METHODS[first.method].is_spline:  # its coefficients hold the value along the normal in three taps
+        plan = planning.extruded(field, grid, output, first._compute)
+        cut = None if plan else plan_cut(field, grid, output, first._compute)
+    try:
+        if cut:
+            values = _near_cuts(warpers, cut, progress)
+        elif plan:
+            values = [warper._planned(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
+        else:
+            values = _general(warpers, field, progress)
+    except MemoryError:
+        nz, ny, nx = output.shape
+        raise DeformError(f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
+                          "smaller or its spacing larger (output).") from None
+    return [warper._finished(result) for warper, result in zip(warpers, values, strict=True)]
+
+
+def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
+    """The progress of the k-th of several pieces of work that take equally long."""
+    return None if progress is None else lambda share: progress((k + share) / count)
+
+
+def _share(warpers: Sequence[Warper], parts: Sequence[_Part], work: Callable[[_Part], None],
+           progress: Progress | None) -> None:
+    """Do all parts; the file of a memory map is checked before each, for JAX reads from the map itself."""
+    def checked(part: _Part) -> None:
+        for warper in warpers:
+            _ = warper.volume.values
+        work(part)
+
+    planning.run_parts(parts, checked, progress)
+
+
+def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress | None) -> list[NDArray[Any]]:
+    """Any field, block by block: its displacements in a block are found once, and all volumes are read there."""
+    grid = warpers[0].output
+    outs = [np.empty(grid.shape, warper._voxels.dtype) for warper in warpers]
+    flats = []
+    for warper in warpers:
+        with warper._arithmetic():
+            flats.append(warper._flat)
+    step = 1 if field.has_cuts else warpers[0].step  # no displacement is interpolated across a cut
+
+    chain = ComposedEvaluator(field, grid)
+
+    def work(block: tuple[slice, slice]) -> None:
+        nodes = planning.lattice(grid, block, step)
+        d, opacity = planning.seen(field, nodes, step) if chain.is_single else chain.seen(nodes)
+        for warper, flat, out in zip(warpers, flats, outs, strict=True):
+            at = warper._places
+            with warper._arithmetic():
+                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), warper._fill, step=step,
+                                                     **warper._settings()))
+            if opacity is not None:
+                result = warper._faded(result, opacity)
+            target = out[block]
+            target[...] = result[: target.shape[0], : target.shape[1]]
+
+    _share(warpers, planning.blocks(grid.shape, step), work, progress)
+    return outs
+
+
+def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
+    """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
+    outs = [warper._planned(cut.apart, None) for warper in warpers]
+    flats = []
+    for warper in warpers:
+        with warper._arithmetic():
+            flats.append(warper._flat)
+
+    def work(tile: tuple[slice, slice, slice]) -> None:
+        d, opacity = cut.tile(tile)
+        weights = np.ones((1, d.shape[cut.apart.normal + 1]), np.float32)
+        for warper, flat, out in zip(warpers, flats, outs, strict=True):
+            with warper._arithmetic():
+                result = np.asarray(sampling.extruded(
+                    flat, d[None], weights, cut.apart.matrix, *warper._places.block(tile), warper._fill,
+                    normal=cut.apart.normal, **warper._settings()))
+            result = warper._faded(result, opacity)
+            target = out[tile]
+            target[...] = result[tuple(slice(n) for n in target.shape)]
+
+    _share(warpers, cut.tiles, work, progress)
+    return outs
+
+
+def warp_all(volumes: Sequence[Volume], field: AbstractField | HasField, *, output: Grid | Volume | None = None,
+             fill: float | None = None, method: str | None = None, step: int = 1,
+             progress: Progress | None = None) -> list[Volume]:
+    """Several volumes on one grid, such as channels, deformed by one map, whose displacements are computed once.
+
+    Parameters
+    ----------
+    volumes : on one grid, of any voxel types.
+    field, output, fill, method, step, progress : as in :func:`warp`; the default of fill and method is each volume's
+        own.
+
+    Raises
+    ------
+    DeformError
+        If the volumes do not lie on one grid, or as :func:`warp`.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> red, green = Volume.from_array(np.eye(3)), Volume.from_array(np.ones((3, 3)))
+    >>> [volume.values.sum() for volume in warp_all([red, green], Identity())]
+    [np.float64(3.0), np.float64(9.0)]
+    """
+    if not volumes:
+        raise DeformError("there are no volumes to deform.")
+    grid = as_volume(volumes[0]).grid
+    for volume in volumes:
+        if as_volume(volume).grid != grid:
+            raise DeformError(f"the volumes {volumes[0].name!r} and {volume.name!r} do not lie on one grid, so that "
+                              "one map cannot move both; deform each by itself.")
+    warpers = [Warper(volume, output=output, fill=fill, method=method, step=step) for volume in volumes]
+    groups: dict[tuple[str, bool], list[int]] = {}
+    for k, warper in enumerate(warpers):  # a map is planned in the precision of the voxels
+        groups.setdefault((warper._compute, METHODS[warper.method].is_spline), []).append(k)
+    results: dict[int, Volume] = {}
+    for number, members in enumerate(groups.values()):
+        done = _together([warpers[k] for k in members], field, _part_of(progress, number, len(groups)))
+        results.update(zip(members, done, strict=True))
+    return [results[k] for k in range(len(volumes))]
 
 
 def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill: Any, settings: dict[str, Any],

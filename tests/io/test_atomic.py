@@ -18,7 +18,7 @@ from deformnb import DeformError, Volume
 from deformnb.errors import Cancelled, VolumeFileError
 from deformnb.io import FORMATS, atomic_write, read_volume, write_volume
 
-WRITABLE = [suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes]
+WRITABLE = [s for kind, entry in FORMATS.items() if entry.write and kind != "image" for s in entry.suffixes]
 Usage = namedtuple("Usage", "total used free")
 
 

@@ -17,11 +17,12 @@ import SimpleITK
 from PIL import Image
 
 from deformnb import Volume
-from deformnb.io import FORMATS, write_landmarks, write_transform, write_volume
+from deformnb.io import FORMATS, write_landmarks, write_series, write_transform, write_volume
 from deformnb.io.displacement_images import image_of
 from deformnb.io.landmarks import LANDMARK_FORMATS
 from deformnb.io.transforms import TRANSFORM_SUFFIXES
 from deformnb.rbf.fields import Affine, DisplacementField, compose
+from deformnb.volume import Channels
 from deformnb.volume.volume import Grid
 from deformnb.warping.points import Landmarks
 
@@ -36,7 +37,7 @@ import faulthandler, random, resource, signal, sys
 from pathlib import Path
 import numpy as np
 from deformnb import DeformError
-from deformnb.io import describe_file, read_landmarks, read_transform, read_volume
+from deformnb.io import describe_file, open_series, read_landmarks, read_transform, read_volume
 from deformnb.volume.volume import Grid
 for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outside the limits
     try:
@@ -47,7 +48,12 @@ for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outsi
 folder, name, kind, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], sys.argv[3], *map(int, sys.argv[4:])
 
 def read_a_volume():
-    volume = read_volume(folder / name, max_bytes=2**26)
+    check(read_volume(folder / name, max_bytes=2**26))
+
+def read_a_series():
+    check(list(open_series(folder / name, max_bytes=2**26))[-1][0])
+
+def check(volume):
     describe_file(folder / name)
     assert volume.values.shape == volume.grid.shape and volume.values.nbytes <= 2**27, last
     assert np.isfinite(volume.grid.corners()).all(), last
@@ -59,7 +65,7 @@ def read_a_transform():
 def read_some_landmarks():
     assert np.isfinite(read_landmarks(folder / name).points).all(), last
 
-read = {"volume": read_a_volume, "transform": read_a_transform, "landmarks": read_some_landmarks}[kind]
+read = {"volume": read_a_volume, "series": read_a_series, "transform": read_a_transform, "landmarks": read_some_landmarks}[kind]
 faulthandler.enable()
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
 if used:  # half a gibibyte more than now, of which a volume may take an eighth
@@ -110,8 +116,16 @@ print(good)
 """
 
 
+SERIES = ["series.nrrd", "series.nii", "series.nii.gz", "series.mha", "series.png", "series.webp"]
+
+
 def seeds(folder: Path, suffix: str) -> str:
     """One valid file (with its companions) in an empty folder; returns its name."""
+    if suffix in SERIES:
+        colours = np.arange(360, dtype=np.uint8).reshape(4, 5, 6, 3)[:1 if suffix.endswith(("png", "webp")) else None]
+        moments = [Channels.from_array(colours, kind="rgb")] * (len(colours) // 2 or 1)
+        write_series(moments, folder / suffix, len(moments))
+        return suffix
     name = f"a{suffix}"
     values = np.arange(120, dtype=np.int16).reshape(4, 5, 6)
     volume = Volume.from_array(values, (1, 2, 3), (4, 5, 6), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
@@ -176,6 +190,13 @@ ONLY_POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits of a pro
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: Path) -> None:
     _damage(tmp_path, seeds(tmp_path, suffix), "volume", SUFFIXES.index(suffix))
+
+
+@pytest.mark.nightly
+@ONLY_POSIX
+@pytest.mark.parametrize("name", SERIES)
+def test_random_damage_ends_in_a_series_or_one_sentence(name: str, tmp_path: Path) -> None:
+    _damage(tmp_path, seeds(tmp_path, name), "series", len(SUFFIXES) + SERIES.index(name))
 
 
 @pytest.mark.nightly

@@ -15,7 +15,7 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.io import FORMATS, describe_file, read_volume, write_volume
 from deformnb.volume.volume import DTYPES
 
-WRITABLE = [suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes]
+WRITABLE = [s for kind, entry in FORMATS.items() if entry.write and kind != "image" for s in entry.suffixes]
 
 # NIfTI-1 stores places as float32; the others store what is needed to get the same float64 back, but for one product
 # and quotient of spacing and direction.

@@ -1,0 +1,83 @@
+"""Volumes of labels: how large each region of a segmentation is before and after a deformation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.volume.volume import Volume, as_volume, slabs
+
+
+@dataclass(frozen=True)
+class LabelVolume:
+    """One region of a segmentation, before and after.
+
+    Parameters
+    ----------
+    label : the number of its voxels.
+    name : what it is called; empty if that is not known.
+    before, after : its volume, in the cube of the unit of the spacing (mm³).
+    """
+
+    label: int
+    name: str
+    before: float
+    after: float
+
+    @property
+    def change(self) -> float:
+        """Change in percent of the volume before; NaN where there was none."""
+        return 100 * (self.after - self.before) / self.before if self.before else math.nan
+
+
+def label_volumes(before: Volume, after: Volume, names: Mapping[int, str] | None = None) -> tuple[LabelVolume, ...]:
+    """The volume of each label before and after a deformation: number of voxels times the size of a voxel.
+
+    Parameters
+    ----------
+    before, after : labels, on grids of their own; whole numbers or bool.
+    names : what the labels are called, as :func:`deformnb.io.read_label_names` finds them.
+
+    Returns
+    -------
+    One row for each label of either volume, by number, without 0, the background.
+
+    Raises
+    ------
+    DeformError
+        If the voxels of one are not whole numbers.
+
+    Examples
+    --------
+    >>> before = Volume.from_array(np.array([[0, 1, 1, 2]], np.uint8), spacing=(2, 1, 1))
+    >>> after = Volume.from_array(np.array([[1, 1, 1, 2]], np.uint8), spacing=(2, 1, 1))
+    >>> for row in label_volumes(before, after, {1: "liver"}):
+    ...     print(row.label, row.name, row.before, row.after, row.change)
+    1 liver 4.0 6.0 50.0
+    2  2.0 2.0 0.0
+    """
+    counts = [_counts(volume) for volume in (before, after)]
+    sizes = [float(np.prod(volume.grid.spacing)) for volume in (before, after)]
+    named = names or {}
+    return tuple(LabelVolume(label, named.get(label, ""), counts[0].get(label, 0) * sizes[0],
+                             counts[1].get(label, 0) * sizes[1])
+                 for label in sorted(counts[0].keys() | counts[1].keys()) if label != 0)
+
+
+def _counts(volume: Volume) -> dict[int, int]:
+    values = as_volume(volume).values
+    if values.dtype.kind not in "iub":
+        raise DeformError(f"labels are whole numbers, and the voxels of {shown_value(volume.name)} are {values.dtype}.")
+    found: dict[int, int] = {}
+    for slab in slabs(values):
+        part: NDArray[np.int64]
+        numbers, part = np.unique(slab, return_counts=True)
+        for number, count in zip(numbers.tolist(), part.tolist(), strict=True):
+            found[int(number)] = found.get(int(number), 0) + int(count)
+    return found

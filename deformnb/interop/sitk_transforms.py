@@ -1,0 +1,61 @@
+"""A deformation as a transform of SimpleITK, for its resampling and registration filters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from deformnb.errors import DeformError
+from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.volume.volume import Grid, Volume, as_grid, optional_package
+
+
+def to_sitk_transform(field: AbstractField | HasField, grid: Grid | Volume) -> Any:
+    """The ``SimpleITK.DisplacementFieldTransform`` of a deformation.
+
+    ITK's resampling looks up every voxel of the result in the input, so the transform is the backward map, as here.
+
+    Parameters
+    ----------
+    field : backward displacements in space, or a Deformation; of several steps it is their composition.
+    grid : whose voxels are the samples, in float64; ITK interpolates linearly between them, and takes no displacement
+        outside.
+
+    Raises
+    ------
+    DeformError
+        If the field is over a plane, or has cuts, which no transform can hold.
+    MissingPackageError
+        Without SimpleITK.
+
+    See Also
+    --------
+    deformnb.write_transform : the same as a file.
+
+    Examples
+    --------
+    >>> import numpy as np, SimpleITK as sitk
+    >>> import deformnb as dn
+    >>> volume = dn.Volume.from_array(np.broadcast_to(np.arange(20.0), (20, 20, 20)))
+    >>> points = dn.ControlPoints.from_arrays([[5, 10, 10]], [[8, 10, 10]])
+    >>> transform = dn.interop.to_sitk_transform(dn.Deformation.in_space(points, support=30.0), volume)
+    >>> transform.GetName()
+    'DisplacementFieldTransform'
+    >>> resampled = sitk.Resample(volume.to_sitk(), transform)
+    >>> round(resampled.GetPixel(8, 10, 10), 4)
+    5.0
+    """
+    lattice = as_grid(grid)
+    found = as_field(field, lattice)
+    if found.dim != 3:
+        raise DeformError("a transform is a map of space, and this field is over a plane; extrude it first.")
+    if found.has_cuts:
+        raise DeformError("this deformation has cuts, which hide tissue and where displacements jump; a transform can "
+                          "hold neither. Switch the cuts off, or deform volumes here: dn.warp.")
+    sitk = optional_package("SimpleITK")
+    image = sitk.GetImageFromArray(found.on_grid(lattice).astype(np.float64), isVector=True)
+    image.SetSpacing(lattice.spacing)
+    image.SetOrigin(lattice.origin)
+    image.SetDirection(np.ravel(lattice.direction).tolist())
+    return sitk.DisplacementFieldTransform(image)

@@ -1,0 +1,208 @@
+"""Channels: several volumes on one grid, such as the stains of a microscope or the red, green and blue of colours.
+
+Each channel is a plain :class:`~deformnb.volume.volume.Volume`; all of them are deformed by one map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb._typing import Float3
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.volume.volume import Grid, Volume
+
+KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
+"""What channels are together, and how many they are then: any, or the parts of a colour."""
+
+Colour = Float3
+
+_PRIMARY: dict[str, Colour] = {
+    "red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1), "cyan": (0, 1, 1), "magenta": (1, 0, 1),
+    "yellow": (1, 1, 0), "grey": (1, 1, 1)}
+# Green and magenta are told apart by those who do not see red, too.
+_OF_FEW: dict[int, tuple[str, ...]] = {1: ("grey",), 2: ("green", "magenta")}
+
+_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as Pillow makes grey values
+
+
+def usual_colours(count: int) -> tuple[Colour, ...]:
+    """The colours of channels whose file names none: added up they are white, as far as there are three.
+
+    Examples
+    --------
+    >>> usual_colours(2)
+    ((0, 1, 0), (1, 0, 1))
+    """
+    names = _OF_FEW.get(count, tuple(_PRIMARY))
+    return tuple(_PRIMARY[names[k % len(names)]] for k in range(count))
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Volumes on one grid, with colours in which they are shown added up.
+
+    Parameters
+    ----------
+    volumes : one for each channel, named like it; of one grid and one voxel type.
+    colours : (red, green, blue) from 0 to 1 of each; by default the usual ones.
+    kind : a key of :data:`KINDS`: "rgb" and "rgba" are the parts of a colour, and of its opacity.
+    name : of all of them together, shown to people.
+
+    Raises
+    ------
+    DeformError
+        If there are none, or their grids or voxel types differ, or the colours or the kind do not fit.
+
+    Examples
+    --------
+    >>> stained = Channels.from_array(np.zeros((4, 5, 6, 2), np.uint8), names=("nuclei", "actin"))
+    >>> stained
+    <Channels: nuclei, actin; 6 x 5 x 4 voxels (x, y, z), uint8>
+    >>> stained["actin"].shape, stained.colours
+    ((4, 5, 6), ((0, 1, 0), (1, 0, 1)))
+    """
+
+    volumes: tuple[Volume, ...]
+    colours: tuple[Colour, ...] = ()
+    kind: str = "channels"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        volumes = tuple(self.volumes)
+        if not volumes or not all(isinstance(volume, Volume) for volume in volumes):
+            raise DeformError(f"channels are one or more volumes, got {shown_value(self.volumes)}.")
+        first = volumes[0]
+        for volume in volumes[1:]:
+            if volume.grid != first.grid or volume.dtype != first.dtype:
+                raise DeformError(f"channels lie on one grid and have one voxel type, and {volume.name or 'one'!r} "
+                                  f"({volume.dtype} on {volume.grid.shape}) differs from {first.name or 'another'!r} "
+                                  f"({first.dtype} on {first.grid.shape}).")
+        if self.kind not in KINDS or KINDS[self.kind] not in (0, len(volumes)):
+            raise DeformError(f"{len(volumes)} channels cannot be of the kind {shown_value(self.kind)}.")
+        colours = tuple(self.colours) or usual_colours(min(3, len(volumes)) if KINDS[self.kind] else len(volumes))
+        colours += ((1.0, 1.0, 1.0),) * (self.kind == "rgba" and len(colours) == 3)
+        if len(colours) != len(volumes):
+            raise DeformError(f"{len(volumes)} channels need as many colours, got {shown_value(self.colours)}.")
+        object.__setattr__(self, "volumes", volumes)
+        object.__setattr__(self, "colours", colours)
+
+    def __repr__(self) -> str:
+        nz, ny, nx = self.grid.shape
+        names = ", ".join(name[:30] for name in self.names[:8]) + (", ..." if len(self) > 8 else "")
+        return f"<Channels: {names}; {nx} x {ny} x {nz} voxels (x, y, z), {self.volumes[0].dtype.name}>"
+
+    @classmethod
+    def from_array(cls, values: NDArray[Any], grid: Grid | None = None, names: Sequence[str] = (),
+                   colours: Sequence[Colour] = (), kind: str = "channels", name: str = "") -> Channels:
+        """Channels of an array [z, y, x, c], or [y, x, c] for one slice; names are by default those of their kind."""
+        values = np.asarray(values)
+        if values.ndim not in (3, 4):
+            raise DeformError(f"channels are an array [z, y, x, c] or [y, x, c], got the shape {values.shape}.")
+        stack = np.moveaxis(values if values.ndim == 4 else values[None], -1, 0)
+        given = tuple(names) or usual_names(len(stack), kind)
+        volumes = [Volume.from_array(part, name=label, is_labels=False) for part, label in
+                   zip(stack, given, strict=True)]
+        return cls(tuple(v if grid is None else replace(v, grid=grid) for v in volumes), tuple(colours), kind, name)
+
+    @property
+    def grid(self) -> Grid:
+        """Grid of all channels."""
+        return self.volumes[0].grid
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(volume.name for volume in self.volumes)
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """A copy of all voxels: [z, y, x, c]."""
+        return np.stack([volume.values for volume in self.volumes], axis=-1)
+
+    def __len__(self) -> int:
+        return len(self.volumes)
+
+    def __iter__(self) -> Iterator[Volume]:
+        return iter(self.volumes)
+
+    def __getitem__(self, which: int | str) -> Volume:
+        """A channel by its number or its name."""
+        if isinstance(which, str):
+            if which not in self.names:
+                raise DeformError(f"there is no channel {which!r}; there are {', '.join(map(repr, self.names))}.")
+            return self.volumes[self.names.index(which)]
+        if not isinstance(which, int) or not -len(self) <= which < len(self):
+            raise DeformError(f"a channel is a number below {len(self)} or a name, got {shown_value(which)}.")
+        return self.volumes[which]
+
+    def with_volumes(self, volumes: Sequence[Volume]) -> Channels:
+        """The same channels with other voxels, such as those that :func:`deformnb.warp` has deformed."""
+        return replace(self, volumes=tuple(volumes))
+
+    def brightness(self) -> Volume:
+        """One grey volume of all channels, to project and drag on: luma of colours (ITU-R BT.601), else their largest.
+
+        Other channels are each stretched from their own smallest to their largest value first, to 0 ... 255.
+        """
+        if KINDS[self.kind]:
+            luma = sum(part * volume.values for part, volume in zip(_LUMA, self.volumes, strict=False))
+            values = np.asarray(luma)
+            if self.volumes[0].dtype.kind in "iu":
+                values = np.floor(values + 0.5).astype(self.volumes[0].dtype)
+        else:
+            values = np.zeros(self.grid.shape, np.uint8)
+            for volume in self.volumes:
+                np.maximum(values, _bytes(volume.values, volume.value_range), out=values)
+        return Volume(values, self.grid, self.name)
+
+    def composite(self, pictures: Sequence[NDArray[Any]] | None = None) -> NDArray[np.float32]:
+        """Colours (..., 4): red, green, blue and alpha 1, the channels in their colours added up.
+
+        Parameters
+        ----------
+        pictures : one array for each channel, such as a projection of each; by default their voxels. Each is shown from
+            its channel's smallest value in black to its largest in the channel's colour; whole numbers of colours (kind
+            "rgb") keep their own scale.
+        """
+        parts = [volume.values for volume in self.volumes] if pictures is None else list(pictures)
+        out = np.zeros((*np.shape(parts[0]), 4), np.float32)
+        shown = [k for k in range(len(self)) if not (self.kind == "rgba" and k == 3)]
+        for k in shown:
+            low, high = self._shown_range(k)
+            share = np.clip((parts[k].astype(np.float32) - low) / (high - low or 1.0), 0, 1)
+            out[..., :3] += share[..., None] * np.asarray(self.colours[k], np.float32)
+        if self.kind == "rgba":  # over black, as colours times alpha
+            low, high = self._shown_range(3)
+            out[..., :3] *= np.clip((parts[3].astype(np.float32) - low) / (high - low), 0, 1)[..., None]
+        out[..., 3] = 1
+        return np.clip(out, 0, 1)
+
+    def _shown_range(self, k: int) -> tuple[float, float]:
+        volume = self.volumes[k]
+        if KINDS[self.kind] and volume.dtype.kind in "iu":
+            return 0.0, float(np.iinfo(volume.dtype).max)
+        return volume.value_range
+
+
+def usual_names(count: int, kind: str = "channels") -> tuple[str, ...]:
+    """Names of channels whose file has none.
+
+    Examples
+    --------
+    >>> usual_names(2), usual_names(3, "rgb")
+    (('channel 1', 'channel 2'), ('red', 'green', 'blue'))
+    """
+    if KINDS.get(kind):
+        return ("red", "green", "blue", "alpha")[:count]
+    return tuple(f"channel {k + 1}" for k in range(count))
+
+
+def _bytes(values: NDArray[Any], shown: tuple[float, float]) -> NDArray[np.uint8]:
+    low, high = shown
+    return np.asarray(np.clip((values.astype(np.float32) - low) * (255 / ((high - low) or 1.0)), 0, 255), np.uint8)

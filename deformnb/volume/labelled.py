@@ -1,0 +1,181 @@
+"""Labelled arrays: xarray's DataArray as volumes and back, with its dimensions, coordinates and attributes.
+
+The convention is that of ``itk.xarray_from_image``: the coordinates of the dimensions x, y and z are
+``origin + spacing * index`` along each axis, and the attribute "direction" is the 3 x 3 matrix of the axes in the order
+z, y, x. A coordinate that falls is an axis that points the other way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.checks import finite_array
+from deformnb.errors import DeformError
+from deformnb.volume.volume import Grid, Volume, optional_package, refuse_lazy
+
+_SPATIAL = ("z", "y", "x")
+_DIRECTION = "direction"
+
+# Coordinates are often rounded to float32 or to a few decimals; a step that differs by more than this is another step.
+_UNEVEN = 1e-3
+
+
+def is_labelled(given: object) -> bool:
+    """Check whether an object is a labelled array: one with dims and coords, which xarray need not be loaded for."""
+    return not isinstance(given, type) and all(hasattr(given, name) for name in ("dims", "coords", "transpose"))
+
+
+@dataclass(frozen=True)
+class LabelledAxes:
+    """Which dimensions of a labelled array are places, and the grid that their coordinates mean.
+
+    Parameters
+    ----------
+    spatial : names of the dimensions that are z, y and x, as far as there are: the last ones in the order of an array.
+    others : names of all other dimensions, such as channels and time.
+    grid : of the voxels; one slice where there are two dimensions in space.
+    """
+
+    spatial: tuple[Hashable, ...]
+    others: tuple[Hashable, ...]
+    grid: Grid
+
+    @classmethod
+    def of(cls, array: Any) -> LabelledAxes:
+        """The axes of a DataArray.
+
+        Raises
+        ------
+        DeformError
+            If it has no two or three dimensions in space, or coordinates that are not evenly spaced numbers.
+        """
+        by_letter = {str(dim).lower(): dim for dim in array.dims}
+        spatial = tuple(by_letter[letter] for letter in _SPATIAL if letter in by_letter)
+        if len(spatial) < 2 and not by_letter.keys() & set(_SPATIAL) and array.ndim in (2, 3):
+            spatial = tuple(array.dims)  # no names of places at all: in the order of the array
+        if len(spatial) < 2 or ("z" in by_letter and len(spatial) < 3 and spatial != tuple(array.dims)):
+            raise DeformError(f"a DataArray needs the dimensions z, y, x (or y, x), and this one has "
+                              f"({', '.join(map(str, array.dims))}); rename them: array.rename(old='x').")
+        starts, steps = zip(*(_line(array, dim) for dim in spatial), strict=True)
+        shape = tuple(int(array.sizes[dim]) for dim in spatial)
+        rest = 3 - len(spatial)
+        origin, spacing = (0.0,) * rest + starts, (1.0,) * rest + steps
+        turned = _direction(array, len(spatial)) * np.where(np.asarray(spacing[::-1]) < 0, -1.0, 1.0)
+        grid = Grid((1,) * rest + shape, tuple(abs(step) for step in spacing[::-1]), origin[::-1],  # type: ignore[arg-type]
+                    tuple(tuple(row) for row in turned.tolist()))  # type: ignore[arg-type]
+        return cls(spatial, tuple(dim for dim in array.dims if dim not in spatial), grid)
+
+
+def _line(array: Any, dim: Hashable) -> tuple[float, float]:
+    """The first coordinate along a dimension and the step to the next; 0 and 1 where it has none."""
+    if dim not in array.coords:
+        return 0.0, 1.0
+    values = np.asarray(array.coords[dim].values)
+    if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
+        raise DeformError(f"the coordinates along {dim} are no places but {values.dtype}; drop them: "
+                          f"array.drop_vars({str(dim)!r}).")
+    if len(values) < 2:
+        return float(values[0]), 1.0
+    steps = np.diff(values.astype(np.float64))
+    step = float((values[-1].astype(np.float64) - values[0].astype(np.float64)) / len(steps))
+    if step == 0 or np.abs(steps - step).max() > _UNEVEN * abs(step):
+        raise DeformError(f"the coordinates along {dim} are not evenly spaced (steps from {steps.min():.6g} to "
+                          f"{steps.max():.6g}); interpolate the array onto even ones first: array.interp.")
+    return float(values[0]), step
+
+
+def _direction(array: Any, dims: int) -> NDArray[np.float64]:
+    """The matrix of the attribute "direction", whose rows and columns are in the order z, y, x, as ours: x, y, z."""
+    given = array.attrs.get(_DIRECTION)
+    matrix = np.eye(3)
+    if given is not None:
+        flat = finite_array(given, (dims, dims), f"the attribute {_DIRECTION!r} must be {dims} x {dims} numbers")
+        matrix[:dims, :dims] = np.flip(flat)
+    return matrix
+
+
+def from_xarray(array: Any, *, is_labels: bool | None = None) -> Volume:
+    """A volume that shares the voxels of an ``xarray.DataArray`` with the dimensions z, y, x (or y, x), in any order.
+
+    Parameters
+    ----------
+    array : spacing and origin are those of its coordinates, which may fall; an attribute "direction" (3 x 3, in the
+        order z, y, x, as ITK writes it) is the direction of its axes.
+    is_labels : voxels are names, not amounts; as in :meth:`Volume.from_array`.
+
+    Raises
+    ------
+    DeformError
+        For other dimensions, coordinates that are not evenly spaced numbers, and an array in chunks (dask).
+    """
+    if not is_labelled(array):
+        raise DeformError(f"from_xarray takes an xarray.DataArray, not {type(array).__name__}.")
+    refuse_lazy(array)
+    axes = LabelledAxes.of(array)
+    more = [dim for dim in axes.others if array.sizes[dim] > 1]
+    if more:
+        raise DeformError(f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
+                          f"pick one: array.isel({more[0]}=0). dn.warp deforms all of them by one map.")
+    values = array.transpose(*axes.others, *axes.spatial).values.reshape(axes.grid.shape)
+    made = Volume.from_array(values, name=str(array.name or ""), is_labels=is_labels)
+    return replace(made, grid=axes.grid)
+
+
+def to_xarray(volume: Volume) -> Any:
+    """An ``xarray.DataArray`` that shares the voxels: dimensions z, y, x with coordinates, and "direction".
+
+    Examples
+    --------
+    >>> array = to_xarray(Volume.from_array(np.zeros((2, 3, 4)), spacing=(1, 1, 2), origin=(5, 0, 0)))
+    >>> array.dims, array.coords["z"].values.tolist(), from_xarray(array).grid.origin
+    (('z', 'y', 'x'), [0.0, 2.0], (5.0, 0.0, 0.0))
+    """
+    xarray = optional_package("xarray")
+    coords, direction = _coordinates(volume.grid, _SPATIAL)
+    return xarray.DataArray(volume.values, coords, _SPATIAL, volume.name or None, {_DIRECTION: direction})
+
+
+def _coordinates(grid: Grid, names: tuple[Hashable, ...]) -> tuple[dict[Hashable, Any], NDArray[np.float64]]:
+    places = [start + step * np.arange(n) for start, step, n in
+              zip(grid.origin[::-1], grid.spacing[::-1], grid.shape, strict=True)]
+    return dict(zip(names, places[3 - len(names):], strict=True)), np.flip(np.asarray(grid.direction))
+
+
+def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
+    """A DataArray of which every volume was deformed, with the same dimensions, coordinates and attributes.
+
+    Parameters
+    ----------
+    array : with z, y and x (or y and x) among its dimensions, in any order.
+    warp : deforms volumes of one grid, all those along the other dimensions.
+
+    Raises
+    ------
+    DeformError
+        As :meth:`LabelledAxes.of`; and if it is not in memory.
+    """
+    refuse_lazy(array)
+    axes = LabelledAxes.of(array)
+    ordered = array.transpose(*axes.others, *axes.spatial)
+    stack = np.asarray(ordered.values).reshape(-1, *axes.grid.shape)
+    volumes = [replace(Volume.from_array(values, name=str(array.name or "")), grid=axes.grid) for values in stack]
+    results = warp(volumes)
+    grid = results[0].grid
+    values = np.stack([result.values for result in results])
+    outer = tuple(ordered.shape[:len(axes.others)])
+    inner = grid.shape[3 - len(axes.spatial):]
+    if grid == axes.grid:
+        return ordered.copy(data=values.reshape(*outer, *inner)).transpose(*array.dims)
+    if len(axes.spatial) == 2 and grid.shape[0] != 1:
+        raise DeformError(f"the array has the dimensions {', '.join(map(str, axes.spatial))} and the result has "
+                          f"{grid.shape[0]} slices; give a grid of one slice.")
+    coords, direction = _coordinates(grid, axes.spatial)
+    kept = {name: coord for name, coord in ordered.coords.items() if not set(coord.dims) & set(axes.spatial)}
+    size = len(axes.spatial)
+    return type(array)(values.reshape(*outer, *inner), {**kept, **coords}, ordered.dims, array.name,
+                       {**array.attrs, _DIRECTION: direction[3 - size:, 3 - size:]}).transpose(*array.dims)
