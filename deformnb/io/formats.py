@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +17,9 @@ from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io import dicom, images, metaimage, nifti, nrrd, raw, tiff, vti
 from deformnb.io.atomic import check_target
-from deformnb.io.headers import Damage, Header, as_path, fail, human_bytes, regular_file, shown
+from deformnb.io.headers import SINGLE, Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
+from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing
 from deformnb.volume.volume import Grid, Volume, voxel_checksum
 
@@ -206,6 +207,8 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     _check_spacing(spacing)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series)
+        if header.layout.frames == 1 and header.layout.kind != "channels":
+            header = grey_header(header)
         if not header.layout.is_single:
             raise fail(place, f"a volume is one channel at one moment, and this file holds {header.layout}. "
                               "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.")
@@ -271,6 +274,16 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
         grid.size * dtype.itemsize * layout.frames * layout.channels, volume.notes if volume else header.notes + notes,
         volume.value_range if volume else None,
     )
+
+
+def grey_header(header: Header) -> Header:
+    """The header of colours as that of grey values, with a note."""
+    def blocks() -> Iterator[NDArray[Any]]:
+        with closing(header.blocks()) as found:  # type: ignore[type-var]  # generators can be closed
+            for block in found:
+                yield luma([block[..., part] for part in range(3)])
+
+    return replace(header, layout=SINGLE, blocks=blocks, notes=(*header.notes, "its colours became grey values"))
 
 
 def _right_spacing(grid: Grid, notes: tuple[str, ...], header: Header,

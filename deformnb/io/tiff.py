@@ -10,6 +10,7 @@ Source: TIFF 6.0, the BigTIFF proposal, and the descriptions that ImageJ and OME
 
 from __future__ import annotations
 
+import html
 import math
 import re
 import struct
@@ -18,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -26,7 +28,17 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Float3
 from deformnb.errors import MissingPackageError
-from deformnb.io.headers import Header, fail, regular_file, shown, volume_shape
+from deformnb.io.headers import (
+    SINGLE,
+    Blocks,
+    Header,
+    Layout,
+    checked_layout,
+    fail,
+    regular_file,
+    shown,
+    volume_shape,
+)
 
 SUFFIXES = (".tif", ".tiff")
 
@@ -35,14 +47,15 @@ _FIELD_TYPES = {1: ("u1", 1), 2: ("S1", 1), 3: ("u2", 1), 4: ("u4", 1), 5: ("u4"
                 8: ("i2", 1), 9: ("i4", 1), 10: ("i4", 2), 11: ("f4", 1), 12: ("f8", 1), 13: ("u4", 1), 16: ("u8", 1),
                 17: ("i8", 1), 18: ("u8", 1)}
 _WIDTH, _HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL, _DESCRIPTION = 256, 257, 258, 259, 262, 266, 270
-_STRIPS, _SAMPLES, _ROWS, _STRIP_BYTES, _XRES, _YRES, _PREDICTOR = 273, 277, 278, 279, 282, 283, 317
+_STRIPS, _SAMPLES, _ROWS, _STRIP_BYTES, _XRES, _YRES, _PLANAR, _PREDICTOR = 273, 277, 278, 279, 282, 283, 284, 317
 _TILE_WIDTH, _TILE_HEIGHT, _TILES, _TILE_BYTES, _FORMAT = 322, 323, 324, 325, 339
 _USED = {_WIDTH, _HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL, _DESCRIPTION, _STRIPS, _SAMPLES, _ROWS,
-         _STRIP_BYTES, _XRES, _YRES, _PREDICTOR, _TILE_WIDTH, _TILE_HEIGHT, _TILES, _TILE_BYTES, _FORMAT}
+         _STRIP_BYTES, _XRES, _YRES, _PLANAR, _PREDICTOR, _TILE_WIDTH, _TILE_HEIGHT, _TILES, _TILE_BYTES, _FORMAT}
 
 _MOST_PAGES = 100_000
 _MOST_FIELDS = 4096
 _MOST_VALUE = 2**22  # places of half a million strips
+_MOST_TABLES = 2**26  # of all pages, where they must be sorted: damaged ones may share a table on the disk
 
 Tags = dict[int, NDArray[Any] | bytes]
 
@@ -60,6 +73,12 @@ class _Page:
     compression: int
     predictor: int
     photometric: int
+    samples: int = 1
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of a pixel: of the parts of its colour, which lie one after the other."""
+        return self.dtype.itemsize * self.samples
 
     @property
     def working_bytes(self) -> int:
@@ -67,14 +86,15 @@ class _Page:
 
         Tiles are whole, so that one of a small picture may be of any size.
         """
-        part = math.prod(self.part) * self.dtype.itemsize
+        part = math.prod(self.part) * self.pixel_bytes
         packed = int(self.counts.max()) if self.compression != 1 else 0
         table = self.offsets.nbytes + self.counts.nbytes
-        return math.prod(self.shape) * self.dtype.itemsize + table + packed + part * (2 if self.predictor == 2 else 1)
+        return math.prod(self.shape) * self.pixel_bytes + table + packed + part * (2 if self.predictor == 2 else 1)
 
     def read(self, file: BinaryIO) -> NDArray[Any]:
-        """The voxels [y, x] of the page in its stored type."""
-        out = np.empty(self.shape, self.dtype)
+        """The voxels [y, x] of the page in its stored type; [y, x, part] of colours."""
+        colours = (self.samples,) if self.samples > 1 else ()
+        out = np.empty((*self.shape, *colours), self.dtype)
         high, wide = self.part
         columns = -(-self.shape[1] // wide)
         for number, (offset, count) in enumerate(zip(self.offsets, self.counts, strict=True)):
@@ -82,11 +102,11 @@ class _Page:
             # The last strip is shorter; tiles are always whole.
             rows = min(high, self.shape[0] - top) if wide == self.shape[1] and columns == 1 else high
             file.seek(int(offset))
-            expected = rows * wide * self.dtype.itemsize
+            expected = rows * wide * self.pixel_bytes
             # Of plain voxels one byte more than there should be is enough to see that there are too many.
             data = file.read(min(int(count), expected + 1) if self.compression == 1 else int(count))
             data = self._unpack(data, expected)
-            block = np.frombuffer(data, self.dtype).reshape(rows, wide)
+            block = np.frombuffer(data, self.dtype).reshape(rows, wide, *colours)
             if self.predictor == 2:
                 block = np.cumsum(block, axis=1, dtype=self.dtype.newbyteorder("="))
             target = out[top:top + rows, left:left + wide]
@@ -138,8 +158,8 @@ def read_header(path: Path) -> Header:
         _, tags = next(_directories(path, file))
     description = tags.get(_DESCRIPTION, b"")
     text = description.split(b"\0")[0].decode("utf-8", "replace") if isinstance(description, bytes) else ""
-    spacing, count, notes = _described(path, text, tags)
-    return _header(path, lambda: _pages(path, count), spacing, notes)
+    found = _described(path, text, tags)
+    return _header(path, lambda: _pages(path, found.count), found)
 
 
 def read_folder_header(folder: Path) -> Header:
@@ -147,7 +167,7 @@ def read_folder_header(folder: Path) -> Header:
     found = (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and file.is_file())
     files = sorted(found, key=_natural)
     order = f"{len(files)} files in the order {shown(files[0].name, 40)} ... {shown(files[-1].name, 40)}"
-    return _header(folder, lambda: _single_pages(files), None, (order,))
+    return _header(folder, lambda: _single_pages(files), _Described(notes=(order,)))
 
 
 def _single_pages(files: Iterable[Path]) -> Iterator[tuple[_Page, BinaryIO]]:
@@ -165,8 +185,7 @@ def _natural(path: Path) -> tuple[list[Any], str]:
     return [(int(word[:1000]), "") if word.isdecimal() else (-1, word) for word in words], path.name
 
 
-def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], spacing: Float3 | None,
-            notes: tuple[str, ...]) -> Header:
+def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], found: _Described) -> Header:
     """Header common to all pages; only the first is kept, because each may have a table of half a million strips."""
     first, count, working_bytes = None, 0, 0
     for page, _ in pages():
@@ -175,20 +194,72 @@ def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], s
         count, working_bytes = count + 1, max(working_bytes, page.working_bytes)
     if first is None:
         raise fail(path, "it has no pages.")
-    height, width = first.shape
-    shape, _ = volume_shape(path, [width, height, count], first.dtype.itemsize)
+    (height, width), spacing, notes = first.shape, found.spacing, found.notes
+    layout, slices = _layout(path, found, first.samples, count)
+    shape, _ = volume_shape(path, [width, height, slices], first.pixel_bytes)
     if spacing is None:
         notes += ("the file does not state the distance of slices; spacing 1 was taken",)
     if first.photometric == 0:
         notes += ("the file shows small values as white; the values are kept as they are",)
     if first.photometric == 3:
         notes += ("the file has a colour table; the voxels are its indices",)
-    return Header(path, shape, first.dtype, lambda: _blocks(path, pages(), first, count), spacing or (1.0, 1.0, 1.0),
-                  notes=notes, working_bytes=working_bytes)
+    blocks: Blocks = lambda: _blocks(path, pages(), first, count)  # noqa: E731
+    if layout.frames * layout.channels // first.samples > 1:
+        blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, layout.channels, slices))  # noqa: E731
+    return Header(path, shape, first.dtype, blocks, spacing or (1.0, 1.0, 1.0), notes=notes,
+                  working_bytes=working_bytes, layout=layout)
+
+
+def _layout(path: Path, found: _Described, samples: int, count: int) -> tuple[Layout, int]:
+    """Channels and moments of so many pages, and the number of slices of each."""
+    layout = found.layout
+    planes = layout.channels
+    if samples > 1:
+        if planes not in (1, samples):
+            raise fail(path, f"it has {planes} channels of pages in colours; save the channels by themselves.")
+        layout = replace(layout, channels=samples, kind="rgb" if samples == 3 else "rgba", interleaved=True, names=(),
+                         colours=())
+        planes = 1
+    layout = checked_layout(path, layout)
+    slices, rest = divmod(count, planes * layout.frames)
+    if rest or not slices:
+        raise fail(path, f"its description claims {layout.frames} moments of {planes} channels, into which its {count} "
+                         "pages cannot be divided; it is damaged, or one part of a set of files.")
+    if samples > 1 and layout.frames > 1 and found.order.index("T") < found.order.index("Z"):
+        raise fail(path, "its moments lie between its slices, which is not supported in colours; save one moment.")
+    return layout, slices
+
+
+def _sorted_blocks(path: Path, pages: Iterator[tuple[_Page, BinaryIO]], order: str,
+                   counts: tuple[int, int, int]) -> Iterator[NDArray[Any]]:
+    """The pages moment by moment, channel by channel and slice by slice, which may lie in another order.
+
+    Parameters
+    ----------
+    order : the axes Z, C and T, the one that changes fastest first.
+    counts : of moments, channels and slices.
+    """
+    found, tables = [], 0
+    with closing(pages):  # type: ignore[type-var]  # generators can be closed
+        for page, _ in pages:
+            found.append(page)
+            tables += page.offsets.nbytes + page.counts.nbytes
+            if tables > _MOST_TABLES:
+                raise fail(path, f"the tables of its pages take more than {_MOST_TABLES} bytes; save it uncompressed.")
+    if len(found) != math.prod(counts):
+        raise fail(path, f"it had {math.prod(counts)} pages and now has {len(found)}: another program is writing it. "
+                         "Read it again.")
+    size = dict(zip("TCZ", counts, strict=True))
+    with path.open("rb") as file:
+        for t, c, z in product(*map(range, counts)):
+            at, step, place = 0, 1, {"T": t, "C": c, "Z": z}
+            for axis in order:
+                at, step = at + step * place[axis], step * size[axis]
+            yield found[at].read(file)[None]
 
 
 def _require_like(path: Path, page: _Page, first: _Page, number: int) -> None:
-    if (page.shape, page.dtype) != (first.shape, first.dtype):
+    if (page.shape, page.dtype, page.samples) != (first.shape, first.dtype, first.samples):
         raise fail(path, f"page {number + 1} has {page.shape} pixels of {page.dtype.name} but the first has "
                          f"{first.shape} of {first.dtype.name}; all slices must be alike.")
 
@@ -286,20 +357,22 @@ def _page(path: Path, order: str, tags: Tags) -> _Page:
 
     width, height, samples = one(_WIDTH), one(_HEIGHT), one(_SAMPLES, 1)
     photometric = one(_PHOTOMETRIC, 1)
-    if samples != 1 or photometric not in (0, 1, 3):
-        raise fail(path, f"its pixels are colours ({samples} samples); save one channel, or the brightness, first.")
+    is_colour = photometric == 2 and samples in (3, 4) and one(_PLANAR, 1) == 1
+    if not is_colour and (samples != 1 or photometric not in (0, 1, 3)):
+        raise fail(path, f"its pixels are colours of a kind that is not read ({samples} samples, photometric "
+                         f"{photometric}); save them as RGB, whose parts lie together, or as grey values.")
     dtype = _dtype(path, one(_BITS, 1), one(_FORMAT, 1), order)
     if one(_COMPRESSION, 1) not in _CODECS:
         raise fail(path, f"the compression {one(_COMPRESSION)} is not supported; save it uncompressed or with deflate.")
     if one(_FILL, 1) != 1 or one(_PREDICTOR, 1) not in (1, 2) or (one(_PREDICTOR, 1) == 2 and dtype.kind == "f"):
         raise fail(path, "its bit order or its predictor is not supported; save it uncompressed.")
-    volume_shape(path, [width, height], dtype.itemsize)
+    volume_shape(path, [width, height], dtype.itemsize * samples)
     tiled = _TILES in tags
     part = (one(_TILE_HEIGHT), one(_TILE_WIDTH)) if tiled else (min(one(_ROWS, height), height), width)
     offsets, counts = (_whole_numbers(tags, tag).astype(np.int64)  # beyond 2**63 is less than 0, which is refused too
                        for tag in ((_TILES, _TILE_BYTES) if tiled else (_STRIPS, _STRIP_BYTES)))
     page = _Page(path, (height, width), dtype, part, offsets, counts, one(_COMPRESSION, 1), one(_PREDICTOR, 1),
-                 photometric)
+                 photometric, samples)
     _check_parts(page)
     return page
 
@@ -320,7 +393,7 @@ def _check_parts(page: _Page) -> None:
     """Refuse a page whose strips or tiles are too few or too many, or do not all lie in the file."""
     path, offsets, counts, (high, wide) = page.path, page.offsets, page.counts, page.part
     size = path.stat().st_size
-    if min(high, wide) < 1 or high * wide * page.dtype.itemsize > 2**40:
+    if min(high, wide) < 1 or high * wide * page.pixel_bytes > 2**40:
         raise fail(path, f"its parts have {wide} x {high} pixels; the file is damaged.")
     expected = -(-page.shape[0] // high) * -(-page.shape[1] // wide)
     if not (len(offsets) == len(counts) == expected):
@@ -331,7 +404,7 @@ def _check_parts(page: _Page) -> None:
 
 def _contiguous(path: Path, page: _Page, count: int) -> Iterator[_Page]:
     """The slices after the first: ImageJ writes large stacks as one page and the voxels of all after one another."""
-    size = page.shape[0] * page.shape[1] * page.dtype.itemsize
+    size = page.shape[0] * page.shape[1] * page.pixel_bytes
     begin = int(page.offsets[0])
     present = path.stat().st_size - begin
     if page.compression != 1 or count > _MOST_PAGES or count * size > present:
@@ -341,29 +414,66 @@ def _contiguous(path: Path, page: _Page, count: int) -> Iterator[_Page]:
         yield replace(page, part=page.shape, offsets=np.array([begin + number * size]), counts=np.array([size]))
 
 
-def _described(path: Path, text: str, tags: Tags) -> tuple[Float3 | None, int, tuple[str, ...]]:
-    """Spacing, number of slices and remarks of the description that ImageJ or OME left in the first page."""
+@dataclass(frozen=True)
+class _Described:
+    """What the description of ImageJ or OME in the first page says.
+
+    Parameters
+    ----------
+    count : pages that the file has at least, which ImageJ may have put one after another behind a single one.
+    layout : its channels, still those in colours too, and moments.
+    order : of the pages, the axis that changes fastest first.
+    """
+
+    spacing: Float3 | None = None
+    count: int = 1
+    notes: tuple[str, ...] = ()
+    layout: Layout = SINGLE
+    order: str = "ZCT"
+
+
+_CHANNEL = re.compile(r"<Channel\b([^>]{0,2000})>")
+_ATTRIBUTE = re.compile(r'([A-Za-z]+)="([^"]{1,60})"')
+
+
+def _described(path: Path, text: str, tags: Tags) -> _Described:
+    """Spacing, number of slices, channels, moments and remarks of the description in the first page."""
     if text.startswith("ImageJ="):
         fields = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
         counts = {name: int(fields[name]) for name in ("images", "channels", "slices", "frames")
                   if fields.get(name, "").isdecimal() and len(fields[name]) < 10}
-        _refuse_axes(path, {name: counts.get(name, 1) for name in ("channels", "frames")})
-        return _imagej_spacing(fields, tags), counts.get("images", 1), _unit_note(fields.get("unit", ""))
+        # ImageJ keeps colours of RGB in the pixels, and its other channels in pages that change fastest.
+        layout = Layout(counts.get("frames", 1), counts.get("channels", 1),
+                        duration=_positive(fields.get("finterval", "")) or 0.0)
+        return _Described(_imagej_spacing(fields, tags), counts.get("images", 1), _unit_note(fields.get("unit", "")),
+                          layout, "CZT")
     if "<OME" in text[:2000]:
         pixels = re.search(r"<Pixels[^>]*>", text)
-        found = dict(re.findall(r'([A-Za-z]+)="([^"]{1,60})"', pixels[0])) if pixels else {}
-        _refuse_axes(path, {name: int(found[name]) for name in ("SizeC", "SizeT")
-                            if found.get(name, "").isdecimal() and len(found[name]) < 10})
+        found = dict(_ATTRIBUTE.findall(pixels[0])) if pixels else {}
+        layout = _ome_layout(found, text)
+        order = found.get("DimensionOrder", "XYZCT")[2:]
+        if sorted(order) != ["C", "T", "Z"]:
+            raise fail(path, f"its DimensionOrder is {shown(found['DimensionOrder'], 20)}, which OME does not define.")
         lengths = [_positive(found.get(f"PhysicalSize{axis}", "")) for axis in "XYZ"]
         if lengths[0] and lengths[1]:
-            return (lengths[0], lengths[1], lengths[2] or 1.0), 1, _unit_note(found.get("PhysicalSizeXUnit", "µm"))
-    return None, 1, ()
+            return _Described((lengths[0], lengths[1], lengths[2] or 1.0), 1,
+                              _unit_note(found.get("PhysicalSizeXUnit", "µm")), layout, order)
+        return _Described(layout=layout, order=order)
+    return _Described()
 
 
-def _refuse_axes(path: Path, counts: dict[str, int]) -> None:
-    if any(count > 1 for count in counts.values()):
-        axes = ", ".join(f"{name}: {count}" for name, count in counts.items())
-        raise fail(path, f"a volume has three axes but this stack has more ({axes}); save one channel and one time.")
+def _ome_layout(pixels: dict[str, str], text: str) -> Layout:
+    """Channels with their names and colours (red, green, blue, alpha in 32 bits, with a sign) and moments of OME."""
+    sizes = [int(pixels[name]) if pixels.get(name, "").isdecimal() and len(pixels[name]) < 10 else 1
+             for name in ("SizeT", "SizeC")]
+    channels = [dict(_ATTRIBUTE.findall(found)) for found in _CHANNEL.findall(text)]
+    names = tuple(shown(html.unescape(channel.get("Name", ""))) for channel in channels)
+    codes = [channel.get("Color", "") for channel in channels]
+    colours = tuple(((int(code) >> 24 & 255) / 255, (int(code) >> 16 & 255) / 255, (int(code) >> 8 & 255) / 255)
+                    for code in codes if re.fullmatch(r"-?[0-9]{1,10}", code))
+    return Layout(sizes[0], sizes[1], names=names if len(names) == sizes[1] and all(names) else (),
+                  colours=colours if len(colours) == sizes[1] else (),
+                  duration=_positive(pixels.get("TimeIncrement", "")) or 0.0)
 
 
 def _unit_note(unit: str) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ _PRIMARY: dict[str, Colour] = {
 # Green and magenta are told apart by those who do not see red, too.
 _OF_FEW: dict[int, tuple[str, ...]] = {1: ("grey",), 2: ("green", "magenta")}
 
-_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as Pillow makes grey values
+_LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as Pillow has them
 
 
 def usual_colours(count: int) -> tuple[Colour, ...]:
@@ -151,10 +151,7 @@ class Channels:
         Other channels are each stretched from their own smallest to their largest value first, to 0 ... 255.
         """
         if KINDS[self.kind]:
-            luma = sum(part * volume.values for part, volume in zip(_LUMA, self.volumes, strict=False))
-            values = np.asarray(luma)
-            if self.volumes[0].dtype.kind in "iu":
-                values = np.floor(values + 0.5).astype(self.volumes[0].dtype)
+            values = luma([volume.values for volume in self.volumes[:3]])
         else:
             values = np.zeros(self.grid.shape, np.uint8)
             for volume in self.volumes:
@@ -188,6 +185,19 @@ class Channels:
         if KINDS[self.kind] and volume.dtype.kind in "iu":
             return 0.0, float(np.iinfo(volume.dtype).max)
         return volume.value_range
+
+
+def luma(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Grey values of red, green and blue (ITU-R BT.601), of their type; whole numbers are rounded.
+
+    Examples
+    --------
+    >>> luma([np.array([255, 0], np.uint8), np.array([0, 255], np.uint8), np.array([0, 0], np.uint8)]).tolist()
+    [76, 150]
+    """
+    dtype = parts[0].dtype
+    grey = np.asarray(sum(weight * part for weight, part in zip(_LUMA, parts, strict=True)))
+    return (np.floor(grey + 0.5) if dtype.kind in "iu" else grey).astype(dtype)
 
 
 def usual_names(count: int, kind: str = "channels") -> tuple[str, ...]:

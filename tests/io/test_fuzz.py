@@ -65,7 +65,8 @@ def read_a_transform():
 def read_some_landmarks():
     assert np.isfinite(read_landmarks(folder / name).points).all(), last
 
-read = {"volume": read_a_volume, "series": read_a_series, "transform": read_a_transform, "landmarks": read_some_landmarks}[kind]
+read = {"volume": read_a_volume, "series": read_a_series, "transform": read_a_transform,
+        "landmarks": read_some_landmarks}[kind]
 faulthandler.enable()
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
 if used:  # half a gibibyte more than now, of which a volume may take an eighth
@@ -116,11 +117,17 @@ print(good)
 """
 
 
-SERIES = ["series.nrrd", "series.nii", "series.nii.gz", "series.mha", "series.png", "series.webp"]
+SERIES = ["series.nrrd", "series.nii", "series.nii.gz", "series.mha", "series.png", "series.webp",
+          "series.tif"]
 
 
 def seeds(folder: Path, suffix: str) -> str:
     """One valid file (with its companions) in an empty folder; returns its name."""
+    if suffix == "series.tif":
+        tifffile = pytest.importorskip("tifffile")
+        tifffile.imwrite(folder / suffix, np.arange(720, dtype=np.int16).reshape(2, 4, 3, 5, 6), ome=True,
+                         photometric="minisblack", metadata={"axes": "TZCYX"})
+        return suffix
     if suffix in SERIES:
         colours = np.arange(360, dtype=np.uint8).reshape(4, 5, 6, 3)[:1 if suffix.endswith(("png", "webp")) else None]
         moments = [Channels.from_array(colours, kind="rgb")] * (len(colours) // 2 or 1)

@@ -60,6 +60,11 @@ def test_what_is_written_is_read_back(kind: str, channels: int, moments: int, su
         assert opened.layout.duration == 0.5
     assert np.array_equal(read_channels(path, frame=moments - 1).values, series[-1].values)
     assert any("holds" in note for note in describe_file(path).notes)
+    if kind != "channels" and moments == 1:
+        grey = read_volume(path)
+        assert np.array_equal(grey.values, back[0].brightness().values)
+        assert "grey values" in grey.notes[-1]
+        return
     with pytest.raises(DeformError, match=r"read_channels"):
         read_volume(path)
 

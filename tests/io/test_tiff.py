@@ -5,12 +5,13 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from deformnb.errors import VolumeFileError
-from deformnb.io import describe_file, read_volume
+from deformnb.io import describe_file, open_series, read_channels, read_volume
 from deformnb.io.tiff import read_header
 
 tifffile = pytest.importorskip("tifffile")
@@ -76,7 +77,7 @@ def test_stacks_of_imagej(tmp_path: Path) -> None:
     refuse(path, "claims 5 slices but it has 2 pages")
     for axes in ("CYX", "TYX"):
         tifffile.imwrite(path, STACK, imagej=True, metadata={"axes": axes})
-        refuse(path, r"(channels|frames): 5")
+        refuse(path, f"holds 5 {'channels' if axes == 'CYX' else 'moments'}")
 
 
 def test_stacks_of_ome(tmp_path: Path) -> None:
@@ -87,7 +88,7 @@ def test_stacks_of_ome(tmp_path: Path) -> None:
     assert read.grid.spacing == (0.5, 0.25, 3.0)
     assert "µm" in read.notes[0]
     tifffile.imwrite(path, STACK, metadata={"axes": "CYX"}, photometric="minisblack")
-    refuse(path, "SizeC: 5")
+    refuse(path, "holds 5 channels")
 
 
 def test_ome_names_of_other_files_are_not_followed(tmp_path: Path) -> None:
@@ -116,7 +117,7 @@ def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("values", "options", "words"), [
-    (np.zeros((33, 47, 3), np.uint8), {"photometric": "rgb"}, "colours"),
+    (np.zeros((33, 47, 3), np.uint8), {"photometric": "rgb", "planarconfig": "separate"}, "colours"),
     (np.zeros((33, 47), np.complex64), {}, "bits|format"),
     (np.zeros((33, 47), bool), {}, "1 bits"),
     (np.zeros((33, 47), np.float16), {}, None),
@@ -297,3 +298,48 @@ def test_a_tile_far_larger_than_its_picture_counts_as_memory(predictor: bool, tm
     assert read_volume(path, max_bytes=110 * 2**20).shape == (1, 64, 64)
     assert tracemalloc.get_traced_memory()[1] < 110 * 2**20
     tracemalloc.stop()
+
+
+@pytest.mark.parametrize("options", [
+    {"ome": True, "photometric": "minisblack", "metadata": {"axes": "TZCYX"}}, {"imagej": True},
+    {"ome": True, "photometric": "minisblack", "metadata": {"axes": "TZCYX"}, "compression": "zlib"},
+], ids=["ome", "imagej", "ome packed"])
+def test_channels_and_moments_in_the_order_of_the_file(options: dict[str, Any], tmp_path: Path) -> None:
+    values = np.arange(2 * 4 * 3 * 5 * 7, dtype=np.uint16).reshape(2, 4, 3, 5, 7)  # [t, z, c, y, x]
+    tifffile.imwrite(tmp_path / "a.tif", values, **options)
+    moments = list(open_series(tmp_path / "a.tif"))
+    assert np.array_equal(np.stack([channels.values for channels in moments]), np.moveaxis(values, 2, -1))
+
+
+def test_the_other_order_of_ome_and_its_names_and_colours(tmp_path: Path) -> None:
+    values = np.arange(2 * 3 * 4 * 5 * 7, dtype=np.uint16).reshape(2, 3, 4, 5, 7)  # [c, t, z, y, x]
+    names = ["DAPI", "a & b"]
+    tifffile.imwrite(tmp_path / "a.ome.tif", values, photometric="minisblack", metadata={
+        "axes": "CTZYX", "Channel": {"Name": names, "Color": [-16776961, 16711935]}, "TimeIncrement": 0.5})
+    series = open_series(tmp_path / "a.ome.tif")
+    assert series.layout.duration == 0.5
+    moments = list(series)
+    assert moments[0].names == ("DAPI", "a & b")
+    assert moments[0].colours == ((1, 0, 0), (0, 1, 0))  # 0xFF0000FF with a sign, 0x00FF00FF
+    assert np.array_equal(np.stack([channels.values for channels in moments]), np.moveaxis(values, 0, -1))
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib", "predictor": True}, {"tile": (16, 16)}],
+                         ids=["plain", "predicted", "tiled"])
+@pytest.mark.parametrize("parts", [3, 4])
+def test_a_photograph_as_tiff_in_colour_and_grey(parts: int, options: dict[str, Any], tmp_path: Path) -> None:
+    values = np.random.default_rng(0).integers(0, 255, (33, 47, parts)).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="rgb", **options)
+    photo = read_channels(tmp_path / "a.tif")
+    assert photo.kind == ("rgb" if parts == 3 else "rgba")
+    assert np.array_equal(photo.values[0], values)
+    grey = read_volume(tmp_path / "a.tif")
+    assert np.array_equal(grey.values, photo.brightness().values)
+    assert "its colours became grey values" in grey.notes
+
+
+def test_channels_that_do_not_divide_the_pages_are_refused(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "b.tif", np.zeros((5, 33, 47), np.uint8), photometric="minisblack", metadata=None,
+                     description="ImageJ=1.53\nimages=5\nchannels=2\n")
+    with pytest.raises(VolumeFileError, match="cannot be divided"):
+        read_channels(tmp_path / "b.tif")
