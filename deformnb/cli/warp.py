@@ -178,9 +178,11 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
     from deformnb.session.series import warp_series
     from deformnb.warping.warper import warp
 
-    if follows is not None or options.strength != 1 or options.resolution or options.margin:
+    if follows is not None or options.strength != 1 or options.resolution or options.margin or options.animate or (
+            options.volumes):
         raise DeformError(f"{Path(options.session).name} is a transform and no session: it deforms volumes only, onto "
-                          "their own grid and as it is (without --strength, --resolution, --margin).")
+                          "their own grid and as it is (without --strength, --resolution, --margin, --animate, "
+                          "--volumes).")
     with stages() as stage:
         if is_series(options.input):
             series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
@@ -208,6 +210,9 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
         raise DeformError(f"--animate is for a series of moments, and {Path(options.input).name} holds one.")
     target = Path(options.output)
     volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
+    if options.volumes and not volume.is_labels:
+        raise DeformError(f"--volumes is for labels, and {Path(options.input).name} does not say that it holds any; "
+                          "add --labels if it does.")
     note(*_difference(document, volume))
     output = _output_grid(document, volume, options)
     given = {} if output is None else {"output": output}
@@ -238,6 +243,8 @@ def _write_label_volumes(before: Volume, after: Volume, options: argparse.Namesp
 
 def _warp_series(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
     """Deform all channels and moments of a file, moment by moment; for the options it is the first one that counts."""
+    if options.volumes:
+        raise DeformError(f"--volumes is for one volume of labels, and {Path(options.input).name} holds several.")
     from deformnb.document.animation import Animation
     from deformnb.io import open_series
     from deformnb.session.series import warp_series

@@ -184,9 +184,9 @@ def series_header(path: Path, volume: Volume, layout: Layout) -> bytes:
     """The header of channels or moments like this volume; the fifth axis are channels, the fourth moments."""
     if layout.channels > 1 and layout.frames > 1 and layout.kind == "channels":
         raise fail(path, "NIfTI holds the channels of all moments one after the other, which cannot be written moment "
-                         "by moment; write .nrrd, .mha or .ome.tif.")
+                         "by moment; write .nrrd or .mha.")
     if layout.kind != "channels" and volume.dtype != np.uint8:
-        raise fail(path, f"colours in NIfTI are bytes, and these are {volume.dtype}; write .nrrd, .mha or .ome.tif.")
+        raise fail(path, f"colours in NIfTI are bytes, and these are {volume.dtype}; write .nrrd or .mha.")
     check_size(path, volume, max(layout.frames, layout.channels))
     return _packed_header(volume, layout)
 

@@ -268,9 +268,9 @@ def _affine(path: Path, fields: dict[str, str], axes: list[int], dimension: int)
 
 
 def _three(path: Path, field: str, vector: list[float] | None) -> NDArray[np.float64]:
-    if vector is None or len(vector) not in (2, 3):
+    if vector is None or len(vector) not in (2, 3, 4):
         raise fail(path, f"the field '{field}' should have vectors of three numbers.")
-    return np.array([*vector, 0.0][:3])
+    return np.array([*vector, 0.0][:3])  # a fourth one is time, of ITK's series
 
 
 def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: int) -> dict[str, Any]:

@@ -112,9 +112,12 @@ def test_what_simpleitk_wrote_is_read(suffix: str, tmp_path: Path) -> None:
     moments = sitk.GetImageFromArray(values[..., 0], isVector=False)
     sitk.WriteImage(colours, str(tmp_path / f"c{suffix}"))
     assert np.array_equal(read_channels(tmp_path / f"c{suffix}").values, values[0])
-    if suffix != ".nrrd":  # where ITK gives the space four dimensions
-        sitk.WriteImage(moments, str(tmp_path / f"m{suffix}"))
-        assert np.array_equal(stacked(list(open_series(tmp_path / f"m{suffix}"))), values[..., :1])
+    moments.SetSpacing((1, 2, 3, 0.5))
+    moments.SetOrigin((4, 5, 6, 0))
+    sitk.WriteImage(moments, str(tmp_path / f"m{suffix}"))
+    series = open_series(tmp_path / f"m{suffix}")
+    assert np.array_equal(stacked(list(series)), values[..., :1])
+    assert series.grid.is_like(Grid((3, 4, 5), (1, 2, 3), (4, 5, 6)))
 
 
 def test_scaled_moments_are_what_their_numbers_mean(tmp_path: Path) -> None:
