@@ -89,6 +89,7 @@ def test_the_command_deforms_a_photograph_in_colour_and_a_series(tmp_path: Path,
     assert not (tmp_path / "again.png").exists()
 
 
+@pytest.mark.nightly  # compiles the sampling of labels, which the tests of volumes have
 def test_labels_of_a_series_stay_labels(tmp_path: Path) -> None:
     values = (np.indices(GRID.shape)[0] > 3).astype(np.uint8) * 7
     volumes = [dn.Volume(values, GRID, "seg", is_labels=True)] * 2
