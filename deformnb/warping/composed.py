@@ -130,7 +130,11 @@ class _Table:
                            rule=self.rule)
         at, d, opacity = np.asarray(at), np.asarray(d), np.asarray(opacity)
         last = np.asarray(self.raster.shape[::-1])[:, None] - 1
-        beyond = np.flatnonzero(((at < 0) | (at > last)).any(axis=0))
+        outside = ((at < 0) | (at > last)).any(axis=0)
+        if len(self.distances):  # where a displacement leads the distances are looked up too
+            led = at + np.asarray(moves) * scale[:, None]
+            outside |= ((led < 0) | (led > last)).any(axis=(0, 1))
+        beyond = np.flatnonzero(outside)
         if len(beyond):
             d, opacity = d.copy(), opacity.copy()
             d[:, beyond], opacity[beyond] = _exactly(self.field, places[:, beyond], origin)

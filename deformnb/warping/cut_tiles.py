@@ -32,6 +32,9 @@ _TILE = 32
 # right for all but closed cuts out there.
 _MARGIN = 0.5
 
+# The picture of a small part of a volume is taken to be as large as this, in pixels.
+_LEAST_PIXELS = 1024
+
 
 @dataclass(frozen=True, eq=False)
 class CutPlan:
@@ -144,8 +147,9 @@ def _on_slice(plane: Plane, output: Grid, normal: int) -> NDArray[np.float64]:
 
 def _around(at: NDArray[np.float64], largest: float, output: Grid, normal: int) -> Raster:
     low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))
-    margin = min(largest, _MARGIN * float((high - low).max())) + 2 * max(output.spacing)
     step = min(s for k, s in enumerate(output.spacing) if k != 2 - normal)
+    size = max(float((high - low).max()), _LEAST_PIXELS * step)
+    margin = min(largest, _MARGIN * size) + 2 * max(output.spacing)
     counts = np.ceil((high - low + 2 * margin) / step).astype(int) + 1
     return Raster((int(counts[1]), int(counts[0])), (step, step), tuple((low - margin).tolist()))
 

@@ -1,0 +1,308 @@
+"""Bounds of a displacement over a box, and with them the part of a source that a block of the result can show.
+
+``output(x) = input(x + D(x))``: a block of the result needs the input at ``x + D(x)`` for all x of the block, and
+nothing else. The bounds hold everywhere in the box, between the places that were looked at too. A fit is evaluated at
+the nodes of a lattice; between nodes at distances h_k it differs from the multilinear interpolation of these by at most
+
+    sum_j |alpha_j| min( K_j sum_k h_k^2 / 8,  G_j |h| / 2 )
+
+with K_j a bound of the second derivatives of the kernel around centre j within the box, and G_j one of its slope (the
+error of linear interpolation: de Boor, A Practical Guide to Splines, 2001, chapter III; the second one because an
+interpolated value is a mean of values at nodes that lie |h| / 2 away in the root mean square). Everything that is made
+of fits follows by interval arithmetic. Beside a cut each side may be seen, so the bounds contain those of all sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.errors import DeformError
+from deformnb.rbf import kernels
+from deformnb.rbf.cuts import Decoupled
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField, Affine, Blended, DisplacementField, Identity
+from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.rigid import WEIGHTS, RigidInterpolant
+from deformnb.rbf.slits import TipBlend
+from deformnb.volume.sampling import METHODS
+from deformnb.volume.volume import Grid
+
+Array = NDArray[np.float64]
+Bounds = tuple[Array, Array]
+"""Lowest and highest of each component."""
+
+# Nodes along each axis of the lattice on which a fit is evaluated: more until the margin is below a voxel.
+_NODES = (2, 3, 5, 9, 17)
+
+# Voxels beside the neighbours that are interpolated: the warp evaluates fields in float32, up to 1e-3 voxels off.
+_ROUNDING = 1
+
+# The coefficients of the cubic spline depend on voxels n away by 0.268^n (Unser 1999): 1e-9 for 16.
+_SPLINE = 16
+
+# Share of a voxel by which a place may be off a voxel's centre by rounding.
+_WHOLE = 1e-7
+
+# A distance that is read off a mask's table changes by up to the square root of 3 per length, others by 1.
+_STEEPEST = 2.0
+
+
+def _c0(a: Array, b: Array) -> tuple[Array, Array]:
+    slope = 2 * np.maximum(1 - a, 0)
+    return slope, np.where(a < 1, np.maximum(slope / np.maximum(a, 1e-300), 2.0), 0.0)
+
+
+def _c2(a: Array, b: Array) -> tuple[Array, Array]:
+    top = np.clip(0.25, np.minimum(a, 1), np.minimum(b, 1))
+    bend = np.maximum(1, np.maximum(np.abs(1 - 4 * a), np.abs(1 - 4 * np.minimum(b, 1))))
+    return 20 * top * (1 - top) ** 3, 20 * np.maximum(1 - a, 0) ** 2 * bend
+
+
+def _c4(a: Array, b: Array) -> tuple[Array, Array]:
+    inner, outer = np.maximum(1 - a, 0), np.minimum(b, 1)
+    slope = 56 / 3 * outer * (1 + 5 * outer) * inner**5
+    return slope, 56 / 3 * inner**4 * np.maximum(1.8, 35 * outer**2 - 4 * outer - 1)
+
+
+def _gaussian(a: Array, b: Array) -> tuple[Array, Array]:
+    largest = np.exp(-4.5 * a**2)
+    return 9 * b * largest, largest * np.maximum(9, 81 * b**2 - 9)
+
+
+def _multiquadric(a: Array, b: Array) -> tuple[Array, Array]:
+    return 16 * b / np.sqrt(1 + 16 * b**2), 16 / np.sqrt(1 + 16 * a**2)
+
+
+def _linear(a: Array, b: Array) -> tuple[Array, Array]:
+    return np.ones_like(a), 1 / np.maximum(a, 1e-300)
+
+
+def _thin_plate(a: Array, b: Array) -> tuple[Array, Array]:
+    ends = [np.log(np.maximum(r, 1e-300)) for r in (a, b)]
+    slope = [np.abs(r * (2 * log + 1)) for r, log in zip((a, b), ends, strict=True)]
+    bend = [np.maximum(np.abs(2 * log + 1), np.abs(2 * log + 3)) for log in ends]
+    return np.maximum(np.maximum(*slope), 2 * np.exp(-1.5)), np.maximum(*bend)
+
+
+def _cubic(a: Array, b: Array) -> tuple[Array, Array]:
+    return 3 * b**2, 6 * b
+
+
+CURVATURES: dict[type[kernels.AbstractKernel], Callable[[Array, Array], tuple[Array, Array]]] = {
+    kernels.WendlandC0: _c0, kernels.WendlandC2: _c2, kernels.WendlandC4: _c4, kernels.Gaussian: _gaussian,
+    kernels.Multiquadric: _multiquadric, kernels.Linear: _linear, kernels.ThinPlate: _thin_plate,
+    kernels.Cubic: _cubic,
+}
+"""Bounds of |phi'| and of the second derivatives (the larger of |phi''| and |phi' / rho|) for rho from a to b.
+
+A kernel without a row works as well: the field is then evaluated at every voxel of each block beforehand."""
+
+
+class UnknownBounds(Exception):  # noqa: N818  # no fault: the field is evaluated at every voxel instead
+    """A field has no bounds but its values."""
+
+
+class DisplacementBounds:
+    """Bounds of one displacement over boxes; what was found for a box is kept.
+
+    Parameters
+    ----------
+    field : backward displacements.
+    resolution : a length; margins far below it are not worth more evaluations.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> from deformnb.rbf.fitting import fit_rbf
+    >>> bump = fit_rbf(ControlPoints.from_arrays([[5.3, 5, 5]], [[7.3, 5, 5]]), support=1.0, trend="none")
+    >>> low, high = DisplacementBounds(bump, 1.0).over(np.zeros(3), np.full(3, 20.0))
+    >>> bool(low[0] <= -2.0)
+    True
+    """
+
+    def __init__(self, field: AbstractField, resolution: float) -> None:
+        self._field, self._resolution = field, resolution
+        self._kept: dict[Any, Bounds] = {}
+
+    def over(self, low: Array, high: Array) -> Bounds:
+        """Lowest and highest displacement (dim,) over the box from ``low`` to ``high`` (dim,).
+
+        Raises
+        ------
+        UnknownBounds
+            If the field is of a kind that has none.
+        """
+        return self._of(self._field, low, high)
+
+    def _of(self, field: AbstractField, low: Array, high: Array) -> Bounds:
+        key = (id(field), low.tobytes(), high.tobytes())
+        if key not in self._kept:
+            self._kept[key] = self._found(field, low, high)
+        return self._kept[key]
+
+    def _found(self, field: AbstractField, low: Array, high: Array) -> Bounds:
+        if len(field.steps) > 1:
+            return self._one_after_another(field.steps, low, high)
+        match field:
+            case Identity():
+                return np.zeros(field.dim), np.zeros(field.dim)
+            case Affine():
+                return _affine(np.asarray(field.matrix) - np.eye(field.dim), np.asarray(field.offset), low, high)
+            case DisplacementField():
+                return _of_samples(field, low, high)
+            case RBFInterpolant():
+                return self._of_fit(field, low, high)
+            case RigidInterpolant():
+                return self._beside_parts(field, low, high)
+            case TipBlend():  # a mean of its fits
+                return _union([self._of(f, low, high) for f in field.fits])
+            case Decoupled():
+                return _union([(np.zeros(field.dim),) * 2, *(self._of(f, low, high) for f in field.fields)])
+            case Extrusion():
+                return self._extruded(field, low, high)
+            case Blended():
+                parts = [self._of(f, low, high) for f in field.fields]
+                return sum(a for a, _ in parts) + np.zeros(field.dim), sum(b for _, b in parts) + np.zeros(field.dim)
+            case _:
+                raise UnknownBounds
+
+    def _one_after_another(self, steps: tuple[AbstractField, ...], low: Array, high: Array) -> Bounds:
+        total = np.zeros_like(low), np.zeros_like(high)
+        for step in reversed(steps):  # the place in the result is looked up in the last one first
+            d = self._of(step, low + total[0], high + total[1])
+            total = total[0] + d[0], total[1] + d[1]
+        return total
+
+    def _of_fit(self, fit: RBFInterpolant, low: Array, high: Array) -> Bounds:
+        n, support = int(fit.count), float(fit.support)
+        bound = CURVATURES.get(fit.kernel)
+        if bound is None:
+            raise UnknownBounds
+        first, last = (low - fit.origin) / support, (high - fit.origin) / support
+        centers, alpha = np.asarray(fit.centers)[:n], np.abs(np.asarray(fit.coefficients)[:n])
+        scale = np.ones(n) if fit.scales is None else np.asarray(fit.scales)[:n]
+        near = np.linalg.norm(np.maximum(np.maximum(first - centers, centers - last), 0), axis=1) * scale
+        far = np.linalg.norm(np.maximum(np.abs(first - centers), np.abs(last - centers)), axis=1) * scale
+        slope, bend = bound(near, far)
+        for nodes in _NODES:
+            h = (last - first) / (nodes - 1)
+            between = np.minimum(scale**2 * bend * (h**2).sum() / 8, scale * slope * np.linalg.norm(h) / 2)
+            margin = alpha.T @ between
+            if margin.max(initial=0.0) <= self._resolution / 2:
+                break
+        lines = [np.linspace(a, b, nodes) for a, b in zip(low, high, strict=True)]
+        values = fit.displacement(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)).reshape(-1, fit.dim)
+        return values.min(axis=0) - margin, values.max(axis=0) + margin
+
+    def _beside_parts(self, field: RigidInterpolant, low: Array, high: Array) -> Bounds:
+        """``L(x) - x + w(x) g(x)``: L is a mean of the motions of the parts, w a product of weights."""
+        middle, reach = (low + high) / 2, _STEEPEST * float(np.linalg.norm(high - low)) / 2
+        drifts, lowest, highest = [], 1.0, 1.0
+        motions = [(np.asarray(m), np.asarray(t)) for m, t in zip(field.matrices, field.shifts, strict=True)]
+        for region, (m, t), scale, name in zip(field.regions, motions, field.scales, field.weights, strict=True):
+            drifts.append(_affine(m - np.eye(field.dim), t, low, high))
+            distance = float(region.signed_distance(middle @ m.T + t))
+            ends = np.maximum([distance - reach, distance + reach], 0.0) / float(scale)
+            w = WEIGHTS[name](ends)  # which never falls with distance
+            lowest, highest = lowest * float(w[0]), highest * float(w[1])
+        drift = _union(drifts)
+        g = _product((np.full(field.dim, lowest), np.full(field.dim, highest)), self._of(field.base, low, high))
+        return drift[0] + g[0], drift[1] + g[1]
+
+    def _extruded(self, field: Extrusion, low: Array, high: Array) -> Bounds:
+        frame = field.plane.frame
+        middle, half = field.plane.to_plane((low + high) / 2), np.abs(frame) @ (high - low) / 2
+        first, last = middle - half, middle + half
+        c0, c1 = field.depth
+        knots = c0 + np.asarray(field.knots) * (c1 - c0)
+        within = knots[(knots > first[2]) & (knots < last[2])]
+        weights = field.weights_at(np.concatenate([[first[2], last[2]], within]))
+        total = np.zeros(2), np.zeros(2)
+        for m, w in zip(field.maps, weights, strict=True):
+            part = _product((np.full(2, w.min()), np.full(2, w.max())), self._of(m, first[:2], last[:2]))
+            total = total[0] + part[0], total[1] + part[1]
+        return _turned(frame[:2].T, total)
+
+
+def _affine(matrix: Array, offset: Array, low: Array, high: Array) -> Bounds:
+    middle, half = matrix @ (low + high) / 2 + offset, np.abs(matrix) @ (high - low) / 2
+    return middle - half, middle + half
+
+
+def _turned(matrix: Array, bounds: Bounds) -> Bounds:
+    """Bounds of ``matrix @ d``."""
+    return _affine(matrix, np.zeros(len(matrix)), *bounds)
+
+
+def _union(bounds: list[Bounds]) -> Bounds:
+    return np.min([low for low, _ in bounds], axis=0), np.max([high for _, high in bounds], axis=0)
+
+
+def _product(a: Bounds, b: Bounds) -> Bounds:
+    every = np.stack([x * y for x in a for y in b])
+    return every.min(axis=0), every.max(axis=0)
+
+
+def _of_samples(field: DisplacementField, low: Array, high: Array) -> Bounds:
+    """Interpolated values lie between the samples around them."""
+    grid = field.lattice
+    if isinstance(grid, Grid):
+        first, last = _turned(np.linalg.inv(grid.matrix), (low - grid.origin, high - grid.origin))
+    else:
+        first, last = (low - grid.origin) / grid.spacing, (high - grid.origin) / grid.spacing
+    counts = np.array(grid.shape[::-1])
+    a = np.clip(np.floor(first), 0, counts - 1).astype(int)[::-1]
+    b = np.clip(np.ceil(last), 0, counts - 1).astype(int)[::-1]
+    values = np.asarray(field.values[tuple(slice(i, j + 1) for i, j in zip(a, b, strict=True))], dtype=np.float64)
+    axes = tuple(range(field.dim))
+    return values.min(axis=axes), values.max(axis=axes)
+
+
+Slices = tuple[slice, slice, slice]
+
+
+def source_part(bounds: DisplacementBounds, field: AbstractField, block: Grid, source: Grid,
+                method: str) -> Slices | None:
+    """The voxels of a source that a block of the result can show, as slices along z, y, x; None if there are none.
+
+    Parameters
+    ----------
+    bounds : of the field.
+    field : backward displacements in space.
+    block : the grid of the block.
+    source : the grid of the whole source.
+    method : of interpolation, a name of :data:`METHODS`.
+
+    Raises
+    ------
+    DeformError
+        If the field is not finite.
+    """
+    corners = block.corners(centres=True)
+    try:
+        d = bounds.over(corners.min(axis=0), corners.max(axis=0))
+    except UnknownBounds:
+        values = field.components_on_grid(block).reshape(3, -1).astype(np.float64)
+        d = values.min(axis=1), values.max(axis=1)
+    if not np.isfinite(d).all():
+        raise DeformError("the field is not finite everywhere; look for control points far away or nearly on top of "
+                          "each other.")
+    at, moved = source.point_to_index(corners), _turned(np.linalg.inv(source.matrix), d)
+    more = _ROUNDING + _SPLINE * METHODS[method].is_spline
+    counts = np.array(source.shape[::-1])
+    still = (moved[0] == 0) & (moved[1] == 0) & np.all(np.abs(at - np.round(at)) < _WHOLE, axis=0)
+    bound = 4.0 * (counts + 2 * more)  # beyond the source by far; no number too large to be counted
+    first = np.clip(np.floor(at.min(axis=0) + moved[0]) - more, -bound, bound).astype(int)
+    stop = np.clip(np.floor(at.max(axis=0) + moved[1]) + 2 + more, -bound, bound).astype(int)
+    # Along an axis on which nothing moves the voxels are read as they are.
+    margin = _SPLINE * METHODS[method].is_spline
+    first = np.where(still, np.round(at.min(axis=0)).astype(int) - margin, first)
+    stop = np.where(still, np.round(at.max(axis=0)).astype(int) + 1 + margin, stop)
+    if (stop <= 0).any() or (first >= counts).any():
+        return None
+    x, y, z = (slice(int(max(a, 0)), int(min(b, n))) for a, b, n in zip(first, stop, counts, strict=True))
+    return z, y, x
