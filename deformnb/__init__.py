@@ -13,8 +13,8 @@ Conventions
   ``D(target) = source - target``: what was at the source appears exactly at the target.
 - Outside a volume, half a voxel beyond the outermost centres, lies its background (its smallest value).
 
-What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.document``, ``dn.imaging``,
-``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``, ``dn.datasets``,
+What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.chunked``, ``dn.document``,
+``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``, ``dn.datasets``,
 ``dn.widgets`` and ``dn.errors``.
 Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks.
 

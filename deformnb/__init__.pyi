@@ -1,4 +1,5 @@
 from . import analysis as analysis
+from . import chunked as chunked
 from . import datasets as datasets
 from . import document as document
 from . import errors as errors

@@ -54,6 +54,9 @@ HEAVY = {
     "ipywidgets",
     "matplotlib",
     "nibabel",
+    "dask",
+    "distributed",
+    "h5py",
     "nrrd",
     "PIL",
     "pooch",
@@ -62,6 +65,7 @@ HEAVY = {
     "trame",
     "vtkmodules",
     "xarray",
+    "zarr",
 }
 CONDA_NAME = {"lazy-loader": "lazy_loader", "matplotlib": "matplotlib-base"}
 
@@ -77,7 +81,7 @@ def _requirements(*extras: str) -> dict[str, str]:
         if name.startswith("deformnb["):
             bounds.update(_requirements(*name[len("deformnb[") : -1].split(",")))
         else:
-            bounds[name.lower()] = bound
+            bounds[name.partition("[")[0].lower()] = bound
     return bounds
 
 
@@ -125,13 +129,13 @@ def test_conda_environment_equals_the_requirements() -> None:
     found = dict(re.fullmatch(r"([\w.-]+)(.*)", line).groups() for line in lines if isinstance(line, str))  # type: ignore[union-attr]
     assert found.pop("python") == PROJECT["requires-python"]
     assert found.pop("pip") == ""
-    wanted = _requirements("formats", "interop", "notebook", "zarr")
+    wanted = _requirements("formats", "interop", "large", "notebook")
     assert found == {CONDA_NAME.get(name, name): bound for name, bound in wanted.items()}
 
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "interop", "movie", "notebook", "zarr"]), ("tests", ["test", "peers"]),
+    [("deformnb", ["formats", "interop", "large", "movie", "notebook"]), ("tests", ["test", "peers"]),
      ("benchmarks", ["benchmark"]), ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
@@ -141,7 +145,7 @@ def test_everything_imported_is_required(folder: str, extras: list[str]) -> None
 
 
 def test_everything_required_is_imported() -> None:
-    assert set(_requirements("formats", "interop", "movie", "zarr")) - _imported(PACKAGE) == set()
+    assert set(_requirements("formats", "interop", "large", "movie")) - _imported(PACKAGE) == set()
 
 
 def test_doctor_looks_for_what_is_required() -> None:
@@ -305,14 +309,15 @@ def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows(
     """
     top, packages = json.loads(_python(textwrap.dedent(code)))
     assert 55 < len(top) < 66
-    assert set(packages) == {"analysis", "datasets", "document", "errors", "imaging", "interop", "io", "rbf",
+    assert set(packages) == {"analysis", "chunked", "datasets", "document", "errors", "imaging", "interop", "io", "rbf",
                              "registration", "session", "volume", "warping", "widgets"}
     assert all(packages.values())
 
 
-@pytest.mark.parametrize("package", [deformnb, deformnb.analysis, deformnb.document, deformnb.imaging, deformnb.io,
-                                     deformnb.rbf, deformnb.registration, deformnb.session, deformnb.volume,
-                                     deformnb.warping, deformnb.widgets], ids=lambda package: package.__name__)
+@pytest.mark.parametrize("package", [deformnb, deformnb.analysis, deformnb.chunked, deformnb.document,
+                                     deformnb.imaging, deformnb.io, deformnb.rbf, deformnb.registration,
+                                     deformnb.session, deformnb.volume, deformnb.warping, deformnb.widgets],
+                         ids=lambda package: package.__name__)
 def test_public_names_are_documented(package: Any) -> None:
     assert package.__doc__
     public = {name: getattr(package, name) for name in package.__all__}

@@ -102,7 +102,7 @@ class _Line:
 
 # What only voxels have: (option, its value where it is not given).
 _OF_VOLUMES = (("method", None), ("fill", None), ("labels", False), ("resolution", None), ("margin", None),
-               ("animate", False), ("volumes", None))
+               ("animate", False), ("volumes", None), ("memory", None))
 
 
 def add_warp(commands: Any) -> None:
@@ -133,6 +133,8 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--volume", metavar="FILE",
                    help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
                    "lie")
+    p.add_argument("--memory", metavar="SIZE", help="for a volume that is deformed in parts, into a Zarr folder: what "
+                   "these take together, such as 2GB (default 1 GiB)")
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
     p.set_defaults(run=_warp)
 
@@ -203,12 +205,20 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
 
     if options.volumes:
         check_target(Path(options.volumes), overwrite=options.force)
+    if _is_in_parts(options):
+        if options.animate or options.volumes:
+            raise DeformError(f"--{'animate' if options.animate else 'volumes'} is not for volumes that are deformed in "
+                              "parts, into a Zarr folder (.zarr).")
+        _warp_in_parts(document, options, stage)
+        return
     if is_series(options.input):
         _warp_series(document, options, stage)
         return
     if options.animate:
         raise DeformError(f"--animate is for a series of moments, and {Path(options.input).name} holds one.")
     target = Path(options.output)
+    if options.memory is not None:
+        raise DeformError("--memory is for volumes that are deformed in parts, into a Zarr folder (.zarr).")
     volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
     if options.volumes and not volume.is_labels:
         raise DeformError(f"--volumes is for labels, and {Path(options.input).name} does not say that it holds any; "
@@ -260,6 +270,63 @@ def _warp_series(document: Deformation, options: argparse.Namespace, stage: Stag
     target = Path(options.output)
     warp_series(series, Animation(document) if options.animate else document, target, fill=options.fill,
                 method=options.method, progress=stage(f"deform to {target.name}"), **given)
+
+
+def _is_in_parts(options: argparse.Namespace) -> bool:
+    """Check whether a volume is deformed block by block: Zarr on either side, or too large for the memory.
+
+    Raises
+    ------
+    DeformError
+        If it is too large and the output is no Zarr folder.
+    """
+    from deformnb.io.formats import describe_file
+    from deformnb.io.headers import human_bytes
+    from deformnb.io.memory import default_limit
+    from deformnb.io.meshes import is_mesh
+    from deformnb.io.ome_zarr import SUFFIX, is_zarr
+
+    to_zarr = options.output.lower().endswith(SUFFIX)
+    if to_zarr or is_mesh(options.input):
+        return to_zarr
+    given = Path(options.input.partition("::")[0])
+    if not given.exists():
+        return False
+    # The output that is no Zarr folder is held in memory, and the input beside it.
+    needed = describe_file(given).memory_bytes if is_zarr(given) else 0
+    if 2 * needed > default_limit():
+        raise DeformError(f"{given.name} takes {human_bytes(needed)} of memory, too much to be written in one piece; "
+                          f"name an output that ends in {SUFFIX}, which is written in parts.")
+    return False
+
+
+def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+    """Deform block by block into a Zarr folder; what an earlier run that was stopped has done is not done again."""
+    from deformnb.chunked import open_volume, warp
+    from deformnb.document.output_grid import output_grid
+    from deformnb.volume.volume import Volume
+
+    stage(f"open {Path(options.input).name}")
+    source = open_volume(options.input, spacing=options.spacing and tuple(options.spacing),
+                         is_labels=options.labels or None)
+    note(*source.notes)
+    grid = source.grid
+    if not any(document.own_grid(level) == level and not document.difference(level) for level in
+               (grid, *source.levels)):  # a document that was made on a coarser level belongs to all of them
+        note(*_difference(document, grid))
+    output = None
+    if options.resolution is not None or options.margin is not None:
+        margin = _lengths(options.margin)
+        if margin == "fit":
+            raise DeformError('--margin fit looks at all voxels at once; give lengths for a volume that is deformed in '
+                              "parts.")
+        import numpy as np
+
+        empty = Volume(np.broadcast_to(np.uint8(0), grid.shape), grid)
+        output = output_grid(document, empty, spacing=_lengths(options.resolution), margin=margin).grid
+    note(*document.notes(grid))
+    warp(source, document, options.output, output=output, fill=options.fill, method=options.method,
+         memory=options.memory, overwrite=options.force, progress=stage("deform"))
 
 
 def _follow_mesh(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
@@ -319,8 +386,8 @@ def _check_output(target: Path, *, force: bool) -> None:
     from deformnb.io.atomic import check_target
     from deformnb.io.formats import format_of
 
-    format_of(target, writing=True)
-    check_target(target)
+    _, entry = format_of(target, writing=True)
+    check_target(target, folder_marks=entry.folder_marks)
     _refuse_present(target, force=force)
 
 

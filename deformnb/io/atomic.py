@@ -21,7 +21,7 @@ import shutil
 import stat
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from os import PathLike
@@ -183,7 +183,8 @@ def writing_held_by(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterat
         _last_doubts.reset(token)
 
 
-def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0) -> Path:
+def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0,
+                 folder_marks: Sequence[str] = ()) -> Path:
     """The real path to write to, checked before any work: folder, permissions, free space.
 
     Parameters
@@ -191,6 +192,8 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     path : the file to write; a symbolic link is followed.
     overwrite : whether an existing file may be replaced.
     needed : bytes the file may take.
+    folder_marks : for a format that is a folder: names of files of which each such folder has one. Only such a folder
+        is ever replaced.
 
     Raises
     ------
@@ -205,9 +208,13 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     folder = target.parent
     if not folder.is_dir():
         raise fail(target, f"cannot be written: there is no folder {shown(folder)}. Create it first.")
-    if target.is_dir():
+    if target.is_dir() and not folder_marks:
         raise fail(target, "cannot be written: this is a folder. Name a file in it.")
-    if exists and not target.is_file():
+    if target.is_dir() and not any((target / name).is_file() for name in folder_marks):
+        raise fail(target, "cannot be written: this is a folder of something else. Choose another name.")
+    if exists and not target.is_dir() and (folder_marks or not target.is_file()):
+        if target.is_file():
+            raise fail(target, "cannot be written: this is a file, and the format is a folder. Choose another name.")
         raise fail(target, "cannot be written: this is a device or pipe, not a file.")
     if exists and not overwrite:
         raise _taken(target)
@@ -280,6 +287,65 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
     flush_folder(target.parent)
+
+
+@contextmanager
+def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = True,
+                  folder_marks: Sequence[str]) -> Iterator[Path]:
+    """A new folder that takes the place of ``path`` at the end of the block, whole, or not at all.
+
+    As :func:`atomic_write`. Where an older folder is replaced, the two are renamed one after the other.
+
+    Parameters
+    ----------
+    path, overwrite, folder_marks : see :func:`check_target`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "volume.zarr"
+    >>> with atomic_folder(target, folder_marks=["zarr.json"]) as folder:
+    ...     _ = (folder / "zarr.json").write_text("{}")
+    >>> [entry.name for entry in target.iterdir()]
+    ['zarr.json']
+    """
+    target = check_target(path, overwrite=overwrite, folder_marks=folder_marks)
+    sweep_folder(target.parent)
+    temporary = target.with_name(temporary_name())
+    lock = None
+    try:
+        temporary.mkdir()
+        lock = hold_folder(temporary)
+        yield temporary
+        with _last_doubts.get()():
+            publish_folder(temporary, target, overwrite=overwrite)
+    except OSError as error:
+        if isinstance(error, ValueError):
+            raise
+        raise fail(target, f"was not written, the system reports: {error.strerror or error}.") from error
+    finally:
+        if lock is not None:
+            os.close(lock)
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:
+    """Give a finished folder its name; an older one is removed afterwards."""
+    if not target.exists():
+        temporary.rename(target)
+        flush_folder(target.parent)
+        return
+    if not overwrite:
+        raise _taken(target)
+    old = target.with_name(temporary_name())
+    target.rename(old)
+    try:
+        temporary.rename(target)
+    except OSError:
+        old.rename(target)
+        raise
+    flush_folder(target.parent)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _take_place(temporary: Path, target: Path, *, overwrite: bool) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Float3, Progress
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
-from deformnb.io import dicom, images, metaimage, nifti, nrrd, raw, tiff, vti
+from deformnb.io import dicom, images, metaimage, nifti, nrrd, ome_zarr, raw, tiff, vti
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import SINGLE, Damage, Header, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.memory import default_limit
@@ -36,12 +36,14 @@ class Format:
     header : reads everything but the voxels.
     write : writes (volume, path, overwrite, progress), None where a format is only read.
     description : for people.
+    folder_marks : for a format that is a folder: names of files of which each such folder has one.
     """
 
     suffixes: tuple[str, ...]
     header: Callable[[Path], Header]
     write: Writer | None
     description: str
+    folder_marks: tuple[str, ...] = ()
 
 
 FORMATS: dict[str, Format] = {
@@ -51,6 +53,8 @@ FORMATS: dict[str, Format] = {
     "vti": Format((".vti",), vti.read_header, vti.write, "VTK image data (XML)"),
     "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json"),
     "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json"),
+    "zarr": Format((ome_zarr.SUFFIX,), ome_zarr.read_header, ome_zarr.write, "OME-Zarr pyramid, a folder",
+                   ome_zarr.MARKS),
     "tiff": Format(tiff.SUFFIXES, tiff.read_header, None, "TIFF stack, or a folder of slices"),
     "image": Format(images.SUFFIXES, images.read_header, images.write,
                     "picture, as a volume of one slice"),
@@ -160,9 +164,11 @@ def read_any_header(path: Path, series: str | int | None = None) -> tuple[str, H
     if path.is_dir():
         if dicom.dicom_files(path):
             return "dicom", dicom.read_header(path, series)
+        if ome_zarr.is_zarr(path):
+            return "zarr", ome_zarr.read_header(path)
         if any(file.suffix.lower() in tiff.SUFFIXES for file in path.iterdir()):
             return "tiff", tiff.read_folder_header(path)
-        raise fail(path, "this folder holds neither a DICOM series nor TIFF slices; name a file.")
+        raise fail(path, "this folder holds neither a DICOM series nor TIFF slices nor Zarr arrays; name a file.")
     name, entry = format_of(path)
     regular_file(path)
     return name, dicom.read_header(path, series) if name == "dicom" else entry.header(path)
@@ -170,7 +176,7 @@ def read_any_header(path: Path, series: str | int | None = None) -> tuple[str, H
 
 def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
                 spacing: Float3 | None = None, is_labels: bool | None = None, stride: int = 1,
-                max_bytes: int | None = None, progress: Progress | None = None) -> Volume:
+                max_bytes: int | None = None, level: int | None = None, progress: Progress | None = None) -> Volume:
     """Read a volume file or a folder of slices.
 
     Parameters
@@ -184,7 +190,9 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     is_labels : voxels are names of regions; by default as in the file, else only bool voxels are, and a note is added
         where whole numbers look like labels.
     stride : keep every n-th voxel along each axis.
-    max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included.
+    max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included. Of a
+        pyramid (OME-Zarr) the finest level that takes no more is read, and a note names it.
+    level : the level of a pyramid to be read, 0 for the finest; by default the finest that fits.
     progress : receives the share done, 0 to 1; may raise Cancelled.
 
     Raises
@@ -212,6 +220,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         if not header.layout.is_single:
             raise fail(place, f"a volume is one channel at one moment, and this file holds {header.layout}. "
                               "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.")
+        header = _of_level(header, level, step, max_bytes)
         grid, notes = header.grid(spacing)
         _check_memory(header, step, max_bytes)
         labels = header.is_labels if is_labels is None else is_labels
@@ -243,7 +252,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
     """
     place = as_path(path)
     _, entry = format_of(place, writing=True)
-    check_target(place, overwrite=overwrite)
+    check_target(place, overwrite=overwrite, folder_marks=entry.folder_marks)
     assert entry.write is not None
     entry.write(volume, place, overwrite, progress)
 
@@ -263,8 +272,8 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series)
         grid, notes = _right_spacing(*header.grid(), header)
-        sizes = [file.stat().st_size for file in place.iterdir() if file.is_file()] if place.is_dir() else [
-            place.stat().st_size]
+        files = place.rglob("*") if kind == "zarr" else place.iterdir() if place.is_dir() else [place]
+        sizes = [file.stat().st_size for file in files if file.is_file()]
     layout = header.layout
     volume = read_volume(place, series=series, progress=progress) if voxels and layout.is_single else None
     notes += () if layout.is_single else (f"the file holds {layout}, each as large as stated here",)
@@ -331,10 +340,32 @@ def _memory(header: Header, stride: int) -> int:
     return nz * ny * nx * per_voxel + header.working_bytes
 
 
-def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
+def _of_level(header: Header, level: int | None, stride: int, max_bytes: int | None) -> Header:
+    """The header of one level of a pyramid; of other files the header itself."""
+    last = len(header.levels) - 1
+    if level is not None:
+        if isinstance(level, bool) or not isinstance(level, int | np.integer) or not 0 <= level <= max(0, last):
+            raise fail(header.path, f"it has the levels 0 to {max(0, last)}, got level={shown_value(level)}.")
+        return header.levels[level] if header.levels else header
+    limit = _limit(max_bytes)
+    fitting = next((k for k, one in enumerate(header.levels) if _memory(one, stride) <= limit), 0)
+    if not fitting:
+        return header
+    chosen = header.levels[fitting]
+    nz, ny, nx = header.shape
+    note = (f"level {fitting} of {last} of the pyramid was read: the finest of {nx} x {ny} x {nz} voxels takes more "
+            "memory than allowed; deformnb.chunked.warp and deformnb warp deform that one in parts")
+    return replace(chosen, notes=(*chosen.notes, note))
+
+
+def _limit(max_bytes: int | None) -> int:
     if max_bytes is not None and not is_finite(max_bytes):
         raise DeformError(f"max_bytes must be a number of bytes, got {shown_value(max_bytes)}.")
-    limit = default_limit() if max_bytes is None else int(max_bytes)
+    return default_limit() if max_bytes is None else int(max_bytes)
+
+
+def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
+    limit = _limit(max_bytes)
     needed = _memory(header, stride)
     if needed <= limit:
         return

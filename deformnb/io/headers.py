@@ -128,6 +128,7 @@ class Header:
     notes : remarks for a status line.
     working_bytes : memory that reading takes beside the voxels: a page, a packed and an unpacked strip or tile.
     layout : channels and moments; the shape is that of one channel at one moment, the blocks are those of all.
+    levels : headers of all resolutions of a pyramid, this one the first; empty for other files.
     """
 
     path: Path
@@ -145,6 +146,7 @@ class Header:
     notes: tuple[str, ...] = ()
     working_bytes: int = 0
     layout: Layout = SINGLE
+    levels: tuple[Header, ...] = ()
 
     @property
     def is_scaled(self) -> bool:

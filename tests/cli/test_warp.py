@@ -351,3 +351,38 @@ def test_a_known_volume_has_its_true_spacing_and_older_sessions_its_voxels(
     assert "no other grid than its own" in capsys.readouterr().err
     assert run(small, "info tiny.nrrd", monkeypatch) == 0
     assert "3 x 1 x 1" in capsys.readouterr().out
+
+
+# ---- in parts --------------------------------------------------------------------------------------------------------
+
+
+def test_a_zarr_folder_is_written_in_parts(small: Path, capsys: pytest.CaptureFixture[str],
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(small, "warp pull.json tiny.nrrd out.zarr --memory 64MB", monkeypatch) == 0
+    assert run(small, "warp pull.json tiny.nrrd out.nrrd", monkeypatch) == 0
+    found, wanted = read_volume(small / "out.zarr"), read_volume(small / "out.nrrd")
+    assert np.abs(found.values.astype(int) - wanted.values).max() <= 1
+    assert found.grid.is_like(wanted.grid)
+    capsys.readouterr()
+    code = run(small, "warp pull.json tiny.nrrd out.zarr", monkeypatch)
+    assert "already there" in refused(capsys.readouterr(), code)
+    assert run(small, "warp pull.json out.zarr out.zarr --force --resolution 1", monkeypatch) == 0
+    assert read_volume(small / "out.zarr").grid.spacing == (1, 1, 1)
+    capsys.readouterr()
+    code = run(small, "warp pull.json tiny.nrrd a.nrrd --memory 1GB", monkeypatch)
+    assert "deformed in parts" in refused(capsys.readouterr(), code)
+
+
+def test_a_document_of_a_coarser_level_belongs_to_the_finest(small: Path, capsys: pytest.CaptureFixture[str],
+                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    from deformnb.chunked import warp
+    from deformnb.rbf.fields import Affine
+
+    still = Affine(np.eye(3), np.zeros(3))
+    warp(read_volume(small / "tiny.nrrd"), still, small / "two.zarr", levels=2)
+    coarse = read_volume(small / "two.zarr", level=1)
+    document = replace(a_shift(small, 1.0), volume=VolumeReference.of(coarse))
+    write_deformation(document, small / "coarse.json")
+    capsys.readouterr()
+    assert run(small, "warp coarse.json two.zarr moved.zarr", monkeypatch) == 0
+    assert "another volume" not in capsys.readouterr().err

@@ -47,7 +47,8 @@ def test_a_document_with_key_frames_is_exported_as_its_animation(session: Sessio
 def test_every_writable_format_of_volumes_is_a_suffix_of_the_export() -> None:
     writable = {suffix for entry in FORMATS.values() if entry.write is not None for suffix in entry.suffixes}
     pictures = set(FORMATS["image"].suffixes)  # of one slice only; as an export they are views of the volume
-    assert writable - pictures - {".raw"} <= set(EXPORTS["volume"].suffixes)  # .raw needs no place in a menu
+    # .raw needs no place in a menu, and a folder is no download
+    assert writable - pictures - {".raw", ".zarr"} <= set(EXPORTS["volume"].suffixes)
 
 
 @pytest.mark.parametrize("suffix", [s for s in EXPORTS["volume"].suffixes if s not in (".nii", ".nhdr", ".mhd")])

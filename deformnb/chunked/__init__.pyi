@@ -1,0 +1,3 @@
+from .sources import LargeVolume as LargeVolume
+from .sources import open_volume as open_volume
+from .warper import warp as warp

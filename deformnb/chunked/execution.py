@@ -1,0 +1,93 @@
+"""Work on many blocks: on threads of this process, or on the workers of a dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from typing import Any
+
+from deformnb.errors import DeformError, MissingPackageError
+
+# Work with more bytes of arrays is given to each worker once instead of travelling with the list of tasks.
+_LARGE = 2**20
+
+# How often a block is tried anew on another worker after its own died or its file system failed.
+_RETRIES = 3
+
+
+def on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int) -> Iterator[int]:
+    """Do all numbers, and yield each when it is done. Ending the loop early leaves out what has not begun."""
+    with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-block") as pool:
+        waiting, following = set(), iter(numbers)
+        try:
+            numbered: dict[Any, int] = {}
+            while True:
+                while len(waiting) < threads and (number := next(following, None)) is not None:
+                    future = pool.submit(work, number)
+                    waiting.add(future)
+                    numbered[future] = number
+                if not waiting:
+                    return
+                finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    future.result()
+                    yield numbered.pop(future)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], carried: int) -> Iterator[int]:
+    """The same on the workers of a ``dask.distributed.Client``; a block whose worker dies is done by another one.
+
+    Parameters
+    ----------
+    carried : bytes of the arrays that the work holds.
+    """
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
+
+    if not numbers:
+        return
+    # What is computed on a worker can be computed again if that dies; what is scattered lies on each of them.
+    shared = client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(
+        _same, work, pure=False)
+    futures = {client.submit(_call, shared, number, pure=False, retries=_RETRIES): number for number in numbers}
+    try:
+        for future in as_completed(list(futures)):
+            try:
+                future.result()
+            except KilledWorker as error:
+                raise DeformError(f"the workers died over block {futures[future]} again and again, most likely for "
+                                  "want of memory; give memory=... a smaller value.") from error
+            yield futures[future]
+    finally:
+        client.cancel(list(futures))
+
+
+def _same(work: Callable[[int], Any]) -> Callable[[int], Any]:
+    return work
+
+
+def _call(work: Callable[[int], Any], number: int) -> None:
+    work(number)
+
+
+def threads_of(client: Any) -> int:
+    """Threads of all workers of a client.
+
+    Raises
+    ------
+    DeformError
+        If it is no client, or has no workers.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingPackageError('a cluster needs the package distributed, which is not installed: pip install '
+                                  '"deformnb[large]"') from error
+    if not isinstance(client, distributed.Client):
+        raise DeformError(f"client is a dask.distributed.Client, got {type(client).__name__}.")
+    count = sum(client.nthreads().values())
+    if not count:
+        raise DeformError("the cluster of this client has no workers.")
+    return int(count)

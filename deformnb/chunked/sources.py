@@ -1,0 +1,454 @@
+"""Volumes that are read in parts: Zarr and OME-Zarr, HDF5, TIFF, memory maps, dask arrays.
+
+A source is read by many threads or processes, so what reads it can be sent to another process: files are opened there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb._typing import Float3, Progress
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.io import ome_zarr
+from deformnb.io.formats import describe_file
+from deformnb.io.headers import Damage, as_path, fail, regular_file, shown, volume_shape
+from deformnb.io.memory import default_limit
+from deformnb.volume.volume import DTYPES, Grid, Volume, optional_package, voxel_checksum
+
+Part = tuple[slice, slice, slice]
+
+# Types whose voxels become others where each value stays the same; what does not fit is refused when it is met.
+_CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "float32"}
+
+# The part of a source that is read at once to find its smallest value.
+_SLAB_BYTES = 2**25
+
+HDF5 = (".h5", ".hdf5", ".hdf", ".he5")
+_TIFF = (".tif", ".tiff", ".btf", ".tf8")
+
+
+class Reader(Protocol):
+    """An array [z, y, x] that is read in parts, in any process."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(nz, ny, nx)."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type as stored."""
+
+    def read(self, part: Part) -> NDArray[Any]:
+        """Voxels of a part."""
+
+    def identity(self) -> str:
+        """A text that is another one for other voxels, as far as can be told without reading them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Array:
+    """An array in memory, or of dask, or anything that is sliced as those are."""
+
+    array: Any
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(int(n) for n in self.array.shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.array.dtype)
+
+    def read(self, part: Part) -> NDArray[Any]:
+        found = self.array[part]
+        if hasattr(found, "compute"):  # of dask; the threads are busy with blocks already
+            found = found.compute(scheduler="synchronous")
+        return np.asarray(found)
+
+    def identity(self) -> str:
+        if isinstance(self.array, np.ndarray):
+            shape = (self.array.shape[0], self.array.shape[1], self.array.shape[2])
+            return voxel_checksum(self.array.dtype, shape, self.array)
+        return str(getattr(self.array, "name", "")) or repr(self.array)
+
+
+@dataclass(frozen=True, eq=False)
+class _Mapped:
+    """A memory map of NumPy: only its place in the file is sent to other processes."""
+
+    path: str
+    stored: str
+    counts: tuple[int, ...]
+    offset: int
+    order: Any
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.counts
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.stored)
+
+    def read(self, part: Part) -> NDArray[Any]:
+        return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.counts, self.order)[part])
+
+    def identity(self) -> str:
+        return f"{_stamp(self.path)} {self.offset} {self.order}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Zarr:
+    """One level of a pyramid, or an array of Zarr."""
+
+    level: ome_zarr.Level
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.level.grid.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.level.array.dtype)
+
+    def read(self, part: Part) -> NDArray[Any]:
+        return self.level.read(part)
+
+    def identity(self) -> str:
+        array = self.level.array
+        metadata = "".join(_stamp(file) for name in ome_zarr.MARKS if (file := self.level.path / name).is_file())
+        return f"{array.store_path} {metadata}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Hdf5:
+    """A dataset of an HDF5 file."""
+
+    path: str
+    name: str
+    counts: tuple[int, ...]
+    stored: str
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.counts
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.stored)
+
+    def read(self, part: Part) -> NDArray[Any]:
+        with optional_package("h5py").File(self.path, "r") as file:
+            return np.asarray(file[self.name][part])
+
+    def identity(self) -> str:
+        return f"{_stamp(self.path)} {self.name}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Tiff:
+    """The pages of a TIFF file, through tifffile's view of them as a Zarr array."""
+
+    path: str
+    counts: tuple[int, ...]
+    stored: str
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.counts
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return np.dtype(self.stored)
+
+    def read(self, part: Part) -> NDArray[Any]:
+        tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
+        with tifffile.imread(self.path, aszarr=True, level=0) as store:
+            array = zarr.open_array(store, mode="r")
+            found = np.asarray(array[part[-array.ndim:]])
+        return found if found.ndim == 3 else found[None]
+
+    def identity(self) -> str:
+        return _stamp(self.path)
+
+
+def _stamp(path: str | Path) -> str:
+    about = os.stat(path)
+    return f"{Path(path).resolve()} {about.st_size} {about.st_mtime_ns}"
+
+
+@dataclass(frozen=True, eq=False)
+class LargeVolume:
+    """A volume whose voxels are read in parts; :func:`open_volume` makes it.
+
+    Parameters
+    ----------
+    reader : reads the voxels.
+    grid : where they lie.
+    name : shown to people.
+    is_labels : voxels are names of regions.
+    unit : of lengths, as OME-Zarr names it; empty if it is not known.
+    notes : remarks.
+    levels : the grids of all resolutions of a pyramid, the finest first.
+    path : of the file; None for an array.
+    """
+
+    reader: Reader
+    grid: Grid
+    name: str = ""
+    is_labels: bool = False
+    unit: str = ""
+    notes: tuple[str, ...] = ()
+    levels: tuple[Grid, ...] = ()
+    path: Path | None = None
+
+    def __post_init__(self) -> None:
+        if tuple(self.reader.shape) != self.grid.shape:
+            raise DeformError(f"the array has shape {self.reader.shape} but the grid has {self.grid.shape}.")
+        if self.dtype.name not in DTYPES:
+            raise DeformError(f"voxels of type {self.reader.dtype} cannot be deformed; use one of {', '.join(DTYPES)}.")
+
+    def __repr__(self) -> str:
+        nz, ny, nx = self.shape
+        return f"<LargeVolume{f' {self.name[:60]!r}' if self.name else ''}: {nx} x {ny} x {nz} voxels, {self.dtype}>"
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(nz, ny, nx)."""
+        return self.grid.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of the voxels when they are read."""
+        stored = np.dtype(self.reader.dtype).newbyteorder("=")
+        return np.dtype(_CAST.get(stored.name, stored))
+
+    @property
+    def discrete(self) -> bool:
+        """True if no value may be made up between two others."""
+        return self.is_labels or self.dtype == np.bool_
+
+    def read(self, part: Part) -> NDArray[Any]:
+        """Voxels of a part, in :attr:`dtype`.
+
+        Raises
+        ------
+        DeformError
+            If the type has to change and a value would.
+        """
+        found = self.reader.read(part)
+        if found.dtype == self.dtype:
+            return found
+        native = found.astype(self.dtype)
+        if found.dtype.kind in "iu" and not (native == found).all():
+            raise DeformError(f"voxels of type {found.dtype} hold values beyond those of {self.dtype}; cast them: "
+                              "array.astype(...).")
+        return native
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """All voxels, for ``np.asarray``."""
+        return np.asarray(self.read((slice(None),) * 3), dtype=dtype)
+
+    def to_volume(self, *, max_bytes: int | None = None) -> Volume:
+        """All voxels as a :class:`Volume`; refused where they take more than 60 % of the free memory."""
+        needed, limit = self.grid.size * self.dtype.itemsize, default_limit() if max_bytes is None else max_bytes
+        if needed > limit:
+            raise DeformError(f"this volume takes {needed} bytes of memory and {limit} are allowed; read a coarser "
+                              "level: read_volume(path, level=...).")
+        return Volume(self.read((slice(None),) * 3), self.grid, self.name, self.is_labels, self.notes)
+
+    def smallest(self, progress: Progress | None = None) -> float:
+        """The smallest finite value: what lies outside a volume. The whole source is read, or until a zero of a type
+        without negative values is found.
+        """
+        depth = max(1, _SLAB_BYTES // (self.shape[1] * self.shape[2] * self.dtype.itemsize))
+        rows = self.shape[1] if depth > 1 else max(1, _SLAB_BYTES // (self.shape[2] * self.dtype.itemsize))
+        parts = [(slice(z, z + depth), slice(y, y + rows), slice(None)) for z in range(0, self.shape[0], depth)
+                 for y in range(0, self.shape[1], rows)]
+        lowest = np.inf
+        for k, part in enumerate(parts):
+            values = self.read(part)
+            finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+            lowest = min(lowest, float(finite.min())) if finite.size else lowest
+            if lowest == 0 and self.dtype.kind in "bu":
+                break
+            if progress is not None:
+                progress((k + 1) / len(parts))
+        return lowest if np.isfinite(lowest) else 0.0
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """A checksum of what is known of the source without reading it (of an array in memory: of its voxels)."""
+        text = f"{self.reader.identity()} {self.grid!r} {self.dtype} {self.is_labels}"
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def open_volume(source: Any, *, grid: Grid | None = None, spacing: Float3 | None = None, name: str | None = None,
+                is_labels: bool | None = None, level: int = 0) -> LargeVolume:
+    """A volume that is read in parts.
+
+    Parameters
+    ----------
+    source : a :class:`Volume`; an array [z, y, x] of NumPy (memory maps included), dask, Zarr or h5py; or a path: a
+        folder of Zarr or OME-Zarr, ``.h5``/``.hdf5`` (with "file.h5::dataset" where there are several), ``.tif``,
+        ``.npy``, or any file that :func:`deformnb.read_volume` reads, which is then loaded.
+    grid : where the voxels lie, instead of what the source says; arrays have spacing 1 without it.
+    spacing : (x, y, z), instead of the source's.
+    name : shown to people.
+    is_labels : voxels are names of regions; by default as the source says.
+    level : of a pyramid, 0 for the finest.
+
+    Raises
+    ------
+    DeformError
+        If the source is none of these, damaged, or has other axes than z, y, x.
+
+    Examples
+    --------
+    >>> open_volume(np.zeros((4, 5, 6), np.uint8), spacing=(1, 1, 2)).grid.spacing
+    (1.0, 1.0, 2.0)
+    """
+    found = _opened(source, level)
+    if grid is not None:
+        found = replace(found, grid=grid)
+    if spacing is not None:
+        found = replace(found, grid=replace(found.grid, spacing=spacing))
+    if is_labels is not None:
+        found = replace(found, is_labels=is_labels)
+    return found if name is None else replace(found, name=name)
+
+
+def _opened(source: Any, level: int) -> LargeVolume:
+    if isinstance(source, LargeVolume):
+        return source
+    if isinstance(source, Volume):
+        return LargeVolume(_reader_of(source.values), source.grid, source.name, source.is_labels, notes=source.notes)
+    if isinstance(source, str | os.PathLike):
+        return _of_path(str(source), level)
+    shape, dtype = getattr(source, "shape", None), getattr(source, "dtype", None)
+    if shape is None or dtype is None or len(shape) != 3:
+        raise DeformError(f"a source is a volume, an array [z, y, x] or a path, got {shown_value(source)}.")
+    grid = Grid((int(shape[0]), int(shape[1]), int(shape[2])))
+    return LargeVolume(_reader_of(source), grid, is_labels=np.dtype(dtype) == np.bool_)
+
+
+def _reader_of(array: Any) -> Reader:
+    if isinstance(array, np.memmap) and array.filename is not None and (
+            array.flags.c_contiguous or array.flags.f_contiguous) and _is_whole_map(array):
+        return _Mapped(os.fspath(array.filename), array.dtype.str, array.shape, int(array.offset),
+                       "C" if array.flags.c_contiguous else "F")
+    kind = type(array).__module__.partition(".")[0]
+    if kind == "zarr":
+        grid = Grid((int(array.shape[0]), int(array.shape[1]), int(array.shape[2])))
+        return _Zarr(ome_zarr.Level(array, (slice(None),) * 3, grid))
+    if kind == "h5py":
+        return _Hdf5(array.file.filename, array.name, tuple(array.shape), np.dtype(array.dtype).str)
+    return _Array(array)
+
+
+def _is_whole_map(array: np.memmap[Any, Any]) -> bool:
+    import mmap
+
+    return isinstance(array.base, mmap.mmap)
+
+
+def _of_path(text: str, level: int) -> LargeVolume:
+    file, _, dataset = text.partition("::")
+    path = as_path(file)
+    lower = path.name.lower()
+    if ome_zarr.is_zarr(path):
+        return _of_zarr(path, level)
+    if level != 0:
+        raise fail(path, f"it is no pyramid, so it has no level {level}.")
+    with Damage(path, "name a smaller file"):
+        if lower.endswith(HDF5):
+            return _of_hdf5(regular_file(path), dataset)
+        if lower.endswith(_TIFF):
+            return _of_tiff(regular_file(path))
+        if lower.endswith(".npy"):
+            return _of_npy(regular_file(path))
+    from deformnb.io.formats import read_volume
+
+    volume = read_volume(path)
+    return replace(_opened(volume, 0), path=path)
+
+
+def _of_zarr(path: Path, level: int) -> LargeVolume:
+    pyramid = ome_zarr.open_pyramid(path)
+    if not 0 <= level < len(pyramid.levels):
+        raise fail(path, f"it has the levels 0 to {len(pyramid.levels) - 1}, got {shown_value(level)}.")
+    chosen = pyramid.levels[level]
+    _check_chunk(path, chosen.chunk_bytes)
+    name = path.name[:-len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name
+    labels = pyramid.is_labels or chosen.array.dtype == np.bool_
+    return LargeVolume(_Zarr(chosen), chosen.grid, name, bool(labels), pyramid.unit, pyramid.notes,
+                       tuple(one.grid for one in pyramid.levels), path)
+
+
+def _check_chunk(path: Path, size: int) -> None:
+    if size > default_limit():
+        raise fail(path, f"one of its chunks takes {size} bytes when it is unpacked, more than there is memory for.")
+
+
+def _of_hdf5(path: Path, name: str) -> LargeVolume:
+    h5py = optional_package("h5py")
+    with h5py.File(path, "r") as file:
+        found: list[str] = []
+        file.visititems(lambda key, item: found.append(key) if isinstance(item, h5py.Dataset) and len(
+            item.shape or ()) == 3 else None)
+        if not name and len(found) != 1:
+            raise fail(path, f"it has {len(found)} arrays of three axes ({shown(', '.join(found[:8]))}); name one: "
+                             f'"{shown(path.name)}::name".')
+        item = file.get(name or found[0], getlink=True)
+        if not isinstance(item, h5py.HardLink):
+            raise fail(path, f"{shown(name)} is a link to elsewhere or is not there.")
+        item = file[name or found[0]]
+        if not isinstance(item, h5py.Dataset) or len(item.shape or ()) != 3 or item.external:
+            raise fail(path, f"{shown(name or found[0])} is no array of three axes in this file.")
+        if item.dtype.kind not in "biuf":
+            raise fail(path, f"voxels of type {item.dtype} are no numbers that can be deformed.")
+        shape, _ = volume_shape(path, [int(n) for n in item.shape[::-1]], item.dtype.itemsize)
+        _check_chunk(path, math.prod(item.chunks or (1,)) * item.dtype.itemsize)
+        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype.str), _hdf5_grid(path, item, shape),
+                           path.stem, path=path)
+
+
+def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> Grid:
+    """The grid of a dataset, with the attribute that ImageJ's and ilastik's HDF5 files have: element_size_um."""
+    sizes = item.attrs.get("element_size_um")
+    if sizes is None or np.shape(sizes) != (3,):
+        return Grid(shape)
+    return Grid(shape, tuple(float(s) for s in sizes[::-1]))  # type: ignore[arg-type]
+
+
+def _of_tiff(path: Path) -> LargeVolume:
+    about = describe_file(path)
+    tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
+    with tifffile.imread(str(path), aszarr=True, level=0) as store:
+        array = zarr.open_array(store, mode="r")
+        if array.ndim not in (2, 3) or (1,) * (3 - array.ndim) + array.shape != about.grid.shape:
+            raise fail(path, f"its pages make an array of shape {array.shape}, and its header says "
+                             f"{about.grid.shape}.")
+        _check_chunk(path, math.prod(array.chunks) * array.dtype.itemsize)
+        stored = array.dtype.str
+    return LargeVolume(_Tiff(str(path), about.grid.shape, stored), about.grid, path.stem, about.is_labels, "",
+                       about.notes, path=path)
+
+
+def _of_npy(path: Path) -> LargeVolume:
+    about = describe_file(path)
+    array: Any = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.shape != about.grid.shape:
+        raise fail(path, f"its array has shape {array.shape}, and its header says {about.grid.shape}.")
+    return LargeVolume(_reader_of(array), about.grid, path.stem, about.is_labels, "", about.notes, path=path)
+
