@@ -18,7 +18,8 @@ _RETRIES = 3
 def on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int) -> Iterator[int]:
     """Do all numbers, and yield each when it is done. Ending the loop early leaves out what has not begun."""
     with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-block") as pool:
-        waiting, following = set(), iter(numbers)
+        waiting: set[Any] = set()
+        following = iter(numbers)
         try:
             numbered: dict[Any, int] = {}
             while True:

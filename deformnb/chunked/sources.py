@@ -390,7 +390,7 @@ def _of_zarr(path: Path, level: int) -> LargeVolume:
     chosen = pyramid.levels[level]
     _check_chunk(path, chosen.chunk_bytes)
     name = path.name[:-len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name
-    labels = pyramid.is_labels or chosen.array.dtype == np.bool_
+    labels = chosen.array.dtype == np.bool_ if pyramid.is_labels is None else pyramid.is_labels
     return LargeVolume(_Zarr(chosen), chosen.grid, name, bool(labels), pyramid.unit, pyramid.notes,
                        tuple(one.grid for one in pyramid.levels), path)
 

@@ -154,13 +154,13 @@ def _check_result(volume: LargeVolume, grid: Grid) -> None:
 def _lazy(job: BlockWarp) -> Any:
     """The result as an array of dask, a task for each block."""
     try:
-        import dask
         import dask.array
+        from dask.delayed import delayed
     except ImportError as error:
         raise MissingPackageError('arrays of dask need the package dask, which is not installed: pip install '
                                   '"deformnb[large]"; or name a target') from error
-    shared = dask.delayed(job, traverse=False)
-    made = [dask.array.from_delayed(dask.delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)
+    shared = delayed(job, traverse=False)
+    made = [dask.array.from_delayed(delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)
             for k in range(len(job.blocks))]
     nz, ny, nx = job.blocks.counts
     nested = [[[made[(z * ny + y) * nx + x] for x in range(nx)] for y in range(ny)] for z in range(nz)]

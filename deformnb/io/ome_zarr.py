@@ -176,7 +176,10 @@ def _of_group(path: Path, group: zarr.Group) -> Pyramid:
         raise fail(path, "its levels do not go from fine to coarse with voxels of one type.")
     unit = next(iter(units), "")
     notes = () if unit in ("", "millimeter") else (f"lengths are in units of {shown(unit)}",)
-    return Pyramid(tuple(levels), True if "image-label" in ome or "image-label" in attributes else None, unit, notes)
+    labels: bool | None = "image-label" in ome or "image-label" in attributes
+    if not labels and about.get("type") != "mean":  # coarser levels that are means are of amounts
+        labels = None
+    return Pyramid(tuple(levels), labels, unit, notes)
 
 
 def _mapping(path: Path, value: Any, what: str) -> Mapping[str, Any]:

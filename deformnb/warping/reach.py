@@ -233,9 +233,9 @@ def _affine(matrix: Array, offset: Array, low: Array, high: Array) -> Bounds:
     return middle - half, middle + half
 
 
-def _turned(matrix: Array, bounds: Bounds) -> Bounds:
+def _turned(matrix: NDArray[np.floating[Any]], bounds: Bounds) -> Bounds:
     """Bounds of ``matrix @ d``."""
-    return _affine(matrix, np.zeros(len(matrix)), *bounds)
+    return _affine(np.asarray(matrix, dtype=np.float64), np.zeros(len(matrix)), *bounds)
 
 
 def _union(bounds: list[Bounds]) -> Bounds:
