@@ -207,8 +207,8 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
         check_target(Path(options.volumes), overwrite=options.force)
     if _is_in_parts(options):
         if options.animate or options.volumes:
-            raise DeformError(f"--{'animate' if options.animate else 'volumes'} is not for volumes that are deformed in "
-                              "parts, into a Zarr folder (.zarr).")
+            raise DeformError(f"--{'animate' if options.animate else 'volumes'} is not for volumes that are deformed "
+                              "in parts, into a Zarr folder (.zarr).")
         _warp_in_parts(document, options, stage)
         return
     if is_series(options.input):
