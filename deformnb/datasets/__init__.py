@@ -2,17 +2,20 @@
 
 - :data:`PHANTOMS` work without a network.
 - :data:`DATASETS`, :func:`fetch` and :func:`load` get real volumes of the paper once and keep them.
-- :func:`thompson_map` has the points that turn the fish into other fishes.
+- :func:`thompson_map` has the points that turn the fish into other fishes, and :func:`thompson_score` says how near a
+  deformation comes to them.
 """
 
 from deformnb.datasets.darcy import (
     ThompsonGrid,
     ThompsonMap,
+    own_grid,
     thompson_grid,
     thompson_grids,
     thompson_map,
     thompson_pairs,
 )
+from deformnb.datasets.grid_score import GridScore, thompson_score
 from deformnb.datasets.phantoms import PHANTOMS, Phantom
 from deformnb.datasets.registry import DATASETS, Dataset, credits, fetch, load  # noqa: A004 (see there)
 
@@ -20,14 +23,17 @@ __all__ = [
     "DATASETS",
     "PHANTOMS",
     "Dataset",
+    "GridScore",
     "Phantom",
     "ThompsonGrid",
     "ThompsonMap",
     "credits",
     "fetch",
     "load",
+    "own_grid",
     "thompson_grid",
     "thompson_grids",
     "thompson_map",
     "thompson_pairs",
+    "thompson_score",
 ]

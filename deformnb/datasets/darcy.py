@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb.checks import real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 
@@ -30,7 +31,7 @@ class ThompsonGrid:
 
     Parameters
     ----------
-    figure : number in the edition of 1917.
+    figure : number in the edition of 1917; 0 for a grid that is not his.
     species : the name Thompson prints.
     modern : the name in use today, with the English one.
     image : file name of the scan in Project Gutenberg's ebook 55264.
@@ -159,14 +160,73 @@ HEADS = ("left", "right")
 """Directions in which the head of the fish on the picture points."""
 
 
-def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia", *,
-                 box: Box = (0.0, 1.0, 0.0, 1.0), frame: Box | None = None, scale: str = "inside",
-                 cells: str = "fill", head: str = "left") -> ThompsonMap:
-    """Lay a pair of Thompson's grids on a picture.
+def own_grid(nodes: ArrayLike, name: str = "own grid") -> ThompsonGrid:
+    """A grid of your own, as those of the book.
 
     Parameters
     ----------
-    source, target : species (or the beginning of the name, or the figure number) with grids of equally many lines.
+    nodes : (rows, columns, 2) places (x, y) on the drawing, x right and y down; rows from back to belly, columns from
+        head to tail, the head on the left.
+    name : of the animal.
+
+    Raises
+    ------
+    DeformError
+        If it is no such array, or a cell of it is flat or turned over.
+
+    Examples
+    --------
+    >>> own_grid([[[0, 0], [50, 5]], [[0, 30], [50, 25]]], "leaf").nodes.shape
+    (2, 2, 2)
+    """
+    given = real_array(nodes)
+    form = f"the grid {name!r} must be an array of shape (rows, columns, 2): the places (x, y) of its nodes, row by row"
+    if given is None:
+        raise DeformError(f"{form}; got {shown_value(nodes)}.")
+    if given.ndim != 3 or given.shape[2] != 2 or min(given.shape[:2]) < 2:
+        raise DeformError(f"{form}, with at least 2 rows and 2 columns; got the shape {given.shape}.")
+    if not np.isfinite(given).all():
+        row, column = np.argwhere(~np.isfinite(given))[0][:2]
+        raise DeformError(f"node r{row} c{column} of the grid {name!r} is no place: {given[row, column].tolist()}.")
+    made = given.copy()
+    turned = np.argwhere(_least_corners(made) <= 0)
+    if len(turned):
+        row, column = turned[0]
+        raise DeformError(f"the cell below and right of node r{row} c{column} of the grid {name!r} is flat or turned over. "
+                          "Rows go from back to belly and columns from head to tail, x grows to the right and y down, and "
+                          "no lines may cross: look for two nodes that are exchanged, or a y that grows upwards.")
+    made.flags.writeable = False
+    return ThompsonGrid(0, name, name, "", "", made)
+
+
+def _least_corners(nodes: Nodes) -> Nodes:
+    """(rows - 1, columns - 1): the least of the signed areas of the four triangles at the corners of each cell."""
+    p, q, r, s = nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
+    areas = [(b - a)[..., 0] * (c - a)[..., 1] - (b - a)[..., 1] * (c - a)[..., 0]
+             for a, b, c in ((p, q, s), (q, r, p), (r, s, q), (s, p, r))]
+    return np.asarray(np.min(areas, axis=0))
+
+
+def _grid_of(given: str | int | ThompsonGrid | ArrayLike, name: str) -> ThompsonGrid:
+    """The grid that a name, a figure's number or an array of nodes stands for."""
+    if isinstance(given, ThompsonGrid):
+        return given
+    if isinstance(given, str | int | np.integer):
+        return thompson_grid(given if isinstance(given, str) else int(given))
+    return own_grid(given, name)
+
+
+def thompson_map(source: str | int | ThompsonGrid | ArrayLike = "Polyprion",
+                 target: str | int | ThompsonGrid | ArrayLike = "Antigonia", *,
+                 box: Box = (0.0, 1.0, 0.0, 1.0), frame: Box | None = None, scale: str = "inside",
+                 cells: str = "fill", head: str = "left") -> ThompsonMap:
+    """Lay a pair of Thompson's grids, or of your own, on a picture.
+
+    Parameters
+    ----------
+    source, target : species (or the beginning of the name, or the figure number), or nodes of your own as
+        (rows, columns, 2) places (x, y) on a drawing, x right and y down (:func:`own_grid` has the rules, and gives
+        them a name); both grids have equally many lines.
     box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source grid is laid
         over it, so that the fish is inscribed as Thompson's is.
     frame : the box that ``scale="inside"`` respects, best that of the whole picture
@@ -195,15 +255,22 @@ def thompson_map(source: str | int = "Polyprion", target: str | int = "Antigonia
     Raises
     ------
     DeformError
-        For an unknown name, a bad box, or two grids of different size.
+        For an unknown name, nodes that make no grid, a bad box, or two grids of different size.
 
     Examples
     --------
     >>> laid = thompson_map("Polyprion", "Scorpaena", box=(0.0, 512.0, 0.0, 200.0))
     >>> laid.source_nodes.reshape(-1, 2).max(axis=0).round(9).tolist()
     [512.0, 200.0]
+
+    Two grids read from drawings of your own:
+
+    >>> leaf = [[[0, 0], [40, 0], [80, 0]], [[0, 30], [40, 30], [80, 30]]]
+    >>> older = [[[0, 10], [60, 0], [120, 0]], [[0, 50], [60, 60], [120, 60]]]
+    >>> thompson_map(leaf, older, box=(0.0, 80.0, 0.0, 30.0)).points.names
+    ('r0 c0', 'r0 c1', 'r0 c2', 'r1 c0', 'r1 c1', 'r1 c2')
     """
-    a, b = thompson_grid(source), thompson_grid(target)
+    a, b = _grid_of(source, "source"), _grid_of(target, "target")
     if a.nodes.shape != b.nodes.shape:
         raise DeformError(f"the grids of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "
                           f"rows and columns and do not correspond; Thompson's pairs are {thompson_pairs()}.")
