@@ -15,7 +15,7 @@ Conventions
 
 What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.chunked``, ``dn.document``,
 ``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``,
-``dn.datasets``, ``dn.widgets`` and ``dn.errors``.
+``dn.datasets``, ``dn.lessons``, ``dn.widgets`` and ``dn.errors``.
 Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks.
 
 Names load on first use, so that ``import deformnb`` is quick and loads no widget, no VTK and no matplotlib.

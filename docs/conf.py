@@ -143,9 +143,9 @@ def _spread(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
 
 
 def _copy_notebooks() -> None:
-    for notebook in (HERE.parent / "notebooks").glob("*.ipynb"):
-        copy = HERE / "notebooks" / notebook.name
-        copy.parent.mkdir(exist_ok=True)
+    for notebook in (HERE.parent / "notebooks").glob("**/*.ipynb"):
+        copy = HERE / notebook.relative_to(HERE.parent)
+        copy.parent.mkdir(parents=True, exist_ok=True)
         if not copy.exists() or copy.read_bytes() != notebook.read_bytes():
             copy.write_bytes(notebook.read_bytes())
 

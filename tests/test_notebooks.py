@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+LESSONS = sorted((ROOT / "notebooks" / "lessons").glob("*.ipynb"))
+NOTEBOOKS = [*sorted((ROOT / "notebooks").glob("*.ipynb")), *LESSONS]
 TIMEOUT = 300  # seconds for a cell: a busy machine renders a movie slowly
 
 # A kernel without a way out: what a notebook needs must be on this machine.
@@ -71,7 +72,7 @@ SAID = {
 # The tools for notebooks close their sockets late and use what asyncio has deprecated; only the cells are tested here.
 @pytest.mark.sampled(4)
 @pytest.mark.filterwarnings("default")
-@every_notebook
+@pytest.mark.parametrize("path", [path for path in NOTEBOOKS if path not in LESSONS], ids=lambda path: path.stem)
 def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path) -> None:
     outputs = executed(path, kernel, tmp_path)
     assert any(kind.startswith("image/") for output in outputs[-1] for kind in output.get("data", {}))
@@ -81,6 +82,18 @@ def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path
     assert [share for share in shares if not -100 <= share <= 1000] == [], "a share of what was not found"
     for wanted in SAID.get(path.stem, ()):
         assert re.search(wanted, texts), texts
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("path", LESSONS, ids=lambda path: path.stem)
+def test_a_lesson_runs_and_passes_no_exercise_that_was_not_done(path: Path, kernel: str, tmp_path: Path) -> None:
+    outputs = executed(path, kernel, tmp_path)
+    assert any(kind.startswith("image/") for output in outputs[-1] for kind in output.get("data", {}))
+    shown = "".join(output.get("data", {}).get("text/plain", "") for cell in outputs for output in cell)
+    code = [text_of(cell) for cell in stored(path)["cells"] if cell["cell_type"] == "code"]
+    assert shown.count("Not yet. ") == sum("lesson.check(" in cell for cell in code) > 5
+    assert "Right." not in shown
 
 
 def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:

@@ -309,14 +309,16 @@ def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows(
     """
     top, packages = json.loads(_python(textwrap.dedent(code)))
     assert 55 < len(top) < 66
-    assert set(packages) == {"analysis", "chunked", "datasets", "document", "errors", "imaging", "interop", "io", "rbf",
+    assert set(packages) == {"analysis", "chunked", "datasets", "document", "errors", "imaging", "interop", "io",
+                             "lessons", "rbf",
                              "registration", "session", "volume", "warping", "widgets"}
     assert all(packages.values())
 
 
 @pytest.mark.parametrize("package", [deformnb, deformnb.analysis, deformnb.chunked, deformnb.document,
-                                     deformnb.imaging, deformnb.io, deformnb.rbf, deformnb.registration,
-                                     deformnb.session, deformnb.volume, deformnb.warping, deformnb.widgets],
+                                     deformnb.imaging, deformnb.interop, deformnb.io, deformnb.lessons, deformnb.rbf,
+                                     deformnb.registration, deformnb.session, deformnb.volume, deformnb.warping,
+                                     deformnb.widgets],
                          ids=lambda package: package.__name__)
 def test_public_names_are_documented(package: Any) -> None:
     assert package.__doc__

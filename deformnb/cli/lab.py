@@ -24,20 +24,32 @@ def add_lab(commands: Any) -> None:
     p = commands.add_parser("lab", help=what, description=f"""{what[0].upper()}{what[1:]}: they are copied into a
         folder, where files of the same names are kept as they are, and the first of them is opened.""")
     p.add_argument("folder", nargs="?", default=".", help="where the notebooks go (default: the working directory)")
-    p.add_argument("--no-browser", action="store_true", help="only print the address, on a machine without a screen")
-    p.add_argument("--allow-root", action="store_true", help="let the administrator run it, which Lab advises against")
+    add_lab_options(p)
     p.set_defaults(run=_lab)
 
 
 def _lab(options: argparse.Namespace) -> None:
     check_lab()
-    new, kept = copy_notebooks(Path(options.folder))
+    copy_and_open(shipped_notebooks(), Path(options.folder), options)
+
+
+def add_lab_options(parser: argparse.ArgumentParser) -> None:
+    """Add what is handed on to JupyterLab."""
+    parser.add_argument("--no-browser", action="store_true",
+                        help="only print the address, on a machine without a screen")
+    parser.add_argument("--allow-root", action="store_true",
+                        help="let the administrator run it, which Lab advises against")
+
+
+def copy_and_open(sources: list[Path], folder: Path, options: argparse.Namespace) -> None:
+    """Copy notebooks into a folder, say which are new, and open the first of them."""
+    new, kept = copy_files(sources, folder)
     for what, paths in (("new", new), ("kept as it is", kept)):
         for path in paths:
             print(f"{what:14} {path}")
     sys.stdout.flush()  # Lab prints next, past our buffer
     chosen = {"--no-browser": options.no_browser, "--allow-root": options.allow_root}
-    open_lab(Path(options.folder) / FIRST, *(name for name, given in chosen.items() if given))
+    open_lab(folder / sources[0].name, *(name for name, given in chosen.items() if given))
 
 
 def shipped_notebooks() -> list[Path]:
@@ -79,9 +91,13 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     DeformError
         If the folder is a file.
     """
+    return copy_files(shipped_notebooks(), folder)
+
+
+def copy_files(sources: list[Path], folder: Path) -> tuple[list[Path], list[Path]]:
+    """Copy files as :func:`copy_notebooks` does."""
     if folder.exists() and not folder.is_dir():
         raise DeformError(f"{folder} is a file; name a folder for the notebooks.")
-    sources = shipped_notebooks()
     folder.mkdir(parents=True, exist_ok=True)
     new, kept = [], []
     for source in sources:

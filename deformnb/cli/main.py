@@ -1,4 +1,4 @@
-"""Command line ``deformnb``: demo, app, lab, warp, transform, replay, info, datasets, doctor.
+"""Command line ``deformnb``: demo, app, lab, lesson, warp, transform, replay, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """
@@ -85,14 +85,15 @@ def _parser() -> argparse.ArgumentParser:
     from deformnb import __version__
     from deformnb.app import add_app
     from deformnb.cli.lab import add_lab
+    from deformnb.cli.lesson import add_lesson
 
     parser = _Parser(prog="deformnb", description="Deform volumes by control points on a picture of them.",
                      epilog="Start with: deformnb demo. Each command has its own --help.")
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_warp, add_transform, add_replay, _add_info,
-                _add_datasets, _add_doctor):
+    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_lesson, add_warp, add_transform, add_replay,
+                _add_info, _add_datasets, _add_doctor):
         add(commands)
     return parser
 

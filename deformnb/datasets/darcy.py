@@ -192,9 +192,10 @@ def own_grid(nodes: ArrayLike, name: str = "own grid") -> ThompsonGrid:
     turned = np.argwhere(_least_corners(made) <= 0)
     if len(turned):
         row, column = turned[0]
-        raise DeformError(f"the cell below and right of node r{row} c{column} of the grid {name!r} is flat or turned over. "
-                          "Rows go from back to belly and columns from head to tail, x grows to the right and y down, and "
-                          "no lines may cross: look for two nodes that are exchanged, or a y that grows upwards.")
+        raise DeformError(f"the cell below and right of node r{row} c{column} of the grid {name!r} is flat or turned "
+                          "over. Rows go from back to belly and columns from head to tail, x grows to the right and y "
+                          "down, and no lines may cross: look for two nodes that are exchanged, or a y that grows "
+                          "upwards.")
     made.flags.writeable = False
     return ThompsonGrid(0, name, name, "", "", made)
 

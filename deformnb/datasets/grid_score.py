@@ -104,8 +104,8 @@ def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: 
         reached = np.where(found[..., None], moved, source)
     else:
         reached = finite_array(what, source.shape, f"a Deformation, a Step, a field on a picture or the places of "
-                               f"{source.shape[0]} x {source.shape[1]} nodes, an array of shape {source.shape} of finite "
-                               "numbers, can be scored")
+                               f"{source.shape[0]} x {source.shape[1]} nodes, an array of shape {source.shape} of "
+                               "finite numbers, can be scored")
     missing = target - reached
     return GridScore(reached, missing, np.linalg.norm(missing / pixel, axis=-1), before)
 
@@ -121,7 +121,8 @@ def _field(what: object, grids: ThompsonMap, grid: Grid | Volume | None) -> Abst
             raise DeformError("a field on a picture, of dimension 2, can be scored; this one is in space.")
         return what
     if not isinstance(what, Step | Deformation):
-        raise DeformError(f"a Deformation, a Step, a field or an array of nodes can be scored, got {shown_value(what)}.")
+        raise DeformError("a Deformation, a Step, a field or an array of nodes can be scored, got "
+                          f"{shown_value(what)}.")
     steps = (what,) if isinstance(what, Step) else tuple(step for step in what.steps if step.enabled)
     if any(step.plane is None or step.plane != steps[0].plane for step in steps):
         raise DeformError("a step has its points in space or on another side than the first one, and Thompson's grids "

@@ -133,8 +133,8 @@ def test_bad_arguments_say_what_is_possible(arguments, words):
 def test_grids_of_arrays_are_laid_as_those_of_the_book():
     wanted = thompson_map("Polyprion", "Antigonia", box=BOX)
     a, b = (thompson_grid(name).nodes for name in ("Polyprion", "Antigonia"))
-    for given in ((a, b), (a.tolist(), b.tolist()), ("Polyprion", b), (own_grid(a, "mine"), 380)):
-        laid = thompson_map(*given, box=BOX)
+    for pair in ((a, b), (a.tolist(), b.tolist()), ("Polyprion", b), (own_grid(a, "mine"), 380)):
+        laid = thompson_map(*pair, box=BOX)
         np.testing.assert_array_equal(laid.source_nodes, wanted.source_nodes)
         np.testing.assert_array_equal(laid.target_nodes, wanted.target_nodes)
     assert thompson_map(own_grid(a, "mine"), b).source.species == "mine"
@@ -144,7 +144,8 @@ SQUARE = np.array([[[0.0, 0.0], [9.0, 0.0]], [[0.0, 9.0], [9.0, 9.0]]])
 
 
 @pytest.mark.parametrize(("nodes", "words"), [
-    (None, "shape \\(rows, columns, 2\\)"), ([], "shape"), (SQUARE[0], "at least 2 rows"), (SQUARE[:1], "at least 2 rows"),
+    (None, "shape \\(rows, columns, 2\\)"), ([], "shape"), (SQUARE[0], "at least 2 rows"),
+    (SQUARE[:1], "at least 2 rows"),
     (SQUARE[..., :1], "shape \\(2, 2, 1\\)"), ([["a", "b"]], "must be an array"),
     (np.where(SQUARE == 9, np.nan, SQUARE), "r0 c1 .* is no place"), (SQUARE[::-1], "turned over"),
     (SQUARE[:, ::-1], "turned over"), (SQUARE * (1, 0), "flat"), (SQUARE.transpose(1, 0, 2), "turned over"),

@@ -1,0 +1,60 @@
+"""The lessons for the classroom: a list of them, or JupyterLab with a copy of one.
+
+This is the command ``deformnb lesson``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from deformnb.checks import one_of
+from deformnb.cli.lab import add_lab_options, check_lab, copy_and_open, shipped_notebooks
+from deformnb.errors import DeformError
+
+
+def add_lesson(commands: Any) -> None:
+    """Add ``lesson`` to the commands of an argument parser."""
+    what = "open a lesson for pupils in JupyterLab, or list the lessons"
+    p = commands.add_parser("lesson", help=what, description=f"""{what[0].upper()}{what[1:]}: the lesson is copied into
+        a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""")
+    p.add_argument("name", nargs="?", help="the lesson; without a name all are listed")
+    p.add_argument("folder", nargs="?", default=".", help="where the lesson goes (default: the working directory)")
+    add_lab_options(p)
+    p.set_defaults(run=_lesson)
+
+
+def _lesson(options: argparse.Namespace) -> None:
+    from deformnb.lessons import LESSONS
+
+    if options.name is None:
+        for name, lesson in LESSONS.items():
+            print(f"{name:14}{lesson.title}, {lesson.minutes[0]} to {lesson.minutes[1]} minutes")
+        print(f"open one with: deformnb lesson {next(iter(LESSONS))}")
+        return
+    one_of(options.name, LESSONS, "lesson")
+    check_lab()
+    copy_and_open([lesson_notebook(options.name)], Path(options.folder), options)
+
+
+def lesson_notebook(name: str) -> Path:
+    """The notebook of a lesson in this installation.
+
+    Raises
+    ------
+    DeformError
+        If it is not there.
+
+    Examples
+    --------
+    >>> lesson_notebook("coordinates").name
+    '1_coordinates_and_grids.ipynb'
+    """
+    from deformnb.lessons import LESSONS
+
+    path = shipped_notebooks()[0].parent / "lessons" / LESSONS[name].notebook
+    if not path.is_file():
+        raise DeformError(f"{path.name} is missing from this installation; pip install --force-reinstall --no-deps "
+                          "deformnb.")
+    return path

@@ -1,0 +1,9 @@
+"""Lessons for pupils and first-year students: four notebooks with exercises that check themselves.
+
+``deformnb lesson`` lists them and ``deformnb lesson coordinates`` opens one. In a notebook, ``LESSONS["coordinates"]``
+is the lesson, and its ``check`` answers with a hint.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,172 @@
+"""Exercises as data: the right answer, how near is near enough, and what to say to each usual mistake.
+
+An exercise never passes on an empty answer, on nothing, or on an answer of another kind.
+"""
+
+from __future__ import annotations
+
+import html
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deformnb.checks import real_array, shown_value
+
+_COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words say it too
+
+
+@dataclass(frozen=True)
+class Result:
+    """Whether an answer is right, and a word about it; a notebook shows it.
+
+    Parameters
+    ----------
+    right : whether it is.
+    text : what to look at next.
+    drawing : an SVG to be shown below, or nothing.
+
+    Examples
+    --------
+    >>> Result(False, "Look at the sign.")
+    Not yet. Look at the sign.
+    >>> bool(Result(True, "5 is the number of columns."))
+    True
+    """
+
+    right: bool
+    text: str
+    drawing: str = field(default="", repr=False)
+
+    def __bool__(self) -> bool:
+        return self.right
+
+    def __repr__(self) -> str:
+        return f"{'Right.' if self.right else 'Not yet.'} {self.text}"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        colour, word = _COLOURS[self.right], "Right." if self.right else "Not yet."
+        return (f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em">'
+                f'<b style="color: {colour}; background: #fff; padding: 0 4px">{word}</b> '
+                f"{html.escape(self.text)}</div>"
+                f"{self.drawing}")
+
+
+@dataclass(frozen=True)
+class AbstractExercise(ABC):
+    """A question with a way to judge its answer.
+
+    Parameters
+    ----------
+    question : in one or two sentences.
+    praise : what is said to a right answer, with the reason why it is right.
+    """
+
+    question: str
+    praise: str
+
+    @abstractmethod
+    def judge(self, answer: object) -> Result:
+        """Right or not yet, with a hint that depends on what is wrong."""
+
+    def _no(self, hint: str) -> Result:
+        return Result(False, hint)
+
+    def _yes(self) -> Result:
+        return Result(True, self.praise)
+
+
+@dataclass(frozen=True)
+class Numbers(AbstractExercise):
+    """A question whose answer is a number, or a list of numbers in an order.
+
+    Parameters
+    ----------
+    question, praise : see :class:`AbstractExercise`.
+    answer : a number, or a tuple of numbers.
+    tolerance : how far each number may be off.
+    hint : what is said where no known mistake has been made.
+    mistakes : wrong answers and what is said to each, within the same tolerance.
+
+    Examples
+    --------
+    >>> sum_of_two = Numbers("2 + 3 = ?", "Yes.", 5, 0.01, "Count again.", ((6, "That is the product."),))
+    >>> sum_of_two.judge(6)
+    Not yet. That is the product.
+    >>> sum_of_two.judge(None)
+    Not yet. There is no answer yet: give a number.
+    """
+
+    answer: float | tuple[float, ...]
+    tolerance: float
+    hint: str
+    mistakes: tuple[tuple[float | tuple[float, ...], str], ...] = ()
+
+    def judge(self, answer: object) -> Result:
+        wanted = np.asarray(self.answer, dtype=np.float64)
+        form = "a number" if wanted.ndim == 0 else f"{wanted.size} numbers in square brackets, with commas between"
+        if answer is None or (isinstance(answer, str | list | tuple | dict | set) and not answer):
+            return self._no(f"There is no answer yet: give {form}.")
+        if isinstance(answer, str):
+            return self._no(f"Give {form}, without quotation marks.")
+        numbers = real_array(answer)
+        if numbers is None or np.asarray(answer).dtype.kind == "b":
+            return self._no(f"Give {form}; {shown_value(answer)} is something else.")
+        if numbers.shape != wanted.shape:
+            return self._no(f"Give {form}, instead of {shown_value(answer)}.")
+        if not np.isfinite(numbers).all():
+            return self._no(f"Give {form}; a number is missing in {shown_value(answer)}.")
+        if self._near(numbers, wanted):
+            return self._yes()
+        return self._no(next((hint for wrong, hint in self.mistakes if self._near(numbers, wrong)), self.hint))
+
+    def _near(self, numbers: np.ndarray, wanted: object) -> bool:
+        other = np.asarray(wanted, dtype=np.float64)
+        return other.shape == numbers.shape and bool((np.abs(numbers - other) <= self.tolerance + 1e-12).all())
+
+
+@dataclass(frozen=True)
+class Choice(AbstractExercise):
+    """A question whose answer is one or several of some words.
+
+    Parameters
+    ----------
+    question, praise : see :class:`AbstractExercise`.
+    among : all words.
+    right : those that belong to the answer, all of them.
+    mistakes : what is said where one of the others is chosen.
+
+    Examples
+    --------
+    >>> even = Choice("Which are even?", "Yes.", ("two", "three", "four"), ("two", "four"), {"three": "3 = 2 + 1."})
+    >>> even.judge(["two", "three"])
+    Not yet. 3 = 2 + 1.
+    >>> even.judge("two")
+    Not yet. What you chose belongs to the answer, and 1 more does.
+    """
+
+    among: tuple[str, ...]
+    right: tuple[str, ...]
+    mistakes: Mapping[str, str]
+
+    def judge(self, answer: object) -> Result:
+        form = "one word in quotation marks" if len(self.right) == 1 else "words in quotation marks, in square brackets"
+        form = f"{form}, of {', '.join(self.among)}"
+        given = [answer] if isinstance(answer, str) else [] if answer is None else answer
+        if not isinstance(given, list | tuple | set | frozenset):
+            return self._no(f"Give {form}.")
+        words = [word.strip().lower() if isinstance(word, str) else None for word in given]
+        if not words or words == [""]:
+            return self._no(f"There is no answer yet: give {form}.")
+        if any(word not in self.among for word in words):
+            return self._no(f"Give {form}; {shown_value(answer)} has something else.")
+        wrong = next((word for word in self.among if word in words and word not in self.right), None)
+        if wrong is not None:
+            return self._no(self.mistakes[wrong])
+        missing = len(set(self.right) - set(words))
+        if missing:
+            belong = "does" if missing == 1 else "do"
+            return self._no(f"What you chose belongs to the answer, and {missing} more {belong}.")
+        return self._yes()

@@ -1,0 +1,73 @@
+"""The lessons: name, title, time, goals, notebook, and the exercises of each.
+
+The exercises of a lesson are in the module of its name; :data:`LESSONS` has all lessons in their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.lessons import coordinates, kernels
+from deformnb.lessons.exercises import AbstractExercise, Result
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """A lesson and its exercises.
+
+    Parameters
+    ----------
+    title : in words.
+    notebook : its file.
+    minutes : that it takes, at least and at most.
+    goals : what a pupil can do afterwards.
+    exercises : by name.
+
+    Examples
+    --------
+    >>> LESSONS["coordinates"].check("cells", 56)
+    Not yet. 56 is the number of nodes. A row of 8 nodes has only 7 cells between them.
+    >>> LESSONS["coordinates"].check("cells", 42).right
+    True
+    """
+
+    title: str
+    notebook: str
+    minutes: tuple[int, int]
+    goals: tuple[str, ...]
+    exercises: Mapping[str, AbstractExercise]
+
+    def check(self, exercise: str, answer: object = None) -> Result:
+        """Judge an answer: right or not yet, with a hint that depends on what is wrong.
+
+        Parameters
+        ----------
+        exercise : its name.
+        answer : a number, a list of numbers, words, or the studio, as the exercise says.
+
+        Raises
+        ------
+        DeformError
+            If the lesson has no such exercise.
+        """
+        if not isinstance(exercise, str) or exercise not in self.exercises:
+            known = ", ".join(self.exercises)
+            raise DeformError(f"this lesson has no exercise {shown_value(exercise)}; it has {known}.")
+        return self.exercises[exercise].judge(answer)
+
+
+LESSONS: dict[str, Lesson] = {
+    "coordinates": Lesson(
+        "Coordinates and grids", "1_coordinates_and_grids.ipynb", (30, 40),
+        ("read and write places on a picture as two numbers", "describe how D'Arcy Thompson compared two animals",
+         "recognise a shear, a taper and a polar grid, and say which of his pairs are so simple",
+         "turn a carp into a boarfish by dragging, and say where it grew"), coordinates.EXERCISES),
+    "kernels": Lesson(
+        "Interpolation and kernels", "2_interpolation_and_kernels.ipynb", (30, 40),
+        ("interpolate between known values", "say what a kernel and its support radius are",
+         "solve for the weights of two points", "choose a support radius for a purpose"), kernels.EXERCISES),
+}
+"""Lessons by name."""

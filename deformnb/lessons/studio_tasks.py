@@ -1,0 +1,148 @@
+"""Exercises whose answer is what was done in the studio: the studio itself is handed to the check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from deformnb.datasets import ThompsonMap, thompson_map, thompson_score
+from deformnb.datasets.grid_score import GridScore
+from deformnb.document.deformation import Step
+from deformnb.errors import DeformError
+from deformnb.imaging.demo import subject_box
+from deformnb.imaging.projection import project
+from deformnb.lessons.exercises import AbstractExercise, Result
+from deformnb.session.session import Session
+from deformnb.volume.volume import Volume
+
+_NEAR = 0.5  # percent of the way: less than that is no drag but a trembling hand
+
+
+def session_of(answer: object) -> Session | None:
+    """The session of a studio, or of itself; None for anything else."""
+    found = getattr(answer, "session", answer)
+    return found if isinstance(found, Session) else None
+
+
+@dataclass(frozen=True)
+class StudioTask(AbstractExercise):
+    """Something to be done in the studio.
+
+    Parameters
+    ----------
+    question, praise : see :class:`AbstractExercise`.
+    look : what is still missing in the step that is edited, as a hint; an empty text if nothing is.
+
+    Examples
+    --------
+    >>> task = StudioTask("Drag a point.", "Dragged.", lambda session, step: "Drag one.")
+    >>> task.judge(None)
+    Not yet. Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.
+    """
+
+    look: Callable[[Session, Step], str]
+
+    def judge(self, answer: object) -> Result:
+        session = session_of(answer)
+        if session is None:
+            return self._no(_GIVE)
+        step = session.step
+        if step.plane is None:
+            return self._no("The points of this step lie in space; add a step on a picture and work there.")
+        if not step.enabled or not step.points.displacement.any():
+            return self._no("Nothing has been dragged yet. Drag a point on the picture, and check again.")
+        try:
+            missing = self.look(session, step)
+        except DeformError as error:
+            return self._no(str(error))
+        return self._no(missing) if missing else self._yes()
+
+
+_GIVE = 'Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.'
+
+
+@dataclass(frozen=True)
+class FishTask(AbstractExercise):
+    """Thompson's transformation done by hand in the studio.
+
+    Parameters
+    ----------
+    question, praise : see :class:`AbstractExercise`.
+    source, target : the pair of animals.
+    percent : of the way that must be done.
+    """
+
+    source: str
+    target: str
+    percent: float
+
+    def grids(self, volume: Volume, side: str = "-x") -> ThompsonMap:
+        """The pair laid around what is seen of a volume, as it will be scored.
+
+        Examples
+        --------
+        >>> from deformnb.datasets import PHANTOMS
+        >>> task = FishTask("", "", "Polyprion", "Antigonia", 65)
+        >>> task.grids(PHANTOMS["fish"].make((16, 32, 16))).source_nodes.shape
+        (7, 8, 2)
+        """
+        return thompson_map(self.source, self.target, box=subject_box(project(volume, side, "mip")), scale="area")
+
+    def judge(self, answer: object) -> Result:
+        session = session_of(answer)
+        if session is None:
+            return self._no(_GIVE)
+        planes = [step.plane for step in session.deformation.steps if step.enabled]
+        plane = planes[0] if planes else None
+        if plane is None or session.view_of(plane) != "-x":
+            return self._no("Work on the picture from the left (-x), where the head of the fish points left.")
+        grids = self.grids(session.volume)
+        try:
+            score = thompson_score(session.deformation, grids, grid=session.volume)
+        except DeformError as error:
+            return self._no(str(error))
+        if abs(score.percent) < _NEAR and np.abs(score.before - score.distances).max() < _NEAR:
+            return self._no("Nothing has been dragged yet. Drag the points to where their nodes belong, and check "
+                            "again.")
+        drawing = grids_svg(score, grids)
+        said = f"Your fish: {score}. {_advice(score)}"
+        if score.percent >= self.percent:
+            return Result(True, f"{said} {self.praise}", drawing)
+        more = f"{self.percent:g} % is enough for a boarfish."
+        if score.percent < 0:
+            more = ("Your grid is farther away than at the start: are some points exchanged? Ctrl+Z in the studio goes "
+                    "back.")
+        return Result(False, f"{said} {more}", drawing)
+
+
+def _advice(score: GridScore) -> str:
+    """Where the worst node should go, in words."""
+    row, column = score.worst
+    right, down = score.missing[row, column]
+    ways = ((down, ("up", "down")), (right, ("left", "right")))
+    parts = [f"{abs(way):.0f} mm {words[int(way > 0)]}" for way, words in ways if abs(way) >= 1]
+    return f"Node r{row} c{column} should go {' and '.join(parts)} still." if parts else "No node is a millimetre away."
+
+
+def grids_svg(score: GridScore, grids: ThompsonMap) -> str:
+    """Thompson's grid, dashed, and the bent one over it, with a circle where they differ most."""
+    places = np.concatenate([score.reached.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)])
+    low, size = places.min(axis=0), np.ptp(places, axis=0)
+    edge = 0.05 * size.max()
+
+    def lines(nodes: np.ndarray, style: str) -> str:
+        drawn = (" ".join(f"{a:.1f},{b:.1f}" for a, b in line) for line in [*nodes, *nodes.transpose(1, 0, 2)])
+        return "".join(f'<polyline points="{line}" fill="none" {style} vector-effect="non-scaling-stroke"/>'
+                       for line in drawn)
+
+    a, b = score.reached[score.worst]
+    box = f"{low[0] - edge:.1f} {low[1] - edge:.1f} {size[0] + 2 * edge:.1f} {size[1] + 2 * edge:.1f}"
+    words = "Thompson's grid dashed in orange, yours in blue, and a circle around the node that is farthest away"
+    return (f'<svg viewBox="{box}" role="img" aria-label="{words}" '
+            f'style="width: 100%; max-width: 420px; background: #fff"><title>{words}</title>'
+            + lines(grids.target_nodes, 'stroke="#d55e00" stroke-width="1.5" stroke-dasharray="5 3"')
+            + lines(score.reached, 'stroke="#0072b2" stroke-width="1.5"')
+            + f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{edge:.1f}" fill="none" stroke="#000" stroke-width="1.5" '
+            'vector-effect="non-scaling-stroke"/></svg>')

@@ -1,0 +1,190 @@
+"""The lessons: every exercise passes right answers only, and its notebook asks it and tells its solution."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deformnb as dn
+from deformnb.datasets import PHANTOMS, thompson_grid
+from deformnb.errors import DeformError
+from deformnb.lessons import LESSONS, Choice, Lesson, Numbers, Result
+from deformnb.session.session import Session
+
+NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks" / "lessons"
+ALL = [(lesson, name) for lesson in LESSONS for name in LESSONS[lesson].exercises]
+
+NEVER: list[Any] = [None, "", "  ", [], (), {}, set(), [None], [None, None], True, float("nan"), [float("nan")] * 2,
+                    "x", ["x"], b"42", object(), 1j, [[]], np.array([]), np.array(None), 10**400, print]
+"""Answers of no exercise."""
+
+RIGHT: dict[str, list[Any]] = {
+    "place": [[150, 60], (150.2, 60), np.array([150, 60])], "cells": [42, 42.0, np.int64(42)],
+    "shear": [-93 / 261.5, -89 / 261.5, -0.335], "angle": [70, 71, 72.5], "taper": [-0.5, -1 / 2],
+    "polar": [[0, 5], [3.1e-16, 5.0]], "pairs": ["sternoptyx", ["Sternoptyx"]],
+    "between": [20], "kernel": [3 / 16, 0.19], "weights": [[10.36, -1.94], [10.3644, -1.9433]], "support": [120],
+    "compact": [["wendland_c2", "wendland_c4"], {"wendland_c4", "wendland_c2"}],
+}
+
+WRONG: dict[str, list[Any]] = {
+    "place": [[150, 100], [60, 150], [30, -20], [90, 60], [150], [150, 60, 0], 150, "150, 60"],
+    "cells": [56, 72, 49, 48, "42", [42], -42, False], "shear": [0.35, -2.9, 0, -93, "-0.35", -0.2],
+    "angle": [19, 109, 90, 1.24, 71 * np.pi / 180], "taper": [0.5, 2, -2, 0, "-1/2"],
+    "polar": [[5, 0], [0, -5], [5, 90], 5, [0, 0]],
+    "pairs": [["sternoptyx", "antigonia"], "antigonia", "carp", ["sternoptyx", ""], ["sternoptyx", 3],
+              ["sternoptyx", "pseudopriacanthus", "scorpaena", "antigonia", "orthagoriscus"]],
+    "between": [30, 12.5, 40, 10, "20"], "kernel": [0.0625, 0.5, 1.5, 0],
+    "weights": [[10, 0], [-1.94, 10.36], [10.36], 10.36],
+    "support": [60, 240, 0, -120, [120]],
+    "compact": ["wendland_c2", ["wendland_c2", "wendland_c4", "gaussian"], ["thin_plate"], ["wendland_c2"] * 2,
+                "wendland_c2, wendland_c4"],
+}
+
+
+def lesson_of(name: str) -> Lesson:
+    return next(LESSONS[lesson] for lesson, known in ALL if known == name)
+
+
+@pytest.mark.parametrize(("lesson", "name"), ALL)
+def test_no_empty_answer_and_none_of_another_kind_passes(lesson: str, name: str) -> None:
+    for answer in NEVER:
+        result = LESSONS[lesson].check(name, answer)
+        assert not result.right
+        assert len(result.text) > 20
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_right_answers_pass_and_wrong_ones_get_a_hint(name: str) -> None:
+    for answer in RIGHT[name]:
+        assert lesson_of(name).check(name, answer).right, answer
+    hints = []
+    for answer in WRONG[name]:
+        result = lesson_of(name).check(name, answer)
+        assert not result.right, answer
+        hints.append(result.text)
+    assert len(set(hints)) >= 3, "hints depend on what is wrong"
+
+
+def test_every_exercise_has_right_and_wrong_answers_here_or_is_done_in_the_studio() -> None:
+    names = [name for _, name in ALL]
+    assert len(names) == len(set(names))
+    plain = {name for lesson, name in ALL if isinstance(LESSONS[lesson].exercises[name], Numbers | Choice)}
+    assert plain == set(RIGHT) == set(WRONG)
+    assert set(names) - plain == {"antigonia", "local"}
+
+
+def test_a_known_mistake_is_no_right_answer_and_each_wrong_choice_has_a_hint() -> None:
+    for lesson, name in ALL:
+        asked = LESSONS[lesson].exercises[name]
+        if isinstance(asked, Numbers):
+            for wrong, hint in asked.mistakes:
+                assert asked.judge(wrong) == Result(False, hint), (name, wrong)
+        if isinstance(asked, Choice):
+            assert set(asked.mistakes) == set(asked.among) - set(asked.right)
+
+
+def test_the_answers_about_sternoptyx_are_those_of_its_nodes() -> None:
+    ways = thompson_grid("Sternoptyx").nodes[-1] - thompson_grid("Sternoptyx").nodes[0]
+    lesson = LESSONS["coordinates"]
+    for k in ways[:, 0] / ways[:, 1]:
+        assert lesson.check("shear", k).right
+        assert lesson.check("angle", 90 - np.degrees(np.arctan(-k))).right
+
+
+def test_the_weights_solve_the_equations() -> None:
+    points = dn.ControlPoints.from_arrays([[0, 0], [50, 0]], [[10, 0], [50, 0]])
+    fit = dn.fit_rbf(points, support=100, trend="none")
+    assert LESSONS["kernels"].check("kernel", (1 - 0.5) ** 4 * 3).right
+    assert fit.displacement([[10.0, 0.0]])[0, 0] == pytest.approx(-10, abs=1e-4)
+    assert LESSONS["kernels"].check("weights", np.linalg.solve([[1, 0.1875], [0.1875, 1]], [10, 0])).right
+
+
+# ---- in the studio ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def carp() -> dn.Volume:
+    return PHANTOMS["fish"].make((32, 64, 32))
+
+
+def test_a_fish_is_scored_by_the_way_that_was_gone(carp: dn.Volume) -> None:
+    lesson = LESSONS["coordinates"]
+    points = lesson.exercises["antigonia"].grids(carp).points  # type: ignore[attr-defined]
+    points = points.take([8 * row + column for row in (0, 3, 6) for column in (0, 2, 4, 7)])
+    session = Session(carp, dn.Deformation.on_picture(carp, "-x", points.reset()), view="-x")
+    texts = []
+    for answer in (points.reset(), points.scaled(0.3), points.scaled(-0.5)):
+        session.edit_points(answer)
+        result = lesson.check("antigonia", session)
+        assert not result.right
+        texts.append(result.text)
+    assert "Nothing has been dragged" in texts[0]
+    assert "% is enough" in texts[1]
+    assert "farther away than at the start" in texts[2]
+    session.edit_points(points)
+    done = lesson.check("antigonia", session)
+    assert done.right
+    assert "Your fish: 7" in done.text
+    assert "should go" in done.text
+    assert "<svg" in done._repr_html_()
+    assert "from the left" in lesson.check("antigonia", Session(carp, view="+y")).text
+
+
+def test_a_back_is_lifted_by_a_small_support_or_by_points_on_the_head(carp: dn.Volume) -> None:
+    lesson = LESSONS["kernels"]
+    corners = dn.ControlPoints.from_arrays([[0, 0], [508, 0], [508, 197], [0, 197]])
+    session = Session(carp, dn.Deformation.on_picture(carp, "-x", corners, trend="none"), view="-x")
+    assert "Nothing has been dragged" in lesson.check("local", session).text
+    for target, words in (([250, 50], "lifted by 10 mm"), ([250, 90], "lifted by 0 mm"), ([250, 30], "The head moves")):
+        session.edit_points(corners.add([250, 60], target))
+        result = lesson.check("local", session)
+        assert words in result.text
+        assert not result.right
+    lifted = session.points
+    session.change(support=120.0)
+    assert lesson.check("local", session).right
+    session.change(trend="affine")
+    assert "choose None for Trend" in lesson.check("local", session).text
+    for a, b in ((20, 100), (60, 80), (60, 120), (100, 60), (100, 100), (100, 140)):
+        lifted = lifted.add([a, b])
+    session.change(trend="none", support=None)
+    session.edit_points(lifted)
+    assert lesson.check("local", session).right
+
+
+# ---- lessons and results ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", LESSONS)
+def test_the_notebook_asks_every_exercise_and_hides_its_solutions(name: str) -> None:
+    lesson = LESSONS[name]
+    cells = json.loads((NOTEBOOKS / lesson.notebook).read_text("utf-8"))["cells"]
+    text = "\n".join("".join(cell["source"]) for cell in cells)
+    assert f'LESSONS["{name}"]' in text
+    assert f"{lesson.minutes[0]} to {lesson.minutes[1]} minutes" in text
+    assert lesson.title.lower() in text.partition("\n")[0].lower()
+    for goal in lesson.goals:
+        assert goal in " ".join(text.split())
+    asked = [exercise for exercise in lesson.exercises if f'lesson.check("{exercise}"' in text]
+    assert asked == list(lesson.exercises)
+    assert text.count("<details>") == text.count("</details>") >= len(asked) - 3
+    shown = [cell for cell in cells if cell["cell_type"] == "code" and "answer = " in "".join(cell["source"])]
+    assert all("answer = None" in "".join(cell["source"]) for cell in shown)
+
+
+def test_unknown_exercises_are_refused_with_the_known() -> None:
+    for name in ("", None, "sheer", 3):
+        with pytest.raises(DeformError, match="place, cells, shear"):
+            LESSONS["coordinates"].check(name, 1)  # type: ignore[arg-type]
+
+
+def test_a_result_says_in_words_what_it_is_and_shows_no_foreign_markup() -> None:
+    wrong = Result(False, "<script>alert(1)</script>")
+    assert not wrong
+    assert "<script>" not in wrong._repr_html_()
+    assert "Not yet." in wrong._repr_html_()
+    assert "Right." in Result(True, "So it is.")._repr_html_()
