@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.lessons import coordinates, kernels
+from deformnb.lessons import affine, coordinates, kernels
 from deformnb.lessons.exercises import AbstractExercise, Result
 
 
@@ -69,5 +69,10 @@ LESSONS: dict[str, Lesson] = {
         "Interpolation and kernels", "2_interpolation_and_kernels.ipynb", (30, 40),
         ("interpolate between known values", "say what a kernel and its support radius are",
          "solve for the weights of two points", "choose a support radius for a purpose"), kernels.EXERCISES),
+    "affine": Lesson(
+        "Rigid, similar, affine", "3_rigid_similar_affine.ipynb", (20, 30),
+        ("tell rigid, similar and affine maps apart by what they keep",
+         "count the numbers of a map and the points that determine it", "find how an affine map changes areas",
+         "turn a carp without bending it"), affine.EXERCISES),
 }
 """Lessons by name."""

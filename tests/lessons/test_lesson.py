@@ -28,6 +28,7 @@ RIGHT: dict[str, list[Any]] = {
     "polar": [[0, 5], [3.1e-16, 5.0]], "pairs": ["sternoptyx", ["Sternoptyx"]],
     "between": [20], "kernel": [3 / 16, 0.19], "weights": [[10.36, -1.94], [10.3644, -1.9433]], "support": [120],
     "compact": [["wendland_c2", "wendland_c4"], {"wendland_c4", "wendland_c2"}],
+    "distances": ["rigid", [" Rigid"]], "turn": [[-10, 30]], "freedom": [[3, 4, 6]], "area": [1, 1.0], "points": [3],
 }
 
 WRONG: dict[str, list[Any]] = {
@@ -42,6 +43,10 @@ WRONG: dict[str, list[Any]] = {
     "support": [60, 240, 0, -120, [120]],
     "compact": ["wendland_c2", ["wendland_c2", "wendland_c4", "gaussian"], ["thin_plate"], ["wendland_c2"] * 2,
                 "wendland_c2, wendland_c4"],
+    "distances": ["similar", "affine", "shear", ["rigid", "shear"], ["rigid", "similar", "affine", "shear"], "turn"],
+    "turn": [[10, -30], [-30, -10], [10, 30], [30, -10], [30, 10], -10],
+    "freedom": [[1, 2, 4], [3, 4, 4], [6, 4, 3], [3, 4], 3, [0, 0, 0]], "area": [2, 0.5, 2.5, 0, "1", [1]],
+    "points": [6, 2, 4, 0, [3], "3"],
 }
 
 
@@ -74,7 +79,7 @@ def test_every_exercise_has_right_and_wrong_answers_here_or_is_done_in_the_studi
     assert len(names) == len(set(names))
     plain = {name for lesson, name in ALL if isinstance(LESSONS[lesson].exercises[name], Numbers | Choice)}
     assert plain == set(RIGHT) == set(WRONG)
-    assert set(names) - plain == {"antigonia", "local"}
+    assert set(names) - plain == {"antigonia", "local", "turned"}
 
 
 def test_a_known_mistake_is_no_right_answer_and_each_wrong_choice_has_a_hint() -> None:
@@ -154,6 +159,29 @@ def test_a_back_is_lifted_by_a_small_support_or_by_points_on_the_head(carp: dn.V
     session.change(trend="none", support=None)
     session.edit_points(lifted)
     assert lesson.check("local", session).right
+
+
+def test_a_carp_is_turned_by_two_points_and_neither_bent_nor_stretched(carp: dn.Volume) -> None:
+    lesson = LESSONS["affine"]
+    ends, middle = np.array([[40.0, 100.0], [460.0, 100.0]]), np.array([250.0, 100.0])
+
+    def said(target: np.ndarray, trend: str) -> Result:
+        points = dn.ControlPoints.from_arrays(ends, target)
+        deformation = dn.Deformation.on_picture(carp, "-x", points, trend=trend)
+        return lesson.check("turned", Session(carp, deformation, view="-x"))
+
+    def turned(degrees: float, factor: float = 1) -> np.ndarray:
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        return middle + factor * (ends - middle) @ np.array([[c, s], [-s, c]])
+
+    for degrees in (18, -18):
+        assert said(turned(degrees), "rigid").right
+    for target, trend, words in ((ends, "rigid", "Nothing has been"), (turned(6), "rigid", "by 6 degrees"),
+                                 (turned(18, 0.8), "similarity", "Lengths become 0.80 to 0.80"),
+                                 (turned(18), "none", "bent")):
+        result = said(target, trend)
+        assert words in result.text
+        assert not result.right
 
 
 # ---- lessons and results ---------------------------------------------------------------------------------------------
