@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.lessons import affine, coordinates, kernels
+from deformnb.lessons import affine, coordinates, folding, kernels
 from deformnb.lessons.exercises import AbstractExercise, Result
 
 
@@ -74,5 +74,10 @@ LESSONS: dict[str, Lesson] = {
         ("tell rigid, similar and affine maps apart by what they keep",
          "count the numbers of a map and the points that determine it", "find how an affine map changes areas",
          "turn a carp without bending it"), affine.EXERCISES),
+    "folding": Lesson(
+        "Folding, inverses and cutting", "4_folding_inverses_and_cutting.ipynb", (30, 40),
+        ("say which place arrives where, and undo a map on a line", "explain why the computer looks backwards",
+         "recognise a fold by the sign of a determinant, and avoid it", "say when a map must be cut"),
+        folding.EXERCISES),
 }
 """Lessons by name."""

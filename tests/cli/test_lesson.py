@@ -42,5 +42,5 @@ def test_an_unknown_lesson_names_the_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = run(tmp_path, "lesson kernel", monkeypatch)
-    assert "choose one of coordinates, kernels, affine" in refused(capsys.readouterr(), code)
+    assert "choose one of coordinates, kernels, affine, folding" in refused(capsys.readouterr(), code)
     assert list(tmp_path.iterdir()) == []

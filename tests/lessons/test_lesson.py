@@ -29,6 +29,7 @@ RIGHT: dict[str, list[Any]] = {
     "between": [20], "kernel": [3 / 16, 0.19], "weights": [[10.36, -1.94], [10.3644, -1.9433]], "support": [120],
     "compact": [["wendland_c2", "wendland_c4"], {"wendland_c4", "wendland_c2"}],
     "distances": ["rigid", [" Rigid"]], "turn": [[-10, 30]], "freedom": [[3, 4, 6]], "area": [1, 1.0], "points": [3],
+    "inverse": [10], "backward": [80], "stretch": [-0.25], "sign": ["folds"], "limit": [47, 47.4, 6400 / 135],
 }
 
 WRONG: dict[str, list[Any]] = {
@@ -47,6 +48,8 @@ WRONG: dict[str, list[Any]] = {
     "turn": [[10, -30], [-30, -10], [10, 30], [30, -10], [30, 10], -10],
     "freedom": [[1, 2, 4], [3, 4, 4], [6, 4, 3], [3, 4], 3, [0, 0, 0]], "area": [2, 0.5, 2.5, 0, "1", [1]],
     "points": [6, 2, 4, 0, [3], "3"],
+    "inverse": [70, 20, 5, "10"], "backward": [120, -20, 100, 0], "stretch": [0.25, -4, -5, 4, 0],
+    "sign": ["grows", "shrinks", "stays", ["shrinks", "folds"], -0.4], "limit": [100, 50, 0.47, 0, 40],
 }
 
 
@@ -79,7 +82,7 @@ def test_every_exercise_has_right_and_wrong_answers_here_or_is_done_in_the_studi
     assert len(names) == len(set(names))
     plain = {name for lesson, name in ALL if isinstance(LESSONS[lesson].exercises[name], Numbers | Choice)}
     assert plain == set(RIGHT) == set(WRONG)
-    assert set(names) - plain == {"antigonia", "local", "turned"}
+    assert set(names) - plain == {"antigonia", "local", "turned", "unfold", "cut"}
 
 
 def test_a_known_mistake_is_no_right_answer_and_each_wrong_choice_has_a_hint() -> None:
@@ -182,6 +185,37 @@ def test_a_carp_is_turned_by_two_points_and_neither_bent_nor_stretched(carp: dn.
         result = said(target, trend)
         assert words in result.text
         assert not result.right
+
+
+def test_a_fold_is_removed_by_a_larger_support_and_not_by_a_shorter_drag(carp: dn.Volume) -> None:
+    lesson = LESSONS["folding"]
+    tries = ((280.0, 100.0, "still folds"), (280.0, 160.0, "still folds"), (240.0, 100.0, "is 40 mm"))
+    for to, support, words in tries:
+        points = dn.ControlPoints.from_arrays([[200.0, 100.0]], [[to, 100.0]])
+        deformation = dn.Deformation.on_picture(carp, "-x", points, trend="none", support=support)
+        session = Session(carp, deformation, view="-x")
+        result = lesson.check("unfold", session)
+        assert words in result.text
+        assert not result.right
+    session.edit_points(dn.ControlPoints.from_arrays([[200.0, 100.0]], [[280.0, 100.0]]))
+    session.change(support=175.0)  # 80 mm times 135/64 is 169
+    assert lesson.check("unfold", session).right
+
+
+def test_a_cut_has_to_be_there_and_open(carp: dn.Volume) -> None:
+    lesson = LESSONS["folding"]
+    session = Session(carp, view="-x")
+    apart = session.points.add([220, 100], [190, 100]).add([280, 100], [310, 100])
+    session.edit_points(apart)
+    assert "no cut yet" in lesson.check("cut", session).text
+    across = dn.Cut(dn.Line(((250.0, 0.0), (250.0, 190.0))), "across")
+    session.edit_cuts([across])
+    assert lesson.check("cut", session).right
+    session.edit_points(session.points.reset().move(4, [218, 100]))
+    assert "mm apart" in lesson.check("cut", session).text
+    session.edit_points(apart)
+    session.edit_cuts([dn.Cut(across.region, "across", enabled=False)])
+    assert not lesson.check("cut", session).right
 
 
 # ---- lessons and results ---------------------------------------------------------------------------------------------
