@@ -143,7 +143,8 @@ def _spread(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
 
 
 def _copy_notebooks() -> None:
-    for notebook in (HERE.parent / "notebooks").glob("**/*.ipynb"):
+    folder = HERE.parent / "notebooks"
+    for notebook in (*folder.glob("*.ipynb"), *folder.glob("lessons/*.ipynb")):
         copy = HERE / notebook.relative_to(HERE.parent)
         copy.parent.mkdir(parents=True, exist_ok=True)
         if not copy.exists() or copy.read_bytes() != notebook.read_bytes():

@@ -17,7 +17,7 @@ from deformnb.lessons.exercises import AbstractExercise, Result
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 
-_NEAR = 0.5  # percent of the way: less than that is no drag but a trembling hand
+_NEAR = 0.5  # percent of the way, and pixels of the drawing: a smaller drag was not meant
 
 
 def session_of(answer: object) -> Session | None:
