@@ -94,6 +94,15 @@ test("beyond the raster, and where it has too few nodes, the fit itself is used"
   assert.deepEqual(fieldAt(sampled, -3, 20), fieldAt(fit, -3, 20));
   const [p, q] = [sampled, fit].map((one) => fieldWithSlope(one, 300, 20, new Float64Array(6)));
   assert.deepEqual(p, q);
+  const wide = { shape: [70, 70], spacing: [4, 4], origin: [-8, -8] };
+  const [exact, near] = [fit, sampled].map((one) => fieldOnRaster(one, wide));
+  let worst = 0;
+  exact.forEach((value, n) => {
+    const [i, j] = [Math.floor(n / 140), Math.floor(n / 2) % 70], isBeyond = Math.min(i, j) < 2 || Math.max(i, j) > 67;
+    if (isBeyond) assert.ok(Math.abs(value - near[n]) < 1e-4);
+    worst = Math.max(worst, SCALE * Math.abs(value - near[n]));
+  });
+  assert.ok(worst < 0.5 && worst > 0, `${worst} CSS pixels`);
   const few = rasterOf(100);
   assert.equal(sampledFits(layered, { ...few, shape: [3, 4] }, []), layered);
 });

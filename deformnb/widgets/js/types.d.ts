@@ -260,6 +260,8 @@ export interface PointsDetail {
   settings: FitSettings;
   /** The result of layeredFit, null where the points cannot be fitted; editors of volumes leave it out. */
   layered?: LayeredFit | null;
+  /** While something moves the same at the nodes of the picture, from when the picture is drawn; views take it. */
+  sampled?: LayeredFit | null;
   fit: Fit | null;
   phase: "move" | "end";
 }

@@ -558,6 +558,8 @@ export class EditorView extends EditorDrawing {
     this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet, original });
     this.painter.drawFrame(view, this.sheet);
     const known = fit ? this.painter.sampled ?? fit : null; // at the nodes of the picture while something moves
+    const { latest } = this.bus;
+    if (latest && latest.layered === fit && latest.phase === "move") latest.sampled = this.painter.sampled;
     if (model.get("show_grid") && model.get("density") > 0) this.#drawGrids(known, original.share);
     this.ghost.draw();
     if (!this.isResting || !this.folds) this.#drawOverlay(fit, known);

@@ -4,7 +4,7 @@
 import { MOST_STAGES, SAME_MOTION } from "./constants.js";
 import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
 import { regionDistance } from "./regions.js";
-import { sampledAt } from "./sampled_fit.js";
+import { sampledAt, sampledOnRaster } from "./sampled_fit.js";
 import { placeMoved } from "./shapes.js";
 
 /** @import { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.d.ts" */
@@ -275,6 +275,8 @@ export function fieldAt(fit, a, b) {
  */
 export function fieldOnRaster(fit, raster, out = null) {
   const [nv, nu] = raster.shape, map = out ?? new Float32Array(nv * nu * 2), plain = fit.base ?? fit;
+  const { sampled } = fit;
+  if (sampled) return sampledOnRaster(sampled, raster, map, (a, b) => fieldAt(sampled.fit, a, b));
   if (fit.blend) return blendOnRaster(fit.blend, raster, map);
   if (fit.stages) return stagedOnRaster(fit.stages, raster, map);
   if (fit.rigid && plain.count === 0) map.fill(0, 0, nv * nu * 2);

@@ -101,3 +101,21 @@ const PLACE = new Float64Array(6);
 export function sampledAt(sampled, a, b) {
   return sampledWithSlope(sampled, a, b, PLACE) ? [PLACE[0] - a, PLACE[1] - b] : null;
 }
+
+/**
+ * The displacements at the pixels of another raster, as of fieldOnRaster.
+ * @param {Sampled} sampled
+ * @param {Raster} raster
+ * @param {Float32Array} out
+ * @param {(a: number, b: number) => Vector2} exactly  the displacement beyond the nodes
+ */
+export function sampledOnRaster(sampled, { shape: [rows, columns], spacing: [du, dv], origin }, out, exactly) {
+  for (let i = 0, n = 0; i < rows; i++) {
+    for (let j = 0; j < columns; j++, n += 2) {
+      const a = origin[0] + j * du, b = origin[1] + i * dv;
+      if (sampledWithSlope(sampled, a, b, PLACE)) { out[n] = PLACE[0] - a; out[n + 1] = PLACE[1] - b; }
+      else [out[n], out[n + 1]] = exactly(a, b);
+    }
+  }
+  return out;
+}

@@ -251,12 +251,12 @@ export class FieldLink {
   }
 
   /** @param {Detail} detail */
-  #sampled({ points, settings, layered, phase }) {
+  #sampled({ points, settings, layered, sampled, phase }) {
     if (!this.base) return null;
     const start = performance.now();
     let found = null;
     try {
-      const fits = layered === undefined ? layeredFit(points, settings) : layered;
+      const fits = layered === undefined ? layeredFit(points, settings) : sampled ?? layered;
       found = fits && withLayers(this.base, fits, settings, this.index ?? this.model.get("editor_map") ?? 0);
     } catch (error) {
       if (!(error instanceof RbfError)) throw error; // the editor shows what is wrong
