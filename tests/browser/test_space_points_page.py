@@ -36,6 +36,7 @@ class Shown:
         self.page, self.volume = page, ball()
         self.editor = SpaceEditor(self.volume, points, trend="none", support=40.0)
         self.view = LiveView(self.volume, transfer="surface", width=SIZE[0], height=SIZE[1], background="dark")
+        self.view.ambient_occlusion = False  # what is lit is measured
         self.view.set_camera((0, 1, 0))
         page.add(self.editor, "editor", draw=False)
         page.add(self.view)

@@ -313,7 +313,7 @@ def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(opened: Callable[..
     page.loaded()
     options = "[...document.querySelector('select[name=kernel]').options]"
     off = page.js(f"{options}.filter((o) => o.disabled).map((o) => o.value)")
-    assert off == ["thin_plate", "multiquadric", "cubic", "linear"]
+    assert off == ["thin_plate", "multiquadric", "cubic", "quintic", "linear"]
 
 
 NO_WEBGL = """{ const get = HTMLCanvasElement.prototype.getContext;

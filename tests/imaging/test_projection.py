@@ -110,8 +110,9 @@ def test_a_hot_voxel_changes_no_other_pixel_of_any_transfer_function(
     found = project(volume_of(values), "+z", "composite", transfer=function).values
     wanted = composite(list(values), 1.0, function)
     near = np.abs(values[..., None] - function.knots()[0]).min(axis=-1)
-    # Which side of a jump, or where in a ramp that is steeper, a value is cannot be said to less than its last digits.
-    sure = (near > 1e-4) | ((near == 0) & (function.knots()[0] % 1 == 0).all())
+    # Which side of a jump, or where in a ramp that is steeper, a value is cannot be said to less than its last digits;
+    # beside a node of opacity 1 the fourth root of the transparency, for a unit of 4, has more of them wrong.
+    sure = (near > 1e-2) | ((near == 0) & (function.knots()[0] % 1 == 0).all())
     keep = sure.all(axis=0)
     oracle.assert_close(found[keep], wanted[keep], atol=5e-5)
 

@@ -48,7 +48,7 @@ def test_folds_are_those_of_the_jacobian() -> None:
     at_place = fit_rbf(points, support=box_diagonal(points)).jacobian(found["place"])
     assert abs(found["least"] - np.linalg.det(np.eye(2) + at_place)) < 1e-9
     assert found["share"] == (det[: 33 * 33] <= 0).mean() > 0
-    assert folds(points.reset()) == {"least": 1, "share": 0, "place": [0, 0]}
+    assert folds(points.reset()) == {"least": 1, "share": 0, "air": 0, "place": [0, 0]}
 
 
 def test_the_least_determinant_is_found_between_the_nodes() -> None:

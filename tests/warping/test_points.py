@@ -15,7 +15,7 @@ from rbf.test_rigid_parts import BOX, SUPPORT, TURN, points, within
 from warping.test_warper import OBLIQUE, STRAIGHT, Wave, centres, extruded
 
 from deformnb.errors import DeformError
-from deformnb.rbf import interpolant
+from deformnb.rbf import evaluation
 from deformnb.rbf.cuts import CUT_RULES, Decoupled, sides_of
 from deformnb.rbf.extrusion import extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, compose
@@ -100,14 +100,14 @@ def test_no_function_is_compiled_for_each_number_of_points() -> None:
     fit, shapes = fit_rbf(points(), support=SUPPORT), set()
     at = np.random.default_rng(8).uniform(0, 100, (100_000, 2))
 
-    whole = interpolant._evaluate_blocks
+    whole = evaluation._evaluate_blocks
 
     def counted(p: Any, *rest: Any, **options: Any) -> Any:
         shapes.add(p.shape)
         return whole(p, *rest, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(interpolant, "_evaluate_blocks", counted)
+        patch.setattr(evaluation, "_evaluate_blocks", counted)
         for n in np.geomspace(1, len(at), 40).astype(int):
             warp_points(at[:n], fit)
     assert len(shapes) <= 5

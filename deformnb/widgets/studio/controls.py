@@ -405,7 +405,7 @@ def _presets() -> ipw.Dropdown:
     options = [(name.capitalize(), name) for name in PRESETS]
     made = menu("Preset", [*options, ("Own colours", "")],
                 'Colours and opacities of the volume; "View" shows each on this volume, and changes them')
-    made.layout = ipw.Layout(width="auto")  # as its neighbours
+    made.layout.width = "auto"  # as its neighbours
     return made
 
 

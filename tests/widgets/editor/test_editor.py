@@ -132,7 +132,7 @@ def test_points_in_space_and_other_things_are_refused(picture: Picture, points: 
 
 
 @pytest.mark.parametrize(("name", "value", "words"), [
-    ("kernel", "spline", "unknown kernel"), ("trend", "quadratic", "unknown trend"), ("support", 0.0, "positive"),
+    ("kernel", "spline", "unknown kernel"), ("trend", "septic", "unknown trend"), ("support", 0.0, "positive"),
     ("support", float("nan"), "positive"), ("smoothing", -1.0, "smoothing"), ("strength", float("inf"), "strength"),
     ("lone_support", -1.0, "positive length"),
 ])

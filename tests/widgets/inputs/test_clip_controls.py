@@ -70,6 +70,6 @@ def test_the_page_decides_on_nothing_of_the_sliders_themselves() -> None:
 def test_the_studios_panel_has_the_sliders_of_its_view(view: Any) -> None:
     panel = DisplayPanel(Session(volume()), lambda edit: True, view, TransferEditor(volume()))
     assert panel.clip.view is view
-    assert any(panel.clip in place.children for place in panel.box.children[-1].children)
+    assert any(panel.clip in place.children for place in panel.box.children[0].children)
     panel.close()
     assert panel.clip.comm is None

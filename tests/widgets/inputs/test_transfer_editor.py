@@ -273,7 +273,7 @@ def test_the_page_stretches_a_window_as_python_does() -> None:
 def test_the_panel_of_the_look_gives_it_one_width_whatever_it_says(volume: Volume) -> None:
     editor = TransferEditor(volume)
     panel = DisplayPanel(Session(volume), lambda action: bool(action() or True), LiveView(volume), editor)
-    place = next(box for box in panel.box.children[-1].children if editor in box.children)
+    place = next(box for box in panel.box.children[0].children if editor in box.children)
     assert isinstance(place, ipw.VBox)  # stretches what it holds; a Box would be as wide as the words below the plot
     assert place.layout.max_width == "720px"
     panel.close()

@@ -46,6 +46,7 @@ export const AMBIENT_NEAR = [1, 1.0];
 export const AMBIENT_FAR = [3, 4.0];
 export const AMBIENT_AHEAD = 3.0;
 export const AMBIENT_EVEN = 0.04;
+
 // support.py
 export const MANY = 1000;
 export const MOST_NEIGHBOURS = 64;
