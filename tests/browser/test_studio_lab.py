@@ -30,7 +30,7 @@ z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 12 ** 2
 volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
 told = Label().add_class("told")
-studio = Studio(volume, side="+y", transfer="surface", height=300)
+studio = Studio(volume, side="+y", transfer="surface", height=400)
 studio.editor.density = 0
 studio.view.background = "dark"
 def tell(change=None):
