@@ -329,9 +329,7 @@ def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
 
 def _between_few(samples: NDArray[Any], axis: int, low: NDArray[np.int64], t: NDArray[Any],
                  part: slice) -> NDArray[Any]:
-    """Linear interpolation along an axis with few samples as a product with the matrix of weights: five times faster
-    than to take the two neighbours of each place.
-    """
+    """Linear interpolation along an axis with few samples as a product with the matrix of weights."""
     some = np.ascontiguousarray(samples[(slice(None),) * axis + (part,)])
     rows, count = np.arange(len(low)), some.shape[axis]
     weights = np.zeros((len(low), count), samples.dtype)
