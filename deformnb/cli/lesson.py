@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from deformnb.checks import one_of
 from deformnb.cli.lab import add_lab_options, check_lab, copy_and_open, shipped_notebooks
 from deformnb.errors import DeformError
 
@@ -26,6 +25,7 @@ def add_lesson(commands: Any) -> None:
 
 
 def _lesson(options: argparse.Namespace) -> None:
+    from deformnb.checks import one_of
     from deformnb.lessons import LESSONS
 
     if options.name is None:

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.checks import finite_array, shown_value
 from deformnb.datasets.darcy import ThompsonMap
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField, Identity
-from deformnb.warping.points import warp_points
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the grids themselves are read without JAX
     from deformnb.document.deformation import Deformation, Step
+    from deformnb.rbf.fields import AbstractField
     from deformnb.volume.volume import Grid, Volume
 
 Nodes = NDArray[np.float64]
@@ -93,6 +92,9 @@ def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: 
     >>> round(thompson_score(halfway, grids).percent)
     50
     """
+    from deformnb.rbf.fields import AbstractField
+    from deformnb.warping.points import warp_points
+
     source, target = grids.source_nodes, grids.target_nodes
     pixel = np.ptp(source.reshape(-1, 2), axis=0) / np.ptp(grids.source.nodes.reshape(-1, 2), axis=0)
     before = np.linalg.norm((target - source) / pixel, axis=-1)
@@ -114,6 +116,7 @@ def _field(what: object, grids: ThompsonMap, grid: Grid | Volume | None) -> Abst
     """The displacement of the picture."""
     from deformnb.document.deformation import MODES, Deformation, Step
     from deformnb.imaging.figures import picture_field
+    from deformnb.rbf.fields import AbstractField, Identity
     from deformnb.volume.volume import Grid, as_grid
 
     if isinstance(what, AbstractField):

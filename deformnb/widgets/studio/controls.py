@@ -106,10 +106,10 @@ def _is_slider(widget: Any) -> bool:
     return isinstance(widget, ipw.FloatSlider | ipw.FloatLogSlider)
 
 
-def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "") -> ipw.Dropdown:
-    """A menu of (words, value)."""
-    return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description, layout=wide(),
-                        style=_STYLE)
+def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "", layout: Any = None) -> ipw.Dropdown:
+    """A menu of (words, value); ``layout`` instead of the usual one."""
+    return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description,
+                        layout=layout or wide(), style=_STYLE)
 
 
 def widget_of(name: str, diagonal: float = 1.0, layout: Any = None) -> Any:
@@ -403,10 +403,9 @@ class VolumePanel(Panel):
 def _presets() -> ipw.Dropdown:
     """Presets of colours and opacities."""
     options = [(name.capitalize(), name) for name in PRESETS]
-    made = menu("Preset", [*options, ("Own colours", "")],
-                'Colours and opacities of the volume; "View" shows each on this volume, and changes them')
-    made.layout.width = "auto"  # as its neighbours
-    return made
+    return menu("Preset", [*options, ("Own colours", "")],
+                'Colours and opacities of the volume; "View" shows each on this volume, and changes them',
+                ipw.Layout(width="auto"))  # as its neighbours
 
 
 def _take_preset(session: Session, name: str) -> None:
