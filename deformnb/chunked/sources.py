@@ -87,21 +87,13 @@ class _Mapped:
     """A memory map of NumPy: only its place in the file is sent to other processes."""
 
     path: str
-    stored: str
-    counts: tuple[int, ...]
+    dtype: np.dtype[Any]
+    shape: tuple[int, ...]
     offset: int
     order: Any
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.counts
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return np.dtype(self.stored)
-
     def read(self, part: Part) -> NDArray[Any]:
-        return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.counts, self.order)[part])
+        return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.shape, self.order)[part])
 
     def identity(self) -> str:
         return f"{_stamp(self.path)} {self.offset} {self.order}"
@@ -136,16 +128,8 @@ class _Hdf5:
 
     path: str
     name: str
-    counts: tuple[int, ...]
-    stored: str
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.counts
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return np.dtype(self.stored)
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
 
     def read(self, part: Part) -> NDArray[Any]:
         with optional_package("h5py").File(self.path, "r") as file:
@@ -160,16 +144,8 @@ class _Tiff:
     """The pages of a TIFF file, through tifffile's view of them as a Zarr array."""
 
     path: str
-    counts: tuple[int, ...]
-    stored: str
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        return self.counts
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        return np.dtype(self.stored)
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
 
     def read(self, part: Part) -> NDArray[Any]:
         tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
@@ -345,14 +321,14 @@ def _opened(source: Any, level: int) -> LargeVolume:
 def _reader_of(array: Any) -> Reader:
     if isinstance(array, np.memmap) and array.filename is not None and (
             array.flags.c_contiguous or array.flags.f_contiguous) and _is_whole_map(array):
-        return _Mapped(os.fspath(array.filename), array.dtype.str, array.shape, int(array.offset),
+        return _Mapped(os.fspath(array.filename), array.dtype, array.shape, int(array.offset),
                        "C" if array.flags.c_contiguous else "F")
     kind = type(array).__module__.partition(".")[0]
     if kind == "zarr":
         grid = Grid((int(array.shape[0]), int(array.shape[1]), int(array.shape[2])))
         return _Zarr(ome_zarr.Level(array, (slice(None),) * 3, grid))
     if kind == "h5py":
-        return _Hdf5(array.file.filename, array.name, tuple(array.shape), np.dtype(array.dtype).str)
+        return _Hdf5(array.file.filename, array.name, tuple(array.shape), np.dtype(array.dtype))
     return _Array(array)
 
 
@@ -419,7 +395,7 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
             raise fail(path, f"voxels of type {item.dtype} are no numbers that can be deformed.")
         shape, _ = volume_shape(path, [int(n) for n in item.shape[::-1]], item.dtype.itemsize)
         _check_chunk(path, math.prod(item.chunks or (1,)) * item.dtype.itemsize)
-        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype.str), _hdf5_grid(path, item, shape),
+        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype), _hdf5_grid(path, item, shape),
                            path.stem, path=path)
 
 
@@ -440,7 +416,7 @@ def _of_tiff(path: Path) -> LargeVolume:
             raise fail(path, f"its pages make an array of shape {array.shape}, and its header says "
                              f"{about.grid.shape}.")
         _check_chunk(path, math.prod(array.chunks) * array.dtype.itemsize)
-        stored = array.dtype.str
+        stored = np.dtype(array.dtype)
     return LargeVolume(_Tiff(str(path), about.grid.shape, stored), about.grid, path.stem, about.is_labels, "",
                        about.notes, path=path)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
 from deformnb.volume.volume import Grid, Volume, as_grid, optional_package
 
 
@@ -47,15 +47,15 @@ def to_sitk_transform(field: AbstractField | HasField, grid: Grid | Volume) -> A
     5.0
     """
     lattice = as_grid(grid)
-    found = as_field(field, lattice)
-    if found.dim != 3:
-        raise DeformError("a transform is a map of space, and this field is over a plane; extrude it first.")
-    if found.has_cuts:
-        raise DeformError("this deformation has cuts, which hide tissue and where displacements jump; a transform can "
-                          "hold neither. Switch the cuts off, or deform volumes here: dn.warp.")
+    values = as_transform_field(field, lattice).on_grid(lattice).astype(np.float64)
     sitk = optional_package("SimpleITK")
-    image = sitk.GetImageFromArray(found.on_grid(lattice).astype(np.float64), isVector=True)
-    image.SetSpacing(lattice.spacing)
-    image.SetOrigin(lattice.origin)
-    image.SetDirection(np.ravel(lattice.direction).tolist())
-    return sitk.DisplacementFieldTransform(image)
+    return sitk.DisplacementFieldTransform(image_of_vectors(sitk, values, lattice))
+
+
+def image_of_vectors(sitk: Any, values: NDArray[np.floating[Any]], grid: Grid) -> Any:
+    """An image of SimpleITK of vectors (nz, ny, nx, 3) at the voxels of a grid."""
+    image = sitk.GetImageFromArray(np.ascontiguousarray(values), isVector=True)
+    image.SetSpacing(grid.spacing)
+    image.SetOrigin(grid.origin)
+    image.SetDirection(np.ravel(grid.direction).tolist())
+    return image

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
+from deformnb.interop.sitk_transforms import image_of_vectors
 from deformnb.io import metaimage, nrrd
 from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import fail, human_bytes, shown
@@ -73,13 +74,8 @@ def field_of_image(path: Path, image: Any) -> DisplacementField:
 
 def image_of(sitk: Any, field: DisplacementField) -> Any:
     """An image of vectors of SimpleITK."""
-    grid = field.lattice
-    assert isinstance(grid, Grid)
-    image = sitk.GetImageFromArray(np.ascontiguousarray(field.values), isVector=True)
-    image.SetSpacing(grid.spacing)
-    image.SetOrigin(grid.origin)
-    image.SetDirection(np.ravel(grid.direction).tolist())
-    return image
+    assert isinstance(field.lattice, Grid)
+    return image_of_vectors(sitk, np.asarray(field.values), field.lattice)
 
 
 def read_displacements(path: Path, _grid: Grid | None) -> AbstractField:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deformnb._typing import Progress
-from deformnb.errors import DeformError
 from deformnb.io.atomic import check_target
 from deformnb.io.displacement_images import read_displacements, write_displacements
 from deformnb.io.headers import Damage, as_path, fail, human_bytes, regular_file
@@ -22,7 +21,7 @@ from deformnb.io.itk_transforms import read_itk, write_itk
 from deformnb.io.memory import available_memory
 from deformnb.io.ngff_transforms import read_ngff, write_ngff
 from deformnb.io.vtk_transforms import read_vti_field, write_vti_field
-from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
 from deformnb.volume.volume import Grid, Volume, as_grid
 from deformnb.warping.inverse import Inverse, invert
 
@@ -173,12 +172,7 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
                               f"{transform_suffixes(writing=True)}.")
         if not row.is_folder:
             check_target(place, overwrite=overwrite)
-    field = as_field(transform, lattice)
-    if field.dim != 3:
-        raise DeformError("a transform file holds a map of space, and this field is over a plane; extrude it first.")
-    if field.has_cuts:
-        raise DeformError("this deformation has cuts, which hide tissue and where displacements jump; a transform file "
-                          "can hold neither. Switch the cuts off, or deform volumes here: deformnb warp.")
+    field = as_transform_field(transform, lattice)
     if inverse is None:
         _write(transform, field, places[0], lattice, overwrite, progress)
     else:

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.errors import DeformError
 from deformnb.io.headers import fail
 from deformnb.io.vti import read_vectors, write_vectors
-from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_field
+from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_transform_field
 from deformnb.volume.volume import IDENTITY, Grid, Volume, as_grid, optional_package
 
 
@@ -47,9 +46,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | Volume) -
     (1.0, 1.0, 6.0)
     """
     lattice = as_grid(grid)
-    field = as_field(transform, lattice)
-    if field.dim != 3:
-        raise DeformError("a vtkGridTransform is a map of space, and this field is over a plane; extrude it first.")
+    field = as_transform_field(transform, lattice)
     pyvista, vtk = optional_package("pyvista"), optional_package("vtkmodules.vtkFiltersHybrid")
     turned = np.asarray(lattice.direction)
     plain = lattice.direction == IDENTITY

@@ -175,6 +175,28 @@ def as_field(given: AbstractField | HasField, grid: Grid | Volume | None = None)
     return own(lattice)
 
 
+def as_transform_field(given: AbstractField | HasField, grid: Grid | Volume) -> AbstractField:
+    """The field of :func:`as_field`, if it is one that the transforms of other programs can hold.
+
+    Raises
+    ------
+    DeformError
+        If it is over a plane, or hides tissue along cuts; else as :func:`as_field` does.
+
+    Examples
+    --------
+    >>> as_transform_field(Identity(3), Grid((2, 2, 2)))
+    Identity(dim=3)
+    """
+    field = as_field(given, grid)
+    if field.dim != 3:
+        raise DeformError("a transform is a map of space, and this field is over a plane; extrude it first.")
+    if field.has_cuts:
+        raise DeformError("this deformation has cuts, which hide tissue and where displacements jump; a transform can "
+                          "hold neither. Switch the cuts off, or deform volumes here: dn.warp, deformnb warp.")
+    return field
+
+
 def raster_lines(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The pixel centres of a raster as rows (2, nv) plus columns (2, nu)."""
     rows = np.stack([np.zeros(raster.shape[0]), raster.rows])

@@ -36,6 +36,7 @@ def test_what_has_no_map_is_refused() -> None:
                        (lambda: skimage_coordinates(cut, volume), "cuts"),
                        (lambda: to_sitk_transform(plane, volume), "over a plane"),
                        (lambda: to_sitk_transform(cut, volume), "cuts"),
+                       (lambda: dn.io.to_vtk_transform(cut, volume), "cuts"),
                        (lambda: skimage_map(plane, dn.Raster((2, 2), (1, 1), (0, 0)))([1, 2]), r"\(M, 2\)")):
         with pytest.raises(dn.DeformError, match=said):
             call()
