@@ -33,7 +33,7 @@ function played(options = {}) {
   const give = (ms) => { free = Math.max(free, clock) + ms; };
   const gl = { SIGNALED: 1, SYNC_STATUS: 2, SYNC_GPU_COMMANDS_COMPLETE: 3, isContextLost: () => false, flush() {},
     deleteSync() {}, fenceSync: () => ({ at: free }), getSyncParameter: (sync) => (clock >= sync.at ? 1 : 0) };
-  const caster = { gl, isReady: true, isSoftware, canvas: { width: 600, height: 450 },
+  const caster = { gl, isReady: true, isSoftware, size: [600, 450],
     cast(name, _width, _height, _picture, { tile, pass = 0, quarter = null }) {
       log.casts.push([clock, name, { tile, pass, quarter }]);
       give(pixelCost * tile[2] * tile[3]);

@@ -648,17 +648,16 @@ export class EditorView extends EditorDrawing {
   #drawOverlay(fit, known) {
     const { layered, folds, isMoving } = this;
     const isDue = !folds || (folds.isRough && !isMoving);
-    if (layered && isDue) this.folds = this.#measuredFolds(layered, known ?? layered);
+    if (layered && isDue) this.folds = this.#measuredFolds(known ?? layered);
     this.overlay.draw(fit, known, this.folds, isMoving);
   }
 
   /**
    * The folds of the map; only at rest as finely as the status line reports them.
-   * @param {LayeredFit} layered
-   * @param {LayeredFit} known the same, at the nodes of the picture while something moves
+   * @param {LayeredFit} known at the nodes of the picture while something moves
    */
-  #measuredFolds(layered, known) {
-    const { isMoving } = this, probes = probesOf(layered, isMoving ? 5e4 : 4e5);
+  #measuredFolds(known) {
+    const { isMoving } = this, probes = probesOf(known, isMoving ? 5e4 : 4e5);
     const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33, { source } = this.painter, air = this.model.get("air");
     const isTissue = source?.grey && typeof air === "number" ? tissueTest(known, source, air) : undefined;
     return { ...foldsOf(known, this.box, nodes, probes, isTissue), probes, isRough: isMoving };

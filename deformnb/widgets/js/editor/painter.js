@@ -428,31 +428,42 @@ export class Painter {
 
 }
 
+const CASING = "rgba(0, 0, 0, 0.45)", CASING_AWAY = 0.7, HAIRLINE = 0.9; // CSS pixels
+
 /**
- * Draw polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour.
+ * Draw polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour. The
+ * casing is a hairline along each side of the line: without a GPU a browser draws those ten times as fast as wide lines.
  * @param {CanvasRenderingContext2D} c
  * @param {View} view
  * @param {{ isEdge: boolean, runs: ArrayLike<number>[] }[]} lines
  * @param {string} colour
  */
 export function drawGrid(c, { k, x, y, ratio }, lines, colour) {
+  const edges = lines.filter((line) => line.isEdge).flatMap((line) => line.runs);
+  const inner = lines.filter((line) => !line.isEdge).flatMap((line) => line.runs);
+  const isLevel = (/** @type {ArrayLike<number>} */ run) => (
+    Math.abs(run[run.length - 2] - run[0]) > Math.abs(run[run.length - 1] - run[1]));
+  const level = inner.filter(isLevel), upright = inner.filter((run) => !isLevel(run));
+  /** @param {ArrayLike<number>[]} runs @param {number} width @param {string} style @param {number} [dx] @param {number} [dy] */
+  const stroke = (runs, width, style, dx = 0, dy = 0) => {
+    c.strokeStyle = style;
+    c.lineWidth = width;
+    c.beginPath();
+    for (const run of runs) {
+      c.moveTo(k * run[0] + x + dx, k * run[1] + y + dy);
+      for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j] + x + dx, k * run[j + 1] + y + dy);
+    }
+    c.stroke();
+  };
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   c.lineJoin = "round";
-  for (const { style, wider } of [{ style: "rgba(0, 0, 0, 0.45)", wider: 1.4 }, { style: colour, wider: 0 }]) {
-    c.strokeStyle = style;
-    for (const isEdge of [false, true]) {
-      c.lineWidth = (isEdge ? 1.6 : 0.9) + wider;
-      c.beginPath();
-      for (const line of lines) {
-        if (line.isEdge !== isEdge) continue;
-        for (const run of line.runs) {
-          c.moveTo(k * run[0] + x, k * run[1] + y);
-          for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j] + x, k * run[j + 1] + y);
-        }
-      }
-      c.stroke();
-    }
+  for (const side of [-CASING_AWAY, CASING_AWAY]) {
+    stroke(level, HAIRLINE, CASING, 0, side);
+    stroke(upright, HAIRLINE, CASING, side, 0);
   }
+  stroke(edges, 3, CASING);
+  stroke(inner, HAIRLINE, colour);
+  stroke(edges, 1.6, colour);
   c.setTransform(1, 0, 0, 1, 0, 0);
 }
 

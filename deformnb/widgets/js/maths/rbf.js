@@ -5,6 +5,7 @@ import {
   COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MANY, MOST_GAIN,
   MOST_NEIGHBOURS, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
 } from "./constants.js";
+import { kernelMatrix } from "./kernel_matrix.js";
 
 /** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
 
@@ -32,44 +33,36 @@ import {
 
 /**
  * alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
+ * @param {ReturnType<typeof kernelMatrix>} matrix
  * @param {Float64Array} x
  * @param {Float64Array} d
- * @param {number[]} nugget
  * @param {Span} span
  * @param {number[][]} turn  the rotation where the points determine none
  * @param {string} kernel
  * @param {string} trend
- * @param {Float64Array | null} [scales]  null, or support / R_j of points with support radii R_j of their own
+ * @param {boolean} isSkew  the matrix is not symmetric: points have support radii of their own
  */
-function rbfSolve(x, d, nugget, span, turn, kernel, trend, scales = null) {
-  const n = nugget.length, phi = new Float64Array(n * n), profile = RBF_KERNELS[kernel].profile;
-  for (let i = 0; i < n; i++) {
-    for (let j = 0; j <= i; j++) {
-      const dp = x[2 * i] - x[2 * j], dq = x[2 * i + 1] - x[2 * j + 1], s = dp * dp + dq * dq;
-      phi[i * n + j] = profile(scales ? s * scales[j] * scales[j] : s);
-      phi[j * n + i] = scales ? profile(s * scales[i] * scales[i]) : phi[i * n + j];
-    }
-    phi[i * n + i] += nugget[i];
-  }
+function rbfSolve(matrix, x, d, span, turn, kernel, trend, isSkew) {
+  const { n, phi } = matrix;
   const { order } = RBF_KERNELS[kernel], whole = d, isBent = trend === "quadratic";
   const q = isBent ? rbfProducts(x) : new Float64Array(0);
   /** @type {number[][] | null} */
   let bent = null;
   if (isBent && order < 3) {
-    bent = rbfQuadraticPart(phi, x, d, q, span, scales !== null);
+    bent = rbfQuadraticPart(phi, x, d, q, span, isSkew);
     d = rbfWithout(d, q, bent);
     trend = "affine";
   }
   /** @type {{ alpha: Float64Array, linear: number[][], constant: number[], bent?: number[][] | null }} */
   let solved;
-  if (scales) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
+  if (isSkew) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
   else if (order === 3) {
     solved = rbfBorderedTrend(phi, x, d, span.basis, q, span.quadrics ?? []);
     bent = solved.bent ?? null;
   } else if (order === 2) solved = rbfBorderedTrend(phi, x, d, span.basis);
   else if (trend === "none") {
-    solved = { alpha: rbfCholeskySolve(phi, d, n, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
-  } else solved = rbfLeastEnergy(phi, x, d, span, turn, kernel, trend);
+    solved = { alpha: matrix.solve(d, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
+  } else solved = rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend);
   const { alpha, linear, constant } = solved, miss = new Float64Array(2 * n);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < 2; k++) {
@@ -199,45 +192,6 @@ function rbfPenalty(spread, limit) {
 }
 
 /**
- * Solution of a symmetric positive definite system with m right-hand sides; NaN where it is not definite.
- * @param {Float64Array} matrix
- * @param {Float64Array} rhs
- * @param {number} n
- * @param {number} m
- */
-function rbfCholeskySolve(matrix, rhs, n, m) {
-  const l = Float64Array.from(matrix), out = Float64Array.from(rhs);
-  for (let j = 0; j < n; j++) {
-    for (let i = j; i < n; i++) {
-      const p = i * n, q = j * n;
-      let s = 0, t = 0, u = 0, v = 0, k = 0; // four sums: one would wait for itself at each term
-      for (; k + 3 < j; k += 4) {
-        s += l[p + k] * l[q + k];
-        t += l[p + k + 1] * l[q + k + 1];
-        u += l[p + k + 2] * l[q + k + 2];
-        v += l[p + k + 3] * l[q + k + 3];
-      }
-      for (; k < j; k++) s += l[p + k] * l[q + k];
-      const rest = l[p + j] - (s + t + (u + v));
-      l[p + j] = i === j ? Math.sqrt(rest) : rest / l[q + j];
-    }
-  }
-  for (let c = 0; c < m; c++) {
-    for (let i = 0; i < n; i++) {
-      let sum = out[i * m + c];
-      for (let k = 0; k < i; k++) sum -= l[i * n + k] * out[k * m + c];
-      out[i * m + c] = sum / l[i * n + i];
-    }
-    for (let i = n - 1; i >= 0; i--) {
-      let sum = out[i * m + c];
-      for (let k = i + 1; k < n; k++) sum -= l[k * n + i] * out[k * m + c];
-      out[i * m + c] = sum / l[i * n + i];
-    }
-  }
-  return out;
-}
-
-/**
  * Solver of a general square system, factored once with partial pivoting.
  * @param {Float64Array} matrix
  * @param {number} n
@@ -294,7 +248,7 @@ function rbfBordered(phi, p, n, r) {
 
 /**
  * The trend of least energy.
- * @param {Float64Array} phi
+ * @param {ReturnType<typeof kernelMatrix>} matrix
  * @param {Float64Array} x
  * @param {Float64Array} d
  * @param {Span} span
@@ -302,12 +256,12 @@ function rbfBordered(phi, p, n, r) {
  * @param {string} kernel
  * @param {string} trend
  */
-function rbfLeastEnergy(phi, x, d, span, turn, kernel, trend) {
-  const n = x.length / 2, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
+function rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend) {
+  const { n, phi } = matrix, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
   if (RBF_KERNELS[kernel].order === 0) {
     const rhs = new Float64Array(n * 5);
     for (let i = 0; i < n; i++) rhs.set([1, x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 5 * i);
-    const v = rbfCholeskySolve(phi, rhs, n, 5);
+    const v = matrix.solve(rhs, 5);
     const sums = [0, 0, 0, 0, 0];
     for (let i = 0; i < n; i++) for (let k = 0; k < 5; k++) sums[k] += v[5 * i + k];
     for (let k = 0; k < 4; k++) {
@@ -628,40 +582,37 @@ function rbfRotationOf(fit) {
 // ---- remarks on a fit, as deformnb.rbf.conditioning makes them -----------------------------------------------------
 
 /**
- * The distances and indices of the neighbours of a point, nearest first, itself left out.
- * @param {Float64Array} x  targets, row by row
- * @param {number} k
- * @param {number} count
+ * The indices of the nearest neighbours of each point, nearest first, row by row; as many as are asked for, or all.
+ * @param {Ready} ready
+ * @param {number} most
  */
-function rbfNeighbours(x, k, count) {
-  const a = x[2 * k], b = x[2 * k + 1];
-  /** @type {Vector2[]} */
-  const best = [];
-  let most = Infinity;
-  for (let j = 0; 2 * j < x.length; j++) {
-    // Most are too far along an axis already, and hypot takes ten times as long as that look.
-    if (j === k || Math.abs(x[2 * j] - a) >= most || Math.abs(x[2 * j + 1] - b) >= most) continue;
-    const gap = Math.hypot(x[2 * j] - a, x[2 * j + 1] - b);
-    if (gap >= most) continue;
-    let at = best.length;
-    while (at > 0 && best[at - 1][0] > gap) at--;
-    best.splice(at, 0, [gap, j]);
-    if (best.length > count) best.pop();
-    if (best.length === count) most = best[count - 1][0];
+function rbfNeighbours({ merged, n, origin, radius }, most) {
+  const count = Math.min(most, n - 1), found = new Int32Array(n * count), gaps = new Float64Array(n * count).fill(Infinity);
+  const x = Float64Array.from(merged.flatMap((q) => q.x.map((value, k) => (value - origin[k]) / radius)));
+  /** @type {(i: number, j: number, gap: number) => void} */
+  const insert = (i, j, gap) => {
+    let at = (i + 1) * count - 1;
+    for (; at > i * count && gaps[at - 1] > gap; at--) { gaps[at] = gaps[at - 1]; found[at] = found[at - 1]; }
+    gaps[at] = gap;
+    found[at] = j;
+  };
+  for (let i = 0; i < n; i++) {
+    for (let j = i + 1; j < n; j++) {
+      const da = x[2 * i] - x[2 * j], db = x[2 * i + 1] - x[2 * j + 1], gap = da * da + db * db;
+      if (gap < gaps[(i + 1) * count - 1]) insert(i, j, gap);
+      if (gap < gaps[(j + 1) * count - 1]) insert(j, i, gap);
+    }
   }
-  return best;
+  return { found, count };
 }
 
 /** @param {Ready} ready */
 function rbfClosest(ready) {
   if (ready.n < 2) return "a single point";
-  const x = Float64Array.from(ready.merged.flatMap((q) => q.x));
-  let found = [Infinity, 0, 0];
-  for (let k = 0; k < ready.n; k++) {
-    const [[gap, j]] = rbfNeighbours(x, k, 1);
-    if (gap < found[0]) found = [gap, k, j];
-  }
-  return `${rbfLabel(ready.merged[found[1]].point)} and ${rbfLabel(ready.merged[found[2]].point)}`;
+  const { merged } = ready, { found } = rbfNeighbours(ready, 1);
+  const gap = (/** @type {number} */ k) => Math.hypot(...[0, 1].map((c) => merged[k].x[c] - merged[found[k]].x[c]));
+  const least = merged.reduce((best, _, k) => (gap(k) < gap(best) ? k : best), 0);
+  return `${rbfLabel(merged[least].point)} and ${rbfLabel(merged[found[least]].point)}`;
 }
 
 /** @param {Ready} ready @param {string} kernel @param {number[][]} map */
@@ -721,9 +672,9 @@ function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
   const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
-  const pairs = new Map(), x = Float64Array.from(merged.flatMap((q) => q.x));
+  const pairs = new Map(), { found, count } = rbfNeighbours(ready, 4);
   for (let i = 0; i < n; i++) {
-    for (const [, j] of rbfNeighbours(x, i, Math.min(n, 5) - 1)) {
+    for (const j of found.subarray(i * count, (i + 1) * count)) {
       const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
       const along = Math.max(COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
@@ -1146,8 +1097,11 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
   const nugget = ready.merged.map((q) => smoothing / q.w);
   const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
-  const { alpha, linear, constant, quadratic, miss } = rbfSolve(fit.centers, d, nugget, ready, turn, kernel, ready.trend,
-    fit.scales);
+  const places = Float64Array.from(ready.merged.flatMap((q) => q.x));
+  const radii = fit.scales && ready.merged.map((q) => q.point.radius ?? r);
+  const matrix = kernelMatrix({ kernel, radius: r, places, nugget, radii }, RBF_KERNELS[kernel].profile);
+  const { alpha, linear, constant, quadratic, miss } = rbfSolve(matrix, fit.centers, d, ready, turn, kernel, ready.trend,
+    radii !== null);
   /** @type {(array: Float64Array) => number} */
   const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
     : Math.abs(value)), 0);

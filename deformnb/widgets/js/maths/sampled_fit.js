@@ -109,12 +109,29 @@ export function sampledAt(sampled, a, b) {
  * @param {Float32Array} out
  * @param {(a: number, b: number) => Vector2} exactly  the displacement beyond the nodes
  */
-export function sampledOnRaster(sampled, { shape: [rows, columns], spacing: [du, dv], origin }, out, exactly) {
+export function sampledOnRaster({ raster: nodes, values }, { shape: [rows, columns], spacing: [du, dv], origin }, out,
+  exactly) {
+  const [nv, nu] = nodes.shape, across = new Float64Array(4 * columns), first = new Int32Array(columns);
+  for (let j = 0; j < columns; j++) {
+    first[j] = nodesAround((origin[0] + j * du - nodes.origin[0]) / nodes.spacing[0], nu, ACROSS);
+    across.set(ACROSS.subarray(0, 4), 4 * j);
+  }
+  const line = new Float64Array(2 * nu); // of the nodes, at the row's place down
   for (let i = 0, n = 0; i < rows; i++) {
+    const b = origin[1] + i * dv, top = nodesAround((b - nodes.origin[1]) / nodes.spacing[1], nv, DOWN);
+    for (let m = 0, at = 2 * nu * top; top >= 0 && m < 2 * nu; m++, at++) {
+      line[m] = DOWN[0] * values[at] + DOWN[1] * values[at + 2 * nu] + DOWN[2] * values[at + 4 * nu]
+        + DOWN[3] * values[at + 6 * nu];
+    }
     for (let j = 0; j < columns; j++, n += 2) {
-      const a = origin[0] + j * du, b = origin[1] + i * dv;
-      if (sampledWithSlope(sampled, a, b, PLACE)) { out[n] = PLACE[0] - a; out[n + 1] = PLACE[1] - b; }
-      else [out[n], out[n + 1]] = exactly(a, b);
+      if (top < 0 || first[j] < 0) { [out[n], out[n + 1]] = exactly(origin[0] + j * du, b); continue; }
+      let u = 0, v = 0;
+      for (let k = 0, m = 2 * first[j]; k < 4; k++, m += 2) {
+        u += across[4 * j + k] * line[m];
+        v += across[4 * j + k] * line[m + 1];
+      }
+      out[n] = u;
+      out[n + 1] = v;
     }
   }
   return out;

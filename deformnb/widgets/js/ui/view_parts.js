@@ -185,12 +185,11 @@ export function opened(view) {
 /**
  * The measurements of a FrameLoop, as they are sent to Python.
  * @param {{ times: { drag: number[], full: number, passes: number, frames: number }, scale: number,
- *   caster: { canvas: { width: number, height: number } } }} loop
+ *   caster: { size: number[] } }} loop
  */
-export function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { canvas } }) {
+export function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { size: [width, height] } }) {
   const sorted = [...drag].sort((a, b) => a - b);
-  return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width: canvas.width,
-    height: canvas.height };
+  return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width, height };
 }
 
 /** A caption and four letters of directions over each picture that is seen, one or two side by side, and a scale. */

@@ -39,6 +39,8 @@ class LiveVolumeView {
       resized: () => this.size(), picture: () => this.picture() });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
+    /** @type {[number, number]} */
+    this.pixels = [this.canvas.width, this.canvas.height]; // of the full picture
     this.flicker = this.elements.flicker;
     this.shown = this.elements.shows;
     /** @type {VolumeInfo | null} */
@@ -87,8 +89,9 @@ class LiveVolumeView {
 
   size() {
     const [w, h] = this.elements.size.map((n) => Math.max(1, n));
-    if (this.canvas.width === w && this.canvas.height === h) return;
-    this.camera.reframed(() => { this.canvas.width = w; this.canvas.height = h; });
+    if (this.pixels[0] === w && this.pixels[1] === h) return;
+    this.camera.reframed(() => { this.pixels = [w, h]; });
+    this.caster?.resize(w, h);
     if (this.loop) { this.loop.again(); this.touch(); }
   }
 
@@ -195,7 +198,9 @@ class LiveVolumeView {
   /** Null without WebGL, and then Python draws. */
   #newCaster() {
     try {
-      return new RayCaster(this.canvas);
+      const caster = new RayCaster(this.canvas);
+      caster.resize(...this.pixels);
+      return caster;
     } catch (error) {
       this.fall(`Drawn in Python: ${/** @type {Error} */ (error).message}.`);
       return null;

@@ -39,7 +39,7 @@ export class MovieFrames {
     this.caster = new RayCaster(this.canvas);
     const { model, info } = view;
     // What a camera needs of a view, as it is in the movie.
-    const like = { info, shown: looks.shows, canvas: this.canvas, pointer: { isBusy: false },
+    const like = { info, shown: looks.shows, pixels: [width, height], pointer: { isBusy: false },
       field: /** @type {Field | null} */ (null), model: { get: (/** @type {string} */ name) => looks[name] } };
     this.seen = like;
     this.camera = new ViewCamera(/** @type {VolumeViewLike} */ (/** @type {unknown} */ (like)));

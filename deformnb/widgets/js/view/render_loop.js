@@ -48,6 +48,7 @@ const MOST_REST = 60;
 const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
 const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
 const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
+const ENOUGH_CHANGE = 0.12; // of the scale of the quick pictures
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
@@ -156,7 +157,7 @@ export class FrameLoop {
   }
 
   /** @returns {[number, number]} */
-  get size() { return [this.caster.canvas.width, this.caster.canvas.height]; }
+  get size() { return [this.caster.size[0], this.caster.size[1]]; }
 
   #present() {
     const name = this.drawn[this.layer];
@@ -227,7 +228,8 @@ export class FrameLoop {
     const [width, height] = rush.size;
     this.quickCost = rush.spent / (width * height);
     const change = Math.sqrt((0.5 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
-    this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
+    const isOther = Math.abs(change - 1) > ENOUGH_CHANGE; // a canvas of another size is made anew
+    if (isOther) this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
     for (const callback of this.after.splice(0)) callback();
     if (this.caster.isSoftware) this.restUntil = performance.now() + Math.min(MOST_REST, REST_SHARE * ms);
   }
@@ -401,6 +403,7 @@ export class FrameLoop {
 
   /** Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed. */
   again() {
-    this.caster.present(this.showing, this.parts, this.mixture === null ? null : this.over, this.mixture ?? 0);
+    const { caster, showing, parts, mixture } = this, isQuick = caster.isSoftware && showing?.startsWith("coarse");
+    caster.present(showing, { parts, over: mixture === null ? null : this.over, share: mixture ?? 0, isQuick });
   }
 }

@@ -203,6 +203,8 @@ export class ServerVolumeView {
     this.readCamera(true);
   }
 
+  get pixels() { return [this.canvas.width, this.canvas.height]; }
+
   readCamera(isForced = false) { if (this.camera.read(isForced)) this.touchParts(); }
 
   /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */

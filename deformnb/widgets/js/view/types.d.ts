@@ -62,6 +62,8 @@ export interface VolumeViewLike {
   model: Model;
   root: HTMLElement;
   canvas: HTMLCanvasElement;
+  /** Width and height of the full picture in pixels. */
+  pixels: number[];
   camera: ViewCamera;
   info: VolumeInfo | null;
   /** The value of the trait "shows" that the camera is for. */

@@ -36,7 +36,7 @@ export class ViewCamera extends Camera {
 
   /** Width by height of one picture. */
   get aspect() {
-    const { width, height } = this.view.canvas;
+    const [width, height] = this.view.pixels;
     return width / this.parts / height;
   }
 

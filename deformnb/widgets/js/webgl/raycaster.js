@@ -133,7 +133,8 @@ export class RayCaster {
       powerPreference: "high-performance" });
     if (!gl) throw new Error("this browser offers no WebGL2 here");
     this.gl = gl;
-    this.canvas = canvas;
+    this.canvas = canvas; // has fewer pixels than `size` while a quick picture is shown
+    this.size = [canvas.width, canvas.height];
     this.floats = Boolean(gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float"));
     this.smoothFloats = Boolean(gl.getExtension("OES_texture_float_linear"));
     const info = gl.getExtension("WEBGL_debug_renderer_info");
@@ -171,6 +172,25 @@ export class RayCaster {
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
     this.#plain();
+  }
+
+  /**
+   * Sets the size of the full picture in pixels, which empties the canvas.
+   * @param {number} width
+   * @param {number} height
+   */
+  resize(width, height) {
+    this.size = [width, height];
+    this.#fit(width, height);
+  }
+
+  /**
+   * @param {number} width
+   * @param {number} height
+   */
+  #fit(width, height) {
+    const { canvas } = this;
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   }
 
   /** True if the map folds somewhere and folds are shown. */
@@ -636,14 +656,16 @@ export class RayCaster {
 
   /**
    * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each. What has
-   * fewer pixels than the canvas is enlarged smoothly, and of quarters the first is shown.
+   * fewer pixels than the canvas is enlarged smoothly, and of quarters the first is shown. `isQuick`: the canvas gets
+   * the size of the picture, and the browser enlarges it: without a GPU that takes a tenth of the time.
    * @param {string | null} name null: the background alone
-   * @param {number} [parts]
-   * @param {string | null} [over] another picture laid over it
-   * @param {number} [share] of that
+   * @param {{ parts?: number, over?: string | null, share?: number, isQuick?: boolean }} [options] `over` is another
+   *   picture, `share` how much of it is laid over the first
    */
-  present(name, parts = 1, over = null, share = 0) {
-    const gl = this.gl, { width, height } = this.canvas, ground = BACKGROUNDS[this.background];
+  present(name, { parts = 1, over = null, share = 0, isQuick = false } = {}) {
+    const gl = this.gl, ground = BACKGROUNDS[this.background];
+    const [width, height] = name && isQuick ? this.targets[name].extent.map(Math.ceil) : this.size;
+    this.#fit(width, height);
     this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
     /** @type {Pick<Target, "extent" | "start"> & {texture: WebGLTexture | null}} */

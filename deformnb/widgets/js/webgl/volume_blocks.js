@@ -317,14 +317,19 @@ function blurred(values, size, r) {
 export function planarBounds(maps, [count, rows, columns], [da, db]) {
   const steep = new Float64Array(count), far = new Float64Array(count);
   for (let k = 0, i = 0; k < count; k++) {
+    let steepest = 0, farthest = 0; // squared: a root for each node would take ten times as long
     for (let r = 0; r < rows; r++) {
       for (let c = 0; c < columns; c++, i += 2) {
-        const u = maps[i], v = maps[i + 1], right = c < columns - 1, below = r < rows - 1;
-        const a = right ? Math.hypot(maps[i + 2] - u, maps[i + 3] - v) / da : 0;
-        const b = below ? Math.hypot(maps[i + 2 * columns] - u, maps[i + 2 * columns + 1] - v) / db : 0;
-        steep[k] = Math.max(steep[k], Math.hypot(a, b)); far[k] = Math.max(far[k], Math.hypot(u, v));
+        const u = maps[i], v = maps[i + 1], east = i + (c < columns - 1 ? 2 : 0);
+        const south = i + (r < rows - 1 ? 2 * columns : 0);
+        const ua = (maps[east] - u) / da, va = (maps[east + 1] - v) / da;
+        const ub = (maps[south] - u) / db, vb = (maps[south + 1] - v) / db;
+        steepest = Math.max(steepest, ua * ua + va * va + ub * ub + vb * vb);
+        farthest = Math.max(farthest, u * u + v * v);
       }
     }
+    steep[k] = Math.sqrt(steepest);
+    far[k] = Math.sqrt(farthest);
   }
   return { steep, far };
 }
