@@ -142,14 +142,14 @@ def _rows(places: NDArray[np.float64], separator: str = " ") -> str:
 
 
 def read_nts(path: Path, text: str) -> Landmarks:
-    """Landmarks of an NTS file with one row of coordinates to a specimen: ``1 specimens numbers missing dim=3``."""
+    """Landmarks of an NTS file: ``1 specimens numbers 0 dim=3``, or ``1 9999`` for the 0 where 9999 stands for none."""
     lines = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith(('"', "'"))]
-    found = re.fullmatch(r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+\S+)*?\s+dim\s*=\s*([23])\s*",
+    found = re.fullmatch(r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+(\S+))?\s+dim\s*=\s*([23])\s*",
                          lines[0][1] if lines else "", re.IGNORECASE)
     if found is None:
         raise fail(path, "its first line is not that of an NTS file of landmarks: 1, how many specimens, how many "
                          "numbers, 0, DIM=2 or DIM=3.")
-    count, numbers, dim = int(found[1]), int(found[3]), int(found[6])
+    count, numbers, dim = int(found[1]), int(found[3]), int(found[7])
     words = [(word, f"line {number}, column {column}") for number, line in lines[1:]
              for column, word in enumerate(line.split(), 1)]
     titles = list[str]()
@@ -160,14 +160,24 @@ def read_nts(path: Path, text: str) -> Landmarks:
     if len(words) != count * numbers or numbers % dim:
         raise fail(path, f"its first line announces {count} specimens of {numbers} numbers, and {len(words)} follow.")
     values = np.array([coordinates(path, [word], where)[0] for word, where in words]).reshape(count, -1, dim)
+    if found[5] != "0" and found[6]:
+        missing = np.argwhere((values == coordinates(path, [found[6]], "its first line")[0]).any(axis=2))
+        if len(missing):
+            raise fail(path, f"landmark {missing[0][1] + 1} of specimen {missing[0][0] + 1} is missing ({found[6]}); "
+                             "remove that landmark from all specimens.")
     return _pair(path, list(values), titles or [""])
 
 
 def write_nts(landmarks: Landmarks) -> str:
-    """One specimen, or two where there are fixed places."""
+    """One specimen, or two where there are fixed places; a line to a landmark, as IDAV's programs read it too."""
     titled, (count, dim) = _titled(landmarks), landmarks.points.shape
-    rows = "".join(" ".join(map(repr, places.ravel().tolist())) + "\n" for _, places in titled)
-    return f"1 {len(titled)}L {count * dim} 0 dim={dim}\n{' '.join(title for title, _ in titled)}\n{rows}"
+    values = np.concatenate([places for _, places in titled])
+    missing = 9999
+    while (values == missing).any():  # which stands for a landmark that was not found
+        missing = 10 * missing + 9
+    rows = "".join(" ".join(map(repr, place)) + "\n" for place in values.tolist())
+    titles = "".join(f"{title}\n" for title, _ in titled)
+    return f"1 {len(titled)}L {count * dim} 1 {missing} dim={dim}\n{titles}{rows}"
 
 
 # ---- Morphologika, elastix -------------------------------------------------------------------------------------------

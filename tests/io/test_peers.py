@@ -1,4 +1,4 @@
-"""Files of ITK, ANTs, elastix, ngff-zarr and vedo: each program applies the other's to the same voxels or points.
+"""Files of ITK, ANTs, elastix, ngff-zarr, vedo, slicerio and morphops: each program applies the other's to the same voxels or points.
 
 Each of the programs runs in a process of its own: ``tests/peer_programs.py``.
 """
@@ -35,9 +35,13 @@ BEND = DisplacementField(
 pytestmark = pytest.mark.nightly
 
 
-def _run(program: str, folder: Path, package: str) -> None:
+def _need(package: str) -> None:
     if find_spec(package) is None:
         pytest.skip(f"{package} is not installed: pip install deformnb[peers]")
+
+
+def _run(program: str, folder: Path, package: str) -> None:
+    _need(package)
     child = subprocess.run([sys.executable, peer_programs.__file__, program, str(folder)], capture_output=True,
                            text=True, timeout=550, check=False, cwd=folder)  # transformix writes into it
     assert child.returncode == 0, child.stdout[-2000:] + child.stderr[-2000:]
@@ -183,3 +187,35 @@ def test_vedo_reads_and_writes_the_same_points(tmp_path: Path) -> None:
     limit = agreed("landmarks", "points", "vedo") * np.abs(marks).max()
     assert np.abs(np.load(tmp_path / "ours.npy") - marks).max() < limit
     assert np.abs(read_landmarks(tmp_path / "theirs.xyz").points - marks).max() < 10 * limit  # it writes six digits
+
+
+def test_slicerio_reads_the_same_fiducials_and_turns_them_into_markups(tmp_path: Path) -> None:
+    _need("slicerio")
+    from slicerio.markups import fcsv_to_markups_json, read_markups_fcsv
+
+    marks = GRID.index_to_point(RANDOM.uniform(4, 20, (7, 3)))
+    names = tuple(f"mark {k}" for k in range(7))
+    write_landmarks(Landmarks(marks, names), tmp_path / "ours.fcsv")
+    (markup,) = read_markups_fcsv(tmp_path / "ours.fcsv")["markups"]
+    assert markup["coordinateSystem"] == "LPS"
+    assert [point["label"] for point in markup["controlPoints"]] == list(names)
+    theirs = np.array([point["position"] for point in markup["controlPoints"]])
+    assert np.abs(theirs - marks).max() < agreed("landmarks", "fcsv", "slicerio")
+    fcsv_to_markups_json(tmp_path / "ours.fcsv", tmp_path / "theirs.mrk.json")
+    found = read_landmarks(tmp_path / "theirs.mrk.json")
+    assert found.names == names
+    assert np.abs(found.points - marks).max() < agreed("landmarks", "markups", "slicerio, read only")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_morphops_reads_the_same_specimens(tmp_path: Path, dim: int) -> None:
+    _need("morphops")
+    from morphops import read_dta
+
+    marks = RANDOM.uniform(-80, 80, (9, dim))
+    write_landmarks(Landmarks(marks, fixed=marks[::-1]), tmp_path / "ours.nts")
+    specimens, titles = read_dta(tmp_path / "ours.nts")
+    assert len(titles) == 2
+    for found, known in zip(specimens, (marks, marks[::-1]), strict=True):
+        assert np.abs(found - known).max() < agreed("landmarks", "nts", "morphops, written only")
+

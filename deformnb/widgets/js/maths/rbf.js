@@ -588,7 +588,8 @@ function rbfRotationOf(fit) {
  */
 function rbfNeighbours({ merged, n, origin, radius }, most) {
   const count = Math.min(most, n - 1), found = new Int32Array(n * count), gaps = new Float64Array(n * count).fill(Infinity);
-  const x = Float64Array.from(merged.flatMap((q) => q.x.map((value, k) => (value - origin[k]) / radius)));
+  const x = new Float64Array(2 * n);
+  merged.forEach((q, k) => { for (const c of [0, 1]) x[2 * k + c] = (q.x[c] - origin[c]) / radius; });
   /** @type {(i: number, j: number, gap: number) => void} */
   const insert = (i, j, gap) => {
     let at = (i + 1) * count - 1;
@@ -1097,7 +1098,8 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
   const nugget = ready.merged.map((q) => smoothing / q.w);
   const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
-  const places = Float64Array.from(ready.merged.flatMap((q) => q.x));
+  const places = new Float64Array(2 * n);
+  ready.merged.forEach((q, k) => { places[2 * k] = q.x[0]; places[2 * k + 1] = q.x[1]; });
   const radii = fit.scales && ready.merged.map((q) => q.point.radius ?? r);
   const matrix = kernelMatrix({ kernel, radius: r, places, nugget, radii }, RBF_KERNELS[kernel].profile);
   const { alpha, linear, constant, quadratic, miss } = rbfSolve(matrix, fit.centers, d, ready, turn, kernel, ready.trend,

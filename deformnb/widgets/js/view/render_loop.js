@@ -142,7 +142,8 @@ export class FrameLoop {
     if (this.frame) return; // put off by a change in every frame, as an animation makes, it would never come
     clearTimeout(this.waiting);
     const step = () => { this.frame = 0; this.#step(); };
-    const next = () => { this.frame = requestAnimationFrame(step); };
+    // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
+    const next = () => { this.frame = requestAnimationFrame(() => setTimeout(step, 0)); };
     const pause = Math.max(delay, this.restUntil - performance.now());
     if (pause > 0) this.waiting = setTimeout(next, pause); else next();
   }
