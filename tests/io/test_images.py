@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOImage import vtkPNGReader, vtkPNGWriter
 
 import deformnb as dn
 from deformnb.errors import VolumeFileError
@@ -27,6 +29,24 @@ def test_grey_values_are_kept(name: str, picture: Image.Image, wanted: np.ndarra
     np.testing.assert_array_equal(volume.values, wanted[None])
     assert "a picture was taken as a volume of one slice" in volume.notes
     assert ("its colours became grey values" in volume.notes) == (name == "c.png")
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_vtk_agrees(dtype: type, tmp_path: Path) -> None:
+    """By its PNG files, whose rows it numbers from the bottom."""
+    known = GREY.astype(dtype) * (257 if dtype is np.uint16 else 1)
+    dn.write_volume(dn.Volume(known[None], dn.Grid((1, *known.shape))), tmp_path / "ours.png")
+    reader = vtkPNGReader()
+    reader.SetFileName(str(tmp_path / "ours.png"))
+    reader.Update()
+    image = reader.GetOutput()
+    theirs = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(known.shape)[::-1]
+    np.testing.assert_array_equal(theirs, known)
+    writer = vtkPNGWriter()
+    writer.SetFileName(str(tmp_path / "theirs.png"))
+    writer.SetInputData(image)
+    writer.Write()
+    np.testing.assert_array_equal(dn.read_volume(tmp_path / "theirs.png").values[0], known)
 
 
 def test_a_photograph_is_turned_as_its_camera_says(tmp_path: Path) -> None:
