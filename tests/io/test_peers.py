@@ -1,6 +1,6 @@
-"""Files of ITK, ANTs, elastix, ngff-zarr, vedo, slicerio and morphops: each program applies the other's to the same voxels or points.
+"""Files of ITK, ANTs, elastix, ngff-zarr and others: each program applies the other's to the same voxels or points.
 
-Each of the programs runs in a process of its own: ``tests/peer_programs.py``.
+Large programs run in processes of their own: ``tests/peer_programs.py``.
 """
 
 from __future__ import annotations
