@@ -68,8 +68,8 @@ def _mathml(display: str) -> Any:
 
 
 # -- what is made at each build ---------------------------------------------------------------------------------------
-def _make_live_page() -> None:
-    """The studio of the front page: the exported page of a procedural carp."""
+def _make_live_pages() -> None:
+    """The studio of the front page, exported of a procedural carp, and the page that opens files."""
     target = HERE / "_made" / "carp.html"
     target.parent.mkdir(exist_ok=True)
     carp = PHANTOMS["fish"].make((64, 128, 64))
@@ -80,6 +80,7 @@ def _make_live_page() -> None:
     bend = dn.Deformation.on_picture(carp, "-x", points, trend="rigid")
     dn.Studio(carp, bend, side="-x").export_html(target, title="A carp", controls=["strength", "shows", "reset"],
                                               overwrite=True)
+    dn.widgets.write_file_page(HERE / "_made" / "deformnb.html")
 
 
 def _public() -> dict[str, list[str]]:
@@ -156,6 +157,6 @@ def setup(app: Any) -> None:
     app.add_html_math_renderer("mathml", _mathml("inline"), _mathml("block"))
     app.connect("autodoc-process-docstring", _spread, priority=100)  # before numpydoc
     app.connect("missing-reference", _find)
-    _make_live_page()
+    _make_live_pages()
     _make_reference()
     _copy_notebooks()

@@ -15,7 +15,7 @@ from deformnb.widgets.bundle import SOURCES
 # relies on them.
 _RUN = """
 import { readFileSync } from "node:fs";
-process.stdout.write(JSON.stringify(main(JSON.parse(readFileSync(0, "utf8")))));
+process.stdout.write(JSON.stringify(await main(JSON.parse(readFileSync(0, "utf8")))));
 """
 
 

@@ -1,4 +1,4 @@
-"""Command line ``deformnb``: demo, app, lab, lesson, warp, transform, replay, info, datasets, doctor.
+"""Command line ``deformnb``: demo, app, page, lab, lesson, warp, transform, replay, info, datasets, doctor.
 
 Errors are one sentence on standard error and exit code 2; Ctrl-C is 130. Work of more than a second shows a bar.
 """
@@ -92,8 +92,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, partial(add_app, run=_app), add_lab, add_lesson, add_warp, add_transform, add_replay,
-                _add_info, _add_datasets, _add_doctor):
+    for add in (_add_demo, partial(add_app, run=_app), _add_page, add_lab, add_lesson, add_warp, add_transform,
+                add_replay, _add_info, _add_datasets, _add_doctor):
         add(commands)
     return parser
 
@@ -119,6 +119,17 @@ def _add_demo(commands: Commands) -> None:
     p.add_argument("--renderer", default="auto", help="auto, vtk (needs OpenGL) or core (default %(default)s)")
     p.add_argument("--force", action="store_true", help="overwrite files that are no earlier results of the demo")
     p.set_defaults(run=_demo)
+
+
+def _add_page(commands: Commands) -> None:
+    what = "write a page that deforms a volume or a picture in a browser, without Python"
+    p = commands.add_parser("page", help=what, description=f"""{what[0].upper()}{what[1:]}: one file that works offline,
+        from a stick or on a phone. On it a NIfTI, NRRD, PNG or JPEG file is opened, deformed by control points and
+        compared, and pictures and a session are downloaded; "deformnb replay" applies the session to the same file.""")
+    p.add_argument("output", nargs="?", default="deformnb.html", metavar="OUTPUT",
+                   help="the file to write (default %(default)s)")
+    p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
+    p.set_defaults(run=_page)
 
 
 def _add_info(commands: Commands) -> None:
@@ -171,6 +182,15 @@ def _app(options: argparse.Namespace) -> None:
                   else made_up_carp(stage("make the carp")))
     open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
              browser=not options.no_browser, idle=options.idle)
+
+
+def _page(options: argparse.Namespace) -> None:
+    from deformnb.widgets.standalone import write_file_page
+
+    if Path(options.output).exists() and not options.force:
+        raise DeformError(f"{options.output} is there already; name another file, or --force to overwrite it.")
+    write_file_page(options.output)
+    print(options.output)
 
 
 @contextlib.contextmanager

@@ -4,7 +4,9 @@ from .inputs.curve_editor import CurveEditor as CurveEditor
 from .inputs.depth_keys import DepthKeys as DepthKeys
 from .inputs.player import Player as Player
 from .inputs.transfer_editor import TransferEditor as TransferEditor
+from .standalone import file_page_html as file_page_html
 from .standalone import standalone_html as standalone_html
+from .standalone import write_file_page as write_file_page
 from .standalone import write_standalone as write_standalone
 from .studio.panels.thompson import ThompsonPanel as ThompsonPanel
 from .studio.studio import Studio as Studio

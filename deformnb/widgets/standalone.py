@@ -1,4 +1,4 @@
-"""Export of one HTML file in which a volume still deforms: no kernel, no server, no network.
+"""Export of one HTML file in which a volume deforms: no kernel, no server, no network.
 
 The file holds the front ends of an :class:`~deformnb.widgets.Editor` and a :class:`~deformnb.widgets.LiveView` as they
 are, the packed voxels, and a script that sends to both the messages of Python (standalone.js). The front end fits and
@@ -26,13 +26,17 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.analysis.extent import cut_off_text, foreground_level, leaving_voxels, side_names
 from deformnb.document.deformation import Deformation, Step, VolumeReference
+from deformnb.document.edits import untouched_step
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
+from deformnb.imaging.projection import project
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.rbf.extrusion import Extrusion, extrude
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
+from deformnb.volume.known_spacings import known_spacings
+from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
@@ -58,6 +62,10 @@ CONTROLS = {"strength": "Strength", "kernel": "Kernel", "shows": "Compare", "den
 # A GPU shows at least 256 along an axis, every one of today 1024; a file cannot query it.
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
+
+FILE_PAGE_ABOUT = ("Open a volume or a picture of your own, drag points on it, compare before and after, and download "
+                   "the result.")
+"""The line under the title of a page for files."""
 
 _STILL = (640, 480)
 _LEVEL = 9  # of gzip: packed once and read often
@@ -110,22 +118,72 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     wanted = _checked_controls(controls)
     part = None if view is None else _view_part(editor, view, _checked_limit(limit), report)
     name = title or (part.volume.name if part else "") or "Deformation"
-    data = {
-        "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
-        "view": part.traits if part else None, "chunks": part.chunks if part else [],
-        "field": part.field if part else None, "still_background": part.background if part else None,
-        "kernels": {k.name: k.order for k in KERNELS.values()}, "trends": {t.name: t.order for t in TRENDS.values()},
-        "controls": wanted, "cut_off": part.cut_off if part else None,
-        "parameters": as_json(("strength", "kernel", "shows", "density")),
-        "picture_shows": PICTURE_SHOWS, "document": _document(editor, part, name),
-    }
+    data = _page_data(editor, part, name, wanted)
     scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
                bundle("standalone.js")]
     styles = [Editor._css, *([LiveView._css] if part else []), bundle("standalone.css")]
     texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
-    page = _page(texts, part.still if part else editor.preview_png(), data, scripts, styles)
+    image = base64.b64encode(part.still if part else editor.preview_png()).decode("ascii")
+    still = f'<img class="dnb-page-still" alt="{_escaped(name)}" src="data:image/png;base64,{image}">'
+    page = _page(texts, {"opening": "", "hidden": "", "still": still}, data, scripts, styles)
     report(1.0)
     return page
+
+
+def file_page_html() -> str:
+    """A page in which a volume or a picture of one's own is opened, deformed and compared, without Python.
+
+    The page reads NIfTI (.nii, .nii.gz), NRRD, PNG and JPEG by the rules of :mod:`deformnb.io`, shows a volume as an
+    exported page does, and saves pictures and the document that ``deformnb replay`` applies to the same file.
+
+    Examples
+    --------
+    >>> "Open a file" in file_page_html()
+    True
+    """
+    volume = Volume.from_array(np.arange(8, dtype=np.uint8).reshape(2, 2, 2))  # the file's volume comes in its place
+    step = untouched_step(Plane.along(volume), volume.grid)
+    assert step.plane is not None
+    editor, view = Editor(project(volume, step.plane), step.maps[0]), LiveView(volume)
+    try:
+        data = _page_data(editor, _view_part(editor, view, None, _silent), "", tuple(CONTROLS))
+    finally:
+        editor.close()
+        view.close()
+    names = ("strength", "kernel", "shows", "density", "view")
+    data |= {"parameters": as_json(names), "known_spacings": [vars(row) for row in known_spacings()]}
+    scripts = [_as_script(Editor._esm, "editor"), _as_script(LiveView._esm, "view"), bundle("file_page.js")]
+    texts = {"title": "deformnb", "about": FILE_PAGE_ABOUT, "facts": _PROMISE}
+    parts = {"opening": '<div class="dnb-page-open" role="group" aria-label="File"></div>', "hidden": " hidden",
+             "still": ""}
+    return _page(texts, parts, data, scripts, [Editor._css, LiveView._css, bundle("file_page.css")])
+
+
+def write_file_page(path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
+    """Write the page of :func:`file_page_html` to a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : the file to write; ends in .html.
+    overwrite : whether an existing file may be replaced.
+    """
+    _check_page(path, overwrite=overwrite)
+    text = file_page_html().encode("utf-8")
+    with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
+        stream.write(text)
+
+
+def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str]) -> dict[str, Any]:
+    """What the scripts of a page get."""
+    return {
+        "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
+        "view": part.traits if part else None, "chunks": part.chunks if part else [],
+        "field": part.field if part else None, "still_background": part.background if part else None,
+        "kernels": {k.name: k.order for k in KERNELS.values()}, "trends": {t.name: t.order for t in TRENDS.values()},
+        "controls": list(controls), "cut_off": part.cut_off if part else None,
+        "parameters": as_json(("strength", "kernel", "shows", "density")),
+        "picture_shows": PICTURE_SHOWS, "document": _document(editor, part, name),
+    }
 
 
 def _checked_controls(controls: Iterable[str]) -> list[str]:
@@ -158,12 +216,17 @@ def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveVie
     editor, view, options : as in :func:`standalone_html`.
     overwrite : whether an existing file may be replaced.
     """
-    if Path(path).suffix.lower() not in (".html", ".htm"):
-        raise DeformError(f"{Path(path).name}: a page is written as HTML; name it {Path(path).stem}.html.")
-    check_target(path, overwrite=overwrite)  # before the work
+    _check_page(path, overwrite=overwrite)  # before the work
     text = standalone_html(editor, view, **options).encode("utf-8")
     with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
         stream.write(text)
+
+
+def _check_page(path: str | os.PathLike[str], *, overwrite: bool) -> None:
+    """Refuse a path that is no page's, or cannot be written."""
+    if Path(path).suffix.lower() not in (".html", ".htm"):
+        raise DeformError(f"{Path(path).name}: a page is written as HTML; name it {Path(path).stem}.html.")
+    check_target(path, overwrite=overwrite)
 
 
 # -- the volume and its displacement ---------------------------------------------------------------------------------
@@ -360,17 +423,17 @@ def _as_script(module: str, name: str) -> str:
     return text
 
 
-def _page(texts: dict[str, str], still: bytes, data: dict[str, Any], scripts: list[str], styles: list[str]) -> str:
+def _page(texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], scripts: list[str],
+          styles: list[str]) -> str:
     scripts = [_unbroken(f"\n{script}\n") for script in scripts]
     digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
     policy = ("default-src 'none'", f"script-src {digests}", "style-src 'unsafe-inline'", "img-src data: blob:",
               "base-uri 'none'", "form-action 'none'")
-    picture = base64.b64encode(still).decode("ascii")
     # A "<" in JSON stands only in strings, where it may be written as a number: nothing in them can end the script.
     text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
     seen = {name: _escaped(text) for name, text in texts.items()}
-    return _SKELETON.format(policy="; ".join(policy), picture=picture, hidden="" if texts["about"] else " hidden",
+    return _SKELETON.format(policy="; ".join(policy), **parts, silent="" if texts["about"] else " hidden",
                             styles=_unbroken("\n".join(styles)), data=text, scripts=body, **seen)
 
 
@@ -402,18 +465,19 @@ _SKELETON = """<!doctype html>
 <body class="dnb-page">
 <header class="dnb-page-header">
 <h1>{title}</h1>
-<p class="dnb-page-about"{hidden}>{about}</p>
+<p class="dnb-page-about"{silent}>{about}</p>
 </header>
+{opening}
 <div class="dnb-page-alert" role="alert" hidden></div>
 <div class="dnb-page-controls" role="group" aria-label="Deformation"></div>
-<main class="dnb-page-main">
+<main class="dnb-page-main"{hidden}>
 <div class="dnb-page-picture"></div>
 <div class="dnb-page-volume">
-<img class="dnb-page-still" alt="{title}" src="data:image/png;base64,{picture}">
+{still}
 <p class="dnb-page-note" role="status" hidden></p>
 </div>
 </main>
-<noscript><p class="dnb-page-alert">This page needs JavaScript to be moved; a still picture is shown.</p></noscript>
+<noscript><p class="dnb-page-alert">This page needs JavaScript.</p></noscript>
 <footer class="dnb-page-footer">{facts}</footer>
 <script type="application/json" id="dnb-data">{data}</script>
 {scripts}

@@ -43,6 +43,7 @@ const PAGES = {
   access: ["app/access.js"],
   remote: ["app/remote.js", "view/live_view.css", "ui/compare.css", "view/volume_view.css", "app/remote.css"],
   standalone: ["standalone.js", "inputs/clip_sliders.css", "standalone.css"],
+  file_page: ["file_page.js", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],
 };
 
 const options = {

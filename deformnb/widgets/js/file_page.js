@@ -1,0 +1,423 @@
+// A page without Python in which a user opens a volume or a picture of their own: it is read here, and shown by the same
+// page as an exported volume. What was done is saved as the document that "deformnb replay" applies to the same file.
+// The data is written by deformnb/widgets/standalone.py: the traits of the widgets with a tiny volume, in whose place
+// the file's is put.
+
+import { Painter } from "./editor/painter.js";
+import { PICTURE_SUFFIXES, readPicture } from "./formats/pictures.js";
+import { FileError, shownText } from "./formats/reading.js";
+import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "./formats/volume_files.js";
+import { fieldAt } from "./maths/rigid_stages.js";
+import { decodedData, guarded, messageOf, pagePart, showOnPage, StandalonePage, textElement }
+  from "./standalone_page.js";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
+import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.js";
+import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.js";
+import { bytesOfVolume, cornerPoints, factorsOf, maximumProjection, packedPicture, pictureWindow, piecesOf, stillField,
+  tissueCheck, volumeInfo } from "./volume/packing.js";
+
+/** @import { Photograph } from "./formats/pictures.js" */
+/** @import { KnownSpacing, Volume } from "./formats/volume_files.js" */
+/** @import { Plane } from "./volume/grid.js" */
+/** @import { Measured } from "./volume/levels.js" */
+/** @import { Open, PageData } from "./standalone_page.js" */
+/** @import { Point } from "./types.d.ts" */
+
+/** @typedef {PageData & {known_spacings: KnownSpacing[]}} Template */
+
+/**
+ * A file that is open.
+ * @typedef {object} Opened
+ * @property {Volume} volume
+ * @property {Photograph | null} photograph
+ * @property {Measured} about
+ * @property {string | null} sha256 of the voxels, as Python makes it
+ * @property {Pick<PageData, "chunks"> & {packed: Open} | null} packed
+ */
+
+const STORED = "deformnb.page"; // the key of what was done last, in the browser's own store
+const KEPT = ["points", "next_id", "settings", "cuts", "parts"]; // traits of the editor
+const LONGEST_PICTURE = 4096; // pixels along a side of a picture that is saved
+const SIDE = "+y", PICTURE_SIDE = "+z";
+
+let editors = 0; // that were on the page: each has undo steps of its own
+
+/**
+ * The bytes of a PNG of pixels.
+ * @param {Uint8ClampedArray<ArrayBuffer>} rgba
+ * @param {number} width
+ * @param {number} height
+ */
+async function pngOf(rgba, width, height) {
+  const canvas = Object.assign(document.createElement("canvas"), { width, height });
+  canvas.getContext("2d")?.putImageData(new ImageData(rgba, width, height), 0, 0);
+  return new DataView(await (await blobOf(canvas)).arrayBuffer());
+}
+
+/** @param {HTMLCanvasElement} canvas @returns {Promise<Blob>} */
+function blobOf(canvas) {
+  return new Promise((resolve, reject) => canvas.toBlob((blob) => {
+    if (blob) resolve(blob);
+    else reject(new Error("the browser could not make the picture; there is not enough memory."));
+  }, "image/png"));
+}
+
+/**
+ * Read a file and prepare all that does not depend on the side it is seen from.
+ * @param {File} file
+ * @param {Template} template
+ * @param {(words: string, share: number) => void} report
+ * @param {AbortSignal} signal
+ * @returns {Promise<Opened>}
+ */
+async function openedFile(file, template, report, signal) {
+  const { name } = file, isPicture = PICTURE_SUFFIXES.some((suffix) => name.toLowerCase().endsWith(suffix));
+  if (!isPicture && !volumeSuffix(name)) {
+    throw new FileError(`${shownText(name)}: this page opens volumes (${VOLUME_SUFFIXES.join(", ")}) and pictures ` +
+      `(${PICTURE_SUFFIXES.join(", ")}). deformnb app opens more.`);
+  }
+  report(`Reading ${name}`, 0);
+  const photograph = isPicture ? await readPicture(file, name) : null;
+  const volume = photograph?.volume ?? await readVolume(file, name, { signal, knownSpacings: template.known_spacings,
+    progress: (share) => report(`Reading ${name}`, 0.6 * share) });
+  signal.throwIfAborted();
+  const sha256 = photograph && !photograph.isExact ? null : await voxelChecksum(volume);
+  const bad = repairedValues(volume.values);
+  if (bad) volume.notes.push(`${bad} voxels are not finite, shown as background`);
+  const about = measured(volume);
+  signal.throwIfAborted();
+  return { volume, photograph, about, sha256,
+    packed: photograph ? null : await packedVolume(volume, about, report, signal) };
+}
+
+/**
+ * @param {Volume} volume
+ * @param {Measured} about
+ * @param {(words: string, share: number) => void} report
+ * @param {AbortSignal} signal
+ */
+async function packedVolume(volume, about, report, signal) {
+  const transfer = specimen(volume, about), { window, share } = windowOf(volume, about, transfer);
+  const factors = factorsOf(volume.grid), grid = coarserGrid(volume.grid, factors), words = "Preparing the view";
+  const bytes = await bytesOfVolume(volume, factors, window, (done) => report(words, 0.6 + 0.2 * done), signal);
+  report(words, 0.85);
+  const chunks = await piecesOf(bytes, grid.shape, signal), id = crypto.getRandomValues(new Uint32Array(2)).join("-");
+  const table = tableOf(transfer, window[0], window[1]);
+  return { chunks, packed: { window, share, grid, id, unit: transfer.unit, table: new DataView(table.buffer) } };
+}
+
+/**
+ * The data of the page of an open file, seen from a side.
+ * @param {Template} template
+ * @param {Opened} opened
+ * @param {string} side
+ * @returns {Promise<PageData>}
+ */
+async function dataOf(template, opened, side) {
+  const { volume, photograph, about, packed } = opened, { grid } = volume, plane = planeAlong(grid, side);
+  const { image, raster, still } = photograph ? await colourPicture(photograph, plane)
+    : await greyPicture(volume, about, plane);
+  editors += 1;
+  const points = cornerPoints(grid, plane), diagonal = Math.hypot(...lengthsOf(grid));
+  const editor = { ...template.editor, uid: `standalone ${editors}`, image, raster, points, next_id: points.length, label: `Picture of ${volume.name}`,
+    lone_support: 0.25 * diagonal, settings: { ...template.editor.settings, chosen_support: null },
+    air: photograph ? null : volume.isLabels ? 0 : about.levels[1] };
+  const document = documentOf(template, opened, plane);
+  const data = { ...template, editor, document, still };
+  if (!packed) return { ...data, view: null, chunks: [] };
+  const { window, share, grid: shown, id, table, unit } = packed.packed, chunks = packed.chunks.length;
+  const { n, v } = plane, views = template.parameters.view.options.map((/** @type {string[]} */ [name]) => name);
+  const view = { ...template.view, label: `Volume ${volume.name}`, table, unit,
+    volume_info: volumeInfo(volume, about, { ...packed.packed, chunks, views, id, window, share, grid: shown }),
+    tissue_check: tissueCheck(volume, about, window),
+    camera: { direction: [...n], up: v.map((x) => -x), zoom: 1, pan: [0, 0] }, clip: [[0, 1], [0, 1], [0, 1]] };
+  return { ...data, view, chunks: packed.chunks, field: stillField(grid, shown, plane),
+    cut_off: template.cut_off && { ...template.cut_off, sides: sideNames(grid) } };
+}
+
+/** @param {Volume} volume @param {Measured} about @param {Plane} plane */
+async function greyPicture(volume, about, plane) {
+  const pixels = maximumProjection(volume, plane), raster = voxelRaster(volume.grid, plane), [high, wide] = raster.shape;
+  const { rgba, facts } = packedPicture(pixels, pictureWindow(pixels, volume, about));
+  const image = await pngOf(rgba, wide, high), [black, white] = facts.window, [low, most] = facts.range;
+  const numbers = facts.channels === 1 ? 255 : 65535, seen = new Uint8ClampedArray(rgba.length);
+  for (let k = 0; k < rgba.length; k += 4) {
+    const number = facts.channels === 1 ? rgba[k] : 256 * rgba[k] + rgba[k + 1];
+    const grey = 255 * (low + (most - low) * number / numbers - black) / (white - black);
+    seen.set([grey, grey, grey, 255], k);
+  }
+  return { image, still: await pngOf(seen, wide, high),
+    raster: { ...raster, ...facts, unit: about.hounsfield ? "HU" : "", lengths: unitOf(volume.grid) } };
+}
+
+/** @param {Photograph} photograph @param {Plane} plane */
+async function colourPicture({ shown: { rgba, width, height, factor }, volume }, plane) {
+  const { spacing: [du, dv], origin: [a, b] } = voxelRaster(volume.grid, plane), off = (factor - 1) / 2;
+  const image = await pngOf(rgba, width, height);
+  return { image, still: image, raster: { shape: [height, width], spacing: [factor * du, factor * dv],
+    origin: [a + off * du, b + off * dv], channels: 3, lengths: "voxels" } };
+}
+
+/** @param {Template} template @param {Opened} opened @param {Plane} plane */
+function documentOf({ document }, { volume: { name, grid }, sha256 }, { origin, u, v }) {
+  if (!document) throw new Error("the page holds no document");
+  const { chosen_support: _, ...step } = document.steps[0], { shape, spacing, direction } = grid;
+  const volume = sha256 && { name, shape, spacing, sha256, origin: grid.origin, direction };
+  return { ...document, name, volume, steps: [{ ...step, plane: { origin, u, v } }] };
+}
+
+/** A page of an open file. */
+class FilePage extends StandalonePage {
+  /**
+   * @param {PageData} data
+   * @param {Open} widgets
+   * @param {string} name of the file without suffix
+   */
+  constructor(data, widgets, name) {
+    super(data, widgets);
+    this.name = name;
+    this.isSaved = true;
+  }
+
+  get downloads() { return "Download session"; }
+
+  get fileName() { return this.name.replace(/[^\p{L}\p{N}._ -]/gu, "_") || "deformation"; }
+
+  addButtons() {
+    const bar = pagePart("buttons");
+    this.button(bar, "Download picture", "the deformed picture as PNG", () => this.#savePicture());
+    if (this.view && !this.isStill) {
+      this.button(bar, "Download rendering", "the volume as it is seen here, as PNG", () => this.#saveRendering());
+    }
+  }
+
+  download() {
+    super.download();
+    this.isSaved = true;
+  }
+
+  /** The editor that is on the page. @returns {any} */
+  get #editorView() { return /** @type {any} */ (pagePart("picture").querySelector(".dnb-editor"))?.deformnb; }
+
+  /**
+   * Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken.
+   * @param {[number, number][]} places
+   */
+  displacements(places) { return places.map(([a, b]) => fieldAt(this.#editorView.fit, a, b)); }
+
+  async #savePicture() {
+    const editor = this.#editorView, { source } = editor.painter;
+    if (!source) return;
+    const { raster: { shape: [rows, columns], spacing: [du, dv] }, box: [a0, a1, b0, b1] } = source;
+    const longest = Math.max(a1 - a0, b1 - b0), k = Math.min(Math.max(1 / du, 1 / dv), LONGEST_PICTURE / longest,
+      2 * Math.max(rows, columns) / longest);
+    const painter = new Painter(document.createElement("canvas")), width = (a1 - a0) * k, height = (b1 - b0) * k;
+    Object.assign(painter, { source, colours: editor.painter.colours });
+    painter.resize(width, height, 1);
+    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.layered, { isMoving: false,
+      paper: "#000000" });
+    saveFile(await blobOf(painter.canvas), `${this.fileName} deformed.png`);
+  }
+
+  async #saveRendering() {
+    const view = /** @type {any} */ (pagePart("volume").querySelector(".dnb-view"))?.deformnb;
+    if (!view?.loop) return;
+    view.loop.drawNow(2);
+    saveFile(await blobOf(view.canvas), `${this.fileName} volume.png`);
+  }
+}
+
+/** The page, with a file or without. */
+class FileOpener {
+  /**
+   * @param {Template} template
+   * @param {Open} widgets
+   */
+  constructor(template, widgets) {
+    this.template = template;
+    this.widgets = widgets;
+    /** @type {FilePage | null} */
+    this.page = null;
+    /** @type {Opened | null} */
+    this.opened = null;
+    this.side = SIDE;
+    /** @type {AbortController | null} */
+    this.work = null;
+    const root = pagePart("open");
+    this.chooser = pageElement("input", "", root, { type: "file", hidden: "", "aria-label": "A volume or a picture" });
+    this.button = textElement("button", "dnb-page-button dnb-page-choose", root, { type: "button", ...OWN_KEYS },
+      "Open a file\u2026");
+    this.words = textElement("span", "dnb-page-words", root, { role: "status" },
+      `or drop one here: a volume (${VOLUME_SUFFIXES.join(", ")}) or a picture (${PICTURE_SUFFIXES.join(", ")}). ` +
+      "It stays on this device.");
+    const { label, tooltip, options } = this.template.parameters.view;
+    this.sideBox = pageElement("label", "dnb-page-field", root, { hidden: "", title: tooltip });
+    textElement("span", "dnb-page-label", this.sideBox, {}, label);
+    this.sides = pageElement("select", "dnb-page-select", this.sideBox, { name: "side", ...OWN_KEYS });
+    for (const [value, text] of options) textElement("option", "", this.sides, { value }, text);
+    this.bar = pageElement("progress", "dnb-page-progress", root, { max: 1, hidden: "",
+      "aria-label": "share that is done" });
+    this.cancel = textElement("button", "dnb-page-button", root, { type: "button", hidden: "", ...OWN_KEYS }, "Cancel");
+    this.button.addEventListener("click", () => this.chooser.click());
+    this.cancel.addEventListener("click", () => this.work?.abort());
+    this.chooser.addEventListener("change", () => {
+      const [file] = this.chooser.files ?? [];
+      if (file) this.open(file);
+      this.chooser.value = ""; // the same file can be chosen again
+    });
+    this.sides.addEventListener("change", () => this.turn(this.sides.value));
+    this.#takeDrops();
+    window.addEventListener("beforeunload", (event) => { if (this.isUnsaved) event.preventDefault(); });
+  }
+
+  get isUnsaved() { return Boolean(this.page && !this.page.isSaved); }
+
+  #takeDrops() {
+    const veil = (/** @type {boolean} */ isOver) => document.body.classList.toggle("dnb-page-over", isOver);
+    const hasFiles = (/** @type {DragEvent} */ { dataTransfer }) => Boolean(dataTransfer?.types.includes("Files"));
+    window.addEventListener("dragover", (event) => {
+      if (!hasFiles(event)) return;
+      event.preventDefault();
+      veil(true);
+    });
+    window.addEventListener("dragleave", (event) => { if (!event.relatedTarget) veil(false); });
+    window.addEventListener("drop", (event) => {
+      if (!hasFiles(event)) return;
+      event.preventDefault();
+      veil(false);
+      const [file] = event.dataTransfer?.files ?? [];
+      if (file) this.open(file);
+    });
+  }
+
+  /** @param {string} words @param {number} share */
+  #report(words, share) {
+    const isBusy = share < 1;
+    this.words.textContent = isBusy ? `${words} \u2026` : words;
+    this.bar.value = share;
+    this.bar.hidden = this.cancel.hidden = !isBusy;
+    this.button.disabled = this.sides.disabled = isBusy;
+    this.sideBox.hidden = !this.opened || Boolean(this.opened.photograph) || isBusy;
+  }
+
+  /**
+   * Open a file in place of the one that is open, which stays where the new one cannot be read.
+   * @param {File} file
+   */
+  async open(file) {
+    if (this.work) return;
+    if (this.isUnsaved && !window.confirm(`Open ${file.name}? What you did is not downloaded yet.`)) return;
+    const work = new AbortController(), before = this.words.textContent ?? "";
+    this.work = work;
+    showOnPage("");
+    try {
+      const opened = await openedFile(file, this.template, (words, share) => this.#report(words, share), work.signal);
+      const stored = storedWork(opened), side = stored?.side ?? (opened.photograph ? PICTURE_SIDE : SIDE);
+      const data = await dataOf(this.template, opened, side);
+      work.signal.throwIfAborted();
+      this.opened = opened;
+      this.side = side;
+      await this.#show(data, stored);
+      this.#report(this.#facts(Boolean(stored)), 1);
+    } catch (error) {
+      this.#report(before, 1);
+      if (work.signal.aborted) return;
+      if (!(error instanceof FileError)) console.error(error);
+      showOnPage(error instanceof RangeError ? `${shownText(file.name)}: there is not enough memory for it; save it coarser.`
+        : `${messageOf(error)}`);
+    } finally { this.work = null; }
+  }
+
+  /** See the volume from another side, without points. @param {string} side */
+  async turn(side) {
+    const { opened, sides } = this;
+    if (!opened || this.work || side === this.side) return;
+    if (this.isUnsaved && !window.confirm("See it from another side? The points of this side are not downloaded yet.")) {
+      sides.value = this.side;
+      return;
+    }
+    try {
+      const data = await dataOf(this.template, opened, side);
+      this.side = side;
+      await this.#show(data, null);
+      this.#report(this.#facts(false), 1);
+    } catch (error) {
+      console.error(error);
+      sides.value = this.side;
+      showOnPage(`${messageOf(error)}`);
+    }
+  }
+
+  /**
+   * @param {PageData} data
+   * @param {Open | null} stored
+   */
+  async #show(data, stored) {
+    const { opened } = this;
+    if (!opened) return;
+    this.page?.close();
+    document.title = `${opened.volume.name} \u2013 deformnb`;
+    pagePart("main").hidden = false;
+    pagePart("about").hidden = true; // room for the picture
+    this.sides.value = this.side;
+    const page = new FilePage(data, this.widgets, opened.volume.name);
+    this.page = page;
+    Object.assign(document.body, { deformnb: page }); // for tests and for debugging
+    await page.open();
+    page.addButtons();
+    if (stored) {
+      page.editor.update(Object.fromEntries(KEPT.map((name) => [name, stored[name] ?? page.editor.get(name)])));
+    }
+    for (const name of KEPT) page.editor.on(`change:${name}`, () => this.#keep(page));
+    page.fit();
+  }
+
+  /** @param {boolean} isRestored */
+  #facts(isRestored) {
+    const { volume, photograph } = /** @type {Opened} */ (this.opened), { grid, notes } = volume;
+    const size = grid.shape.toReversed(), words = photograph ? [`${size[0]} x ${size[1]} pixels`]
+      : [`${size.join(" x ")} voxels of ${grid.spacing.map((s) => Number(s.toPrecision(4))).join(" x ")}${
+        unitOf(grid) === "mm" ? " mm" : ""}`];
+    if (volume.isLabels) words.push("labels");
+    return [`${volume.name}: ${words.join(", ")}`, ...notes,
+      ...(isRestored ? ["the points of last time are back; Reset puts them back"] : [])].join(". ");
+  }
+
+  /** Keeps what was done, for the case that the page is closed by mistake. @param {FilePage} page */
+  #keep(page) {
+    if (page !== this.page || !this.opened) return;
+    page.isSaved = false;
+    const kept = Object.fromEntries(KEPT.map((name) => [name, page.editor.get(name)]));
+    try {
+      localStorage.setItem(STORED, JSON.stringify({ of: nameOf(this.opened), side: this.side, ...kept }));
+    } catch { /* a browser that keeps nothing for a file, or has no room */ }
+  }
+}
+
+/** What tells one open file from another. @param {Opened} opened */
+function nameOf({ volume: { name, grid }, sha256 }) { return sha256 ?? `${name} ${grid.shape.join(" ")}`; }
+
+/**
+ * What was done to a file last time, if the browser has kept it.
+ * @param {Opened} opened
+ * @returns {Open | null}
+ */
+function storedWork(opened) {
+  try {
+    const stored = JSON.parse(localStorage.getItem(STORED) ?? "null");
+    const isPoint = (/** @type {Point} */ p) => [p.source, p.target].every((place) =>
+      place.length === 2 && place.every(Number.isFinite));
+    return stored?.of === nameOf(opened) && stored.points.every(isPoint) ? stored : null;
+  } catch { return null; }
+}
+
+async function openPage() {
+  const template = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  const widgets = /** @type {any} */ (globalThis)[Symbol.for("deformnb.standalone")];
+  Object.assign(document.body, { opener: new FileOpener(template, widgets) }); // for tests and for debugging
+}
+
+openPage().catch((error) => {
+  console.error(error);
+  guarded(() => showOnPage(`This page could not be opened: ${messageOf(error)}`));
+});

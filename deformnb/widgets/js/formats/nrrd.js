@@ -1,0 +1,231 @@
+// NRRD in one file (.nrrd), by the rules of deformnb/io/nrrd.py. Source: the definition of the NRRD file format of Teem.
+
+import { cross } from "../maths/camera.js";
+import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.js";
+
+/** @import { VoxelType } from "./reading.js" */
+/** @import { Header } from "./volume_files.js" */
+/** @import { Vector3 } from "../types.d.ts" */
+
+/** @type {Record<VoxelType, string[]>} */
+const TYPES = {
+  i1: ["signed char", "int8", "int8_t"],
+  u1: ["uchar", "unsigned char", "uint8", "uint8_t"],
+  i2: ["short", "short int", "signed short", "signed short int", "int16", "int16_t"],
+  u2: ["ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"],
+  i4: ["int", "signed int", "int32", "int32_t"],
+  u4: ["uint", "unsigned int", "uint32", "uint32_t"],
+  i8: ["longlong", "long long", "long long int", "signed long long", "signed long long int", "int64", "int64_t"],
+  u8: ["ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"],
+  f4: ["float"],
+  f8: ["double"],
+};
+
+/** What turns each space into left-posterior-superior. @type {Record<string, Vector3>} */
+const SPACES = { "left-posterior-superior": [1, 1, 1], lps: [1, 1, 1], "right-anterior-superior": [-1, -1, 1],
+  ras: [-1, -1, 1], "left-anterior-superior": [1, -1, 1], las: [1, -1, 1], "scanner-xyz": [1, 1, 1],
+  "3d-right-handed": [1, 1, 1], "3d-left-handed": [1, 1, 1] };
+const PLACES = ["domain", "space", "???", "none"]; // kinds of axes in space
+const MOST_SKIPPED = 2 ** 26;
+
+/** @typedef {Record<string, string>} Texts */
+
+/** @param {Uint8Array} data */
+function fieldsOf(data) {
+  const text = new TextDecoder("latin1").decode(data); // a byte is a character, so that places are counted in bytes
+  if (!text.startsWith("NRRD000")) throw new FileError("this is not a NRRD file: it does not begin with NRRD000.");
+  const end = /\r?\n\r?\n/.exec(text);
+  if (!end) throw new FileError("its header has no end (an empty line); it is cut short or damaged.");
+  /** @type {Texts} */
+  const fields = {}, /** @type {Texts} */ keys = {};
+  for (const line of text.slice(0, end.index).split(/\r?\n/).slice(1)) {
+    if (line.startsWith("#") || !line.trim()) continue;
+    const assign = line.indexOf(":=");
+    if (assign >= 0 && !line.slice(0, assign).includes(": ")) {
+      keys[line.slice(0, assign).trim()] = line.slice(assign + 2).trim();
+      continue;
+    }
+    const colon = line.indexOf(":"), name = line.slice(0, Math.max(0, colon)).trim().toLowerCase().replaceAll(" ", "");
+    if (colon < 0 || Object.hasOwn(fields, name)) {
+      const why = colon < 0 ? "is neither 'field: value' nor 'key:=value'" : "appears twice";
+      throw new FileError(`the header's line '${shownText(line)}' ${why}.`);
+    }
+    fields[name] = line.slice(colon + 1).trim();
+  }
+  return { fields, keys, end: end.index + end[0].length };
+}
+
+/**
+ * The header of a file.
+ * @param {Blob} blob
+ * @returns {Promise<Header>}
+ */
+export async function nrrdHeader(blob) {
+  const { fields, keys, end } = fieldsOf(new Uint8Array(await blob.slice(0, HEADER_BYTES).arrayBuffer()));
+  for (const name of ["dimension", "type", "sizes", "encoding"]) {
+    if (!Object.hasOwn(fields, name)) throw new FileError(`its header lacks the field '${name}'.`);
+  }
+  const { type, isBig } = typeOf(fields), [dimension] = integersOf("dimension", fields.dimension, 1);
+  if (!(dimension >= 1 && dimension <= 16)) {
+    throw new FileError(`the field 'dimension' is ${dimension}; a volume has 3.`);
+  }
+  const sizes = integersOf("sizes", fields.sizes, dimension), axes = placesOf(fields, sizes);
+  /** @type {string[]} */
+  const notes = [], shape = volumeShape(axes.map((axis) => sizes[axis]), Number(type[1]), notes);
+  const count = shape[0] * shape[1] * shape[2], from = await beginningOf(blob, fields, end, count * Number(type[1]));
+  return { shape, type, isBig, slope: 1, intercept: 0, ...placeOfVoxels(fields, axes, dimension),
+    isLabels: keys.deformnb_labels === "yes" || Object.hasOwn(keys, "Segment0_LabelValue"), notes,
+    read: async (work) => {
+      const reader = new ByteReader(blob.slice(from.offset), from.isPacked);
+      await reader.skip(from.skip);
+      return reader.voxels(type, isBig, count, from.skip, work);
+    } };
+}
+
+/** @param {Texts} fields */
+function typeOf(fields) {
+  const name = fields.type.toLowerCase().split(/\s+/).join(" ");
+  const type = /** @type {VoxelType | undefined} */ (Object.entries(TYPES).find(([, names]) => names.includes(name))?.[0]);
+  if (!type) {
+    throw new FileError(`the voxel type '${shownText(fields.type)}' is not supported; save one number per voxel.`);
+  }
+  const endian = (fields.endian ?? "").toLowerCase();
+  if (type[1] !== "1" && !["little", "big"].includes(endian)) {
+    throw new FileError(`the field 'endian' is '${shownText(endian)}' but must be little or big.`);
+  }
+  return { type, isBig: endian === "big" };
+}
+
+/**
+ * Indices of the axes x, y and z.
+ * @param {Texts} fields
+ * @param {number[]} sizes
+ */
+function placesOf(fields, sizes) {
+  let kinds = fields.kinds !== undefined ? fields.kinds.toLowerCase().split(/\s+/).filter(Boolean)
+    : sizes.map(() => "domain");
+  if (fields.spacedirections !== undefined) {
+    const vectors = vectorsOf("space directions", fields.spacedirections);
+    if (vectors.length !== sizes.length) {
+      throw new FileError(`the field 'space directions' has ${vectors.length} vectors for ${sizes.length} axes.`);
+    }
+    if (kinds.length === sizes.length) kinds = kinds.map((kind, k) => (vectors[k] ? kind : "list"));
+  }
+  if (kinds.length !== sizes.length) {
+    throw new FileError(`the field 'kinds' names ${kinds.length} axes but there are ${sizes.length}.`);
+  }
+  const every = sizes.map((_, axis) => axis), places = every.filter((axis) => PLACES.includes(kinds[axis]));
+  const other = every.filter((axis) => !places.slice(0, 3).includes(axis));
+  if (other.some((axis) => sizes[axis] !== 1)) {
+    throw new FileError(`a volume has three axes in space but this file has (${sizes.map((size, k) =>
+      `${shownText(kinds[k])}: ${size}`).join(", ")}). Save one channel or one time point as a file of its own and ` +
+      "open that.");
+  }
+  return places.slice(0, 3);
+}
+
+/**
+ * @param {string} field
+ * @param {string} text
+ * @returns {(number[] | null)[]}
+ */
+function vectorsOf(field, text) {
+  const words = text.match(/none|\([^()]*\)/gi) ?? [];
+  if (text.replace(/none|\([^()]*\)|\s/gi, "")) {
+    throw new FileError(`the field '${field}' should be vectors like (1,0,0) but is '${shownText(text)}'.`);
+  }
+  return words.map((word) => (word[0] === "(" ? floatsOfText(field, word.slice(1, -1).replaceAll(",", " ")) : null));
+}
+
+/**
+ * Where the voxels begin.
+ * @param {Blob} blob
+ * @param {Texts} fields
+ * @param {number} end of the header
+ * @param {number} expected bytes
+ */
+async function beginningOf(blob, fields, end, expected) {
+  const encoding = fields.encoding.toLowerCase(), isPacked = ["gzip", "gz"].includes(encoding);
+  if (!isPacked && encoding !== "raw") {
+    throw new FileError(`the encoding '${shownText(encoding)}' is not supported; save it as raw or gzip.`);
+  }
+  if (fields.datafile !== undefined) {
+    throw new FileError("its voxels are in another file, which a page cannot open by itself; save both as one .nrrd.");
+  }
+  const [lines] = integersOf("line skip", fields.lineskip ?? "0", 1);
+  const [skip] = integersOf("byte skip", fields.byteskip ?? "0", 1);
+  if (!(lines >= 0 && lines <= HEADER_BYTES && skip >= -1 && skip <= MOST_SKIPPED) || (skip === -1 && isPacked)) {
+    throw new FileError(`the fields 'line skip' (${lines}) and 'byte skip' (${skip}) are not usable.`);
+  }
+  let offset = end;
+  if (lines) {
+    const data = new Uint8Array(await blob.slice(end, end + HEADER_BYTES).arrayBuffer());
+    let at = 0;
+    for (let k = 0; k < lines; k++) {
+      at = data.indexOf(10, at) + 1;
+      if (at === 0) {
+        throw new FileError(`the field 'line skip' is ${lines} but the data have fewer lines in their first MiB.`);
+      }
+    }
+    offset += at;
+  }
+  if (skip === -1) return { offset: Math.max(offset, blob.size - expected), skip: 0, isPacked };
+  return { offset, skip, isPacked };
+}
+
+/**
+ * @param {Texts} fields
+ * @param {number[]} axes
+ * @param {number} dimension
+ * @returns {{affine: number[][] | null, spacing: Vector3, origin: Vector3, direction: Vector3[]}}
+ */
+function placeOfVoxels(fields, axes, dimension) {
+  const space = (fields.space ?? "").toLowerCase();
+  if (space && !Object.hasOwn(SPACES, space)) {
+    throw new FileError(`the space '${shownText(space)}' is not supported; save it in left-posterior-superior.`);
+  }
+  const signs = SPACES[space] ?? [1, 1, 1];
+  const [first] = fields.spaceorigin !== undefined ? vectorsOf("space origin", fields.spaceorigin) : [];
+  const corner = /** @type {Vector3} */ (three("space origin", first === undefined ? [0, 0, 0] : first)
+    .map((x, k) => x * signs[k]));
+  const direction = /** @type {Vector3[]} */ ([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+  if (fields.spacedirections === undefined) {
+    const { spacing, origin } = spacingsOf(fields, axes, dimension);
+    return { affine: null, spacing, origin: first === undefined ? origin : corner, direction };
+  }
+  const vectors = vectorsOf("space directions", fields.spacedirections);
+  const columns = axes.map((axis) => three("space directions", vectors[axis]).map((x, k) => x * signs[k]));
+  while (columns.length < 3) { // a single picture: its normal, of length 1
+    const normal = columns.length === 2 ? cross(columns[0], columns[1]) : [0, 0, 0];
+    const length = Math.hypot(...normal) || 1;
+    columns.push(normal.map((x) => x / length));
+  }
+  const affine = [0, 1, 2].map((i) => [...columns.map((c) => c[i]), corner[i]]);
+  return { affine, spacing: [1, 1, 1], origin: corner, direction };
+}
+
+/** @param {string} field @param {number[] | null | undefined} vector */
+function three(field, vector) {
+  if (!vector || ![2, 3, 4].includes(vector.length)) {
+    throw new FileError(`the field '${field}' should have vectors of three numbers.`);
+  }
+  return [...vector, 0].slice(0, 3);
+}
+
+/**
+ * @param {Texts} fields
+ * @param {number[]} axes
+ * @param {number} dimension
+ */
+function spacingsOf(fields, axes, dimension) {
+  const perAxis = (/** @type {string} */ name, /** @type {string} */ shown, /** @type {number} */ missing) => {
+    if (fields[name] === undefined) return [missing, missing, missing];
+    const values = floatsOfText(shown, fields[name], dimension);
+    return [...axes.map((axis) => values[axis]), missing, missing].slice(0, 3);
+  };
+  const spacing = /** @type {Vector3} */ (perAxis("spacings", "spacings", 1)), least = perAxis("axismins", "axis mins", 0);
+  const centres = (fields.centers ?? fields.centerings ?? "").toLowerCase().split(/\s+/).filter(Boolean);
+  // "axis min" is the border of a cell, or the place of a node.
+  const first = least.map((low, k) => low + (centres[axes[k]] === "cell" ? spacing[k] / 2 : 0));
+  return { spacing, origin: /** @type {Vector3} */ (first.every(Number.isFinite) ? first : [0, 0, 0]) };
+}

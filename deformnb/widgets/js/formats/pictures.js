@@ -1,0 +1,107 @@
+// Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/images.py reads them: grey values by ITU-R 601 as Pillow
+// rounds them, turned as the camera says, rows along y. The browser unpacks them.
+
+import { checkedGrid } from "../volume/grid.js";
+import { FileError, shownText } from "./reading.js";
+
+/** @import { Volume } from "./volume_files.js" */
+
+/** Suffixes of pictures. */
+export const PICTURE_SUFFIXES = [".png", ".jpg", ".jpeg"];
+const MOST_PIXELS = 2 ** 26; // 67 million; phones take pictures of 12 to 50
+const SHOWN = 2048; // pixels along a side that the editor shows
+
+/**
+ * @typedef {object} Photograph
+ * @property {Volume} volume
+ * @property {boolean} isExact whether Python reads the very same values
+ * @property {{rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number, factor: number}} shown the picture in
+ *   its colours, averaged over squares of so many pixels
+ */
+
+/**
+ * Width and height in the header of a PNG or a JPEG, and whether every browser finds the same grey values as Pillow.
+ * @param {Uint8Array} data
+ */
+export function pictureSize(data) {
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  if (data.length >= 33 && view.getUint32(0) === 0x89504e47 && view.getUint32(4) === 0x0d0a1a0a) {
+    const text = new TextDecoder("latin1").decode(data.subarray(0, 2 ** 16)), [depth, colour] = data.subarray(24, 26);
+    const isExact = depth <= 8 && [0, 2, 3].includes(colour) && !/tRNS|gAMA|iCCP|eXIf|cICP/.test(text);
+    return { width: view.getUint32(16), height: view.getUint32(20), isExact };
+  }
+  if (data.length >= 4 && view.getUint16(0) === 0xffd8) {
+    for (let at = 2; at + 9 < data.length;) {
+      const mark = view.getUint16(at);
+      if (mark < 0xff00) break;
+      const isFrame = mark >= 0xffc0 && mark <= 0xffcf && ![0xffc4, 0xffc8, 0xffcc].includes(mark);
+      if (isFrame) return { width: view.getUint16(at + 7), height: view.getUint16(at + 5), isExact: false };
+      at += mark === 0xffff ? 1 : 2 + view.getUint16(at + 2);
+    }
+  }
+  throw new FileError("it is cut short or no picture (PNG or JPEG).");
+}
+
+/**
+ * The picture of a file.
+ * @param {Blob} blob
+ * @param {string} name
+ * @returns {Promise<Photograph>}
+ */
+export async function readPicture(blob, name) {
+  try {
+    const { width, height, isExact } = pictureSize(new Uint8Array(await blob.slice(0, 2 ** 22).arrayBuffer()));
+    if (width < 1 || height < 1 || width * height > MOST_PIXELS) {
+      throw new FileError(`it has ${width} x ${height} pixels, and this page holds ${MOST_PIXELS}; make it smaller.`);
+    }
+    return { ...await decoded(blob, name), isExact };
+  } catch (error) {
+    if (error instanceof FileError) throw new FileError(`${shownText(name)}: ${error.message}`);
+    throw error;
+  }
+}
+
+/** @param {Blob} blob @param {string} name */
+async function decoded(blob, name) {
+  let bitmap;
+  try {
+    bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none",
+      imageOrientation: "from-image" });
+  } catch { throw new FileError("the browser cannot read it; it is damaged or cut short."); }
+  const { width, height } = bitmap, canvas = Object.assign(document.createElement("canvas"), { width, height });
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  if (!context) throw new FileError("there is not enough memory for it; make it smaller.");
+  context.drawImage(bitmap, 0, 0);
+  bitmap.close();
+  const rgba = context.getImageData(0, 0, width, height).data, values = new Uint8Array(width * height);
+  for (let k = 0; k < values.length; k++) {
+    values[k] = (rgba[4 * k] * 19595 + rgba[4 * k + 1] * 38470 + rgba[4 * k + 2] * 7471 + 0x8000) >> 16;
+  }
+  const grid = checkedGrid([1, height, width], [1, 1, 1], [0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+  const volume = { name: name.replace(/\.[^.]*$/, "") || name, grid, values, dtype: "uint8", isLabels: false, notes: [] };
+  return { volume, shown: averaged(rgba, width, height) };
+}
+
+/**
+ * @param {Uint8ClampedArray<ArrayBuffer>} rgba
+ * @param {number} width
+ * @param {number} height
+ */
+function averaged(rgba, width, height) {
+  const factor = Math.max(1, Math.ceil(Math.max(width, height) / SHOWN));
+  if (factor === 1) return { rgba, width, height, factor };
+  const w = Math.floor(width / factor), h = Math.floor(height / factor), out = new Uint8ClampedArray(4 * w * h);
+  for (let y = 0; y < h; y++) {
+    for (let x = 0; x < w; x++) {
+      for (let part = 0; part < 4; part++) {
+        let sum = 0;
+        for (let j = 0; j < factor; j++) {
+          const row = 4 * ((y * factor + j) * width + x * factor) + part;
+          for (let i = 0; i < factor; i++) sum += rgba[row + 4 * i];
+        }
+        out[4 * (y * w + x) + part] = sum / factor / factor;
+      }
+    }
+  }
+  return { rgba: out, width: w, height: h, factor };
+}

@@ -1,0 +1,155 @@
+// Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels.
+
+import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.js";
+import { niftiHeader } from "./nifti.js";
+import { nrrdHeader } from "./nrrd.js";
+import { FileError, shownText } from "./reading.js";
+
+/** @import { VoxelType, Work } from "./reading.js" */
+/** @import { Grid } from "../volume/grid.js" */
+/** @import { Vector3 } from "../types.d.ts" */
+
+/**
+ * All that is known of a file before any voxel is read.
+ * @typedef {object} Header
+ * @property {Vector3} shape [nz, ny, nx]
+ * @property {VoxelType} type
+ * @property {boolean} isBig whether the highest byte comes first
+ * @property {number} slope voxels mean slope * stored + intercept
+ * @property {number} intercept
+ * @property {number[][] | null} affine of the indices, three rows of four numbers; null where spacing, origin and
+ *   direction are stated instead
+ * @property {Vector3} spacing
+ * @property {Vector3} origin
+ * @property {Vector3[]} direction
+ * @property {boolean} isLabels
+ * @property {string[]} notes
+ * @property {(work: Work) => Promise<any>} read the voxels as they are stored
+ */
+
+/** @typedef {Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array | Float64Array} Values */
+
+/**
+ * @typedef {object} Volume
+ * @property {string} name
+ * @property {Grid} grid
+ * @property {Values} values [z, y, x] in one row
+ * @property {string} dtype NumPy's name of their type
+ * @property {boolean} isLabels
+ * @property {string[]} notes
+ */
+
+/**
+ * A row of deformnb/volume/known_spacings.json: a public volume whose files state a wrong spacing.
+ * @typedef {{title: string, shape: number[], dtype: string, sha256: string, header_spacing: number[],
+ *   spacing: Vector3, reason: string}} KnownSpacing
+ */
+
+/** @type {Record<string, (blob: Blob) => Promise<Header>>} */
+const FORMATS = { ".nii": niftiHeader, ".nii.gz": niftiHeader, ".nrrd": nrrdHeader };
+/** Suffixes of volumes. */
+export const VOLUME_SUFFIXES = Object.keys(FORMATS);
+
+/** @type {Record<VoxelType, string>} */
+const NAMES = { u1: "uint8", i1: "int8", u2: "uint16", i2: "int16", u4: "uint32", i4: "int32", u8: "uint64", i8: "int64",
+  f4: "float32", f8: "float64" };
+
+/** @param {string} name of a file */
+export function volumeSuffix(name) {
+  return VOLUME_SUFFIXES.filter((suffix) => name.toLowerCase().endsWith(suffix)).at(-1) ?? null;
+}
+
+/**
+ * A volume of a file.
+ * @param {Blob} blob
+ * @param {string} name
+ * @param {Work & {knownSpacings?: KnownSpacing[]}} [work]
+ * @returns {Promise<Volume>}
+ */
+export async function readVolume(blob, name, work = {}) {
+  try {
+    const suffix = volumeSuffix(name);
+    if (!suffix) throw new FileError(`this is no kind of volume that is read here (${VOLUME_SUFFIXES.join(", ")}).`);
+    const header = await FORMATS[suffix](blob), grid = gridOf(header);
+    const { values, dtype } = loaded(await header.read(work), header);
+    const { isLabels, notes } = header;
+    const volume = { name: name.slice(0, -suffix.length) || name, grid, values, dtype, isLabels, notes };
+    return await withTrueSpacing(volume, work.knownSpacings ?? []);
+  } catch (error) {
+    if (error instanceof FileError || error instanceof GridError) {
+      throw new FileError(`${shownText(name)}: ${error.message}`);
+    }
+    throw error;
+  }
+}
+
+/** @param {Header} header */
+function gridOf({ shape, affine, spacing, origin, direction, notes }) {
+  return affine ? gridOfAffine(shape, affine) : straightenedGrid(shape, spacing, origin, direction, notes);
+}
+
+/**
+ * The values that stored voxels mean, in the type in which Python holds them.
+ * @param {any} stored
+ * @param {Header} header
+ */
+function loaded(stored, { type, slope, intercept, notes }) {
+  if (slope !== 1 || intercept !== 0) {
+    const isWide = ["i4", "u4", "i8", "u8", "f8"].includes(type);
+    const values = isWide ? new Float64Array(stored.length) : new Float32Array(stored.length);
+    for (let k = 0; k < values.length; k++) values[k] = Number(stored[k]) * slope + intercept;
+    return { values, dtype: isWide ? "float64" : "float32" };
+  }
+  if (!["u4", "i8", "u8"].includes(type)) return { values: /** @type {Values} */ (stored), dtype: NAMES[type] };
+  let low = stored[0], high = stored[0];
+  for (const value of stored) { if (value < low) low = value; if (value > high) high = value; }
+  const fits = low >= -(2 ** 31) && high < 2 ** 31;
+  const values = fits ? new Int32Array(stored.length) : new Float64Array(stored.length);
+  for (let k = 0; k < values.length; k++) {
+    values[k] = Number(stored[k]);
+    if (typeof stored[k] === "bigint" && BigInt(values[k]) !== stored[k]) {
+      throw new FileError(`voxels of type ${NAMES[type]} from ${low} to ${high}: neither int32 nor float64 holds all of ` +
+        "them exactly. Subtract an offset or number the labels anew first.");
+    }
+  }
+  const dtype = fits ? "int32" : "float64";
+  notes.push(`voxels of type ${NAMES[type]} became ${dtype}; no value changed`);
+  return { values, dtype };
+}
+
+/**
+ * SHA-256 of a volume's type, shape and voxels as deformnb/volume/volume.py makes it; null where the browser makes none,
+ * as on pages of a server without encryption.
+ * @param {Volume} volume
+ */
+export async function voxelChecksum({ values, dtype, grid: { shape } }) {
+  const subtle = globalThis.crypto?.subtle;
+  if (!subtle) return null;
+  const about = new TextEncoder().encode(`${dtype} (${shape.join(", ")}) `);
+  try {
+    const all = new Uint8Array(about.length + values.byteLength);
+    all.set(about);
+    all.set(new Uint8Array(values.buffer, values.byteOffset, values.byteLength), about.length);
+    const digest = new Uint8Array(await subtle.digest("SHA-256", all));
+    return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  } catch { // not enough memory for the copy: the document goes without
+    return null;
+  }
+}
+
+/**
+ * @param {Volume} volume
+ * @param {KnownSpacing[]} known
+ */
+async function withTrueSpacing(volume, known) {
+  const { grid, dtype } = volume;
+  const likely = known.filter((row) => row.dtype === dtype && row.shape.every((n, k) => n === grid.shape[k])
+    && row.header_spacing.every((s, k) => Math.abs(s - grid.spacing[k]) <= 1e-5 * grid.spacing[k]));
+  const sha256 = likely.length ? await voxelChecksum(volume) : null;
+  const row = likely.find((one) => one.sha256 === sha256);
+  if (!row) return volume;
+  const note = `this is the ${row.title}: its file has a wrong spacing, and ${row.spacing.join(" x ")} was taken, ` +
+    `after ${row.reason}`;
+  return { ...volume, grid: checkedGrid(grid.shape, row.spacing, grid.origin, grid.direction),
+    notes: [...volume.notes, note] };
+}

@@ -1,0 +1,435 @@
+// A page without a kernel: it sends to the front ends of an editor and a live view the messages of Python. Their data is
+// written by deformnb/widgets/standalone.py, or made of a file that a user has chosen: traits, packed voxels, the message
+// "field", the document.
+
+import { ClipSliders } from "./inputs/clip_sliders.js";
+import { clipOf, isClipped } from "./maths/clipping.js";
+import { PlainModel } from "./sync/host_model.js";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
+
+/** @import { Point } from "./types.d.ts" */
+/** @import { Attributes } from "./ui/dom.js" */
+
+/** @typedef {Record<string, any>} Open values by their names */
+/** @typedef {[Open, DataView<ArrayBuffer>[]]} Packet the content of a message and its buffers */
+
+/**
+ * @typedef {object} PageData
+ * @property {Open} editor traits
+ * @property {Open | null} view traits
+ * @property {{start: number, lag: number, packed: DataView<ArrayBuffer>}[]} chunks
+ * @property {{content: Open, buffers: DataView<ArrayBuffer>[]}} field
+ * @property {string} still_background
+ * @property {Record<string, number>} kernels their orders by their names
+ * @property {Record<string, number>} trends likewise
+ * @property {string[]} picture_shows display modes of the picture
+ * @property {string[]} controls names of those that the page has
+ * @property {{sides: string[], text: string} | null} cut_off names of the sides of the box; a warning, "%" stands for
+ *   them
+ * @property {Record<string, Open>} parameters of the controls, as deformnb/widgets/parameters.py has them
+ * @property {Open | null} document
+ * @property {DataView<ArrayBuffer>} [still] a picture of the volume, where the page shows none before it is opened
+ */
+
+const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
+
+/**
+ * Everything binary in the data as DataView, as Jupyter delivers it; the rest as it is.
+ * @param {any} value
+ * @returns {Promise<any>}
+ */
+export async function decodedData(value) {
+  if (Array.isArray(value)) return Promise.all(value.map(decodedData));
+  if (!value || typeof value !== "object") return value;
+  if (typeof value.base64 === "string") return decodedBytes(value.base64, value.gzip);
+  const pairs = Object.entries(value).map(async ([name, inner]) => [name, await decodedData(inner)]);
+  return Object.fromEntries(await Promise.all(pairs));
+}
+
+/**
+ * @param {string} text in base64
+ * @param {boolean} isPacked whether by gzip
+ */
+async function decodedBytes(text, isPacked = false) {
+  const bytes = bytesOfText(text);
+  if (!isPacked) return new DataView(bytes.buffer);
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new DataView(await new Response(stream).arrayBuffer());
+}
+
+/** @param {string} text in base64 */
+function bytesOfText(text) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
+
+// ---- answers in place of Python's -----------------------------------------------------------------------------------
+
+/**
+ * Answers to an editor. They come later, as those of a kernel do: a front end sends while it is still being built. An
+ * editor gets its points first, then which of its messages they include, then that the message is done.
+ * @param {() => PlainModel} model
+ * @returns {(message: Open) => void}
+ */
+function editorAnswers(model) {
+  return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) => queueMicrotask(() => {
+    const m = model();
+    if (type === "shapes") m.update({ [what]: shapes });
+    if (type === "edit" && phase === "end") m.update({ points, next_id: Math.max(next, m.get("next_id")) });
+    if (phase !== "move") m.update({ seen: { ...m.get("seen"), [sender]: seq } });
+    m.receive({ type: "done", sender, seq });
+  });
+}
+
+/**
+ * Answers to a live view.
+ * @param {() => PlainModel | null} model
+ * @param {Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void,
+ *   isDrawn: (stats: Open) => void}} given
+ * @returns {(message: Open) => void}
+ */
+function viewAnswers(model, { chunks, field, still, falls, isDrawn }) {
+  /** @type {() => Packet} */
+  const picture = () => [{ type: "still" }, [still]];
+  /** @type {Record<string, (message: Open) => Packet>} */
+  const answers = {
+    hello: ({ largest, voxels }) => {
+      if (!largest || voxels) falls(); // no GPU, no volume; and no Python that could make it smaller
+      return voxels ? picture() : [field.content, field.buffers];
+    },
+    chunk: ({ id, index }) => {
+      const { packed, ...about } = chunks[index];
+      return [{ type: "chunk", id, index, ...about }, [packed]];
+    },
+    still: picture,
+  };
+  return (message) => queueMicrotask(() => {
+    if (message.type === "stats") isDrawn(message);
+    if (!Object.hasOwn(answers, message.type)) return;
+    const [content, buffers] = answers[message.type](message);
+    model()?.receive({ ...content, view: message.view }, buffers);
+  });
+}
+
+// ---- the page -------------------------------------------------------------------------------------------------------
+
+/**
+ * @template {keyof HTMLElementTagNameMap} K
+ * @param {K} tag
+ * @param {string} className
+ * @param {Element | null} parent
+ * @param {Attributes} attributes
+ * @param {string} text
+ * @returns {HTMLElementTagNameMap[K]}
+ */
+export function textElement(tag, className, parent, attributes, text) {
+  const made = pageElement(tag, className, parent, attributes);
+  made.textContent = text;
+  return made;
+}
+
+/** @param {string} name */
+export function pagePart(name) { return /** @type {HTMLElement} */ (document.querySelector(`.dnb-page-${name}`)); }
+
+/** @param {string} text */
+export function showOnPage(text) {
+  const alert = pagePart("alert");
+  alert.textContent = text;
+  alert.hidden = !text;
+}
+
+export class StandalonePage {
+  /**
+   * @param {PageData} data
+   * @param {Open} widgets their exports
+   */
+  constructor(data, widgets) {
+    this.data = data;
+    this.isStill = false;
+    /** @type {HTMLDetailsElement | null} */
+    this.cut = null; // the sliders that cut the volume
+    this.image = /** @type {HTMLImageElement | null} */ (document.querySelector(".dnb-page-still"));
+    const still = data.still ?? new DataView(bytesOfText(this.image?.src.split(",")[1] ?? "").buffer);
+    this.closing = new AbortController();
+    /** @type {(() => void)[]} what ends the widgets */
+    this.ends = [];
+    /** @type {PlainModel} */
+    this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
+    /** @type {PlainModel | null} */
+    this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
+      deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall(),
+        isDrawn: ({ sides }) => this.warn(sides) }) });
+    this.widgets = widgets;
+  }
+
+  async open() {
+    this.#controls();
+    this.fit();
+    await this.widgets.editor.initialize?.({ model: this.editor });
+    await this.#render("editor", this.editor, "picture");
+    pagePart("volume").hidden = !this.view;
+    if (this.view) {
+      await this.widgets.view.initialize?.({ model: this.view });
+      await this.#render("view", this.view, "volume");
+    }
+    this.image?.remove();
+    document.body.classList.toggle("dnb-page-alone", !this.view);
+    this.fit();
+    window.addEventListener("resize", () => this.fit(), { signal: this.closing.signal });
+  }
+
+  /**
+   * @param {string} widget
+   * @param {PlainModel} model
+   * @param {string} part of the page
+   */
+  async #render(widget, model, part) {
+    const end = await this.widgets[widget].render({ model, el: pagePart(part) });
+    if (end) this.ends.push(end);
+  }
+
+  /** Ends the widgets and empties the page for another volume. */
+  close() {
+    this.closing.abort();
+    for (const end of this.ends) end();
+    pagePart("controls").replaceChildren();
+    pagePart("picture").replaceChildren();
+    for (const child of [...pagePart("volume").children]) if (!child.matches(".dnb-page-note")) child.remove();
+    pagePart("volume").classList.remove("dnb-page-flat");
+    this.warn();
+  }
+
+  /** Shows the volume as the picture that Python has made, without WebGL2; only the editor's picture follows. */
+  fall() {
+    this.isStill = true;
+    pagePart("volume").classList.add("dnb-page-flat");
+    showOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " +
+      "dragged.");
+    document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
+    if (this.cut) this.cut.hidden = true;
+    this.view?.update({ background: this.data.still_background });
+    this.fit();
+  }
+
+  /**
+   * Says beyond which sides of the box there is tissue, which is not seen.
+   * @param {number[]} [sides]
+   */
+  warn(sides = []) {
+    const { cut_off: cutOff } = this.data, note = pagePart("note"), names = sides.map((side) => cutOff?.sides[side]);
+    const listed = names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : `${names[0]}`;
+    note.hidden = names.length === 0;
+    note.textContent = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
+  }
+
+  /** Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once. */
+  fit() {
+    const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
+    main.classList.toggle("dnb-page-wide", Boolean(isWide));
+    const column = isWide ? (width - 16) / 2 : width, above = main.getBoundingClientRect().top + window.scrollY;
+    const bars = 130; // of the editor: its buttons and its status line
+    // On a phone both fit into the window once it is scrolled to them.
+    const most = isWide || !this.view ? window.innerHeight - above - bars - 40 : 0.45 * window.innerHeight;
+    const height = Math.round(Math.max(isWide ? 260 : 200, Math.min(1.1 * column, most)));
+    this.editor.update({ height });
+    const beside = isWide ? pagePart("picture").clientHeight : 0; // of a flat picture less than it may be
+    this.view?.update({ width: Math.round(column), height: Math.round(this.isStill ? 0.75 * column
+      : isWide ? Math.max(beside, 0.72 * column) : Math.min(0.8 * column, 0.45 * window.innerHeight)) });
+  }
+
+  // ---- controls -----------------------------------------------------------------------------------------------------
+
+  #controls() {
+    const bar = pagePart("controls"), has = (/** @type {string} */ name) => this.data.controls.includes(name);
+    if (has("strength")) {
+      this.#slider(bar, setting(this.editor, "strength"), (value) => `${Math.round(value * 100)} %`);
+    }
+    if (has("kernel")) this.#kernels(bar);
+    if (has("shows")) this.#shows(bar);
+    if (has("density")) {
+      this.#slider(bar, trait(this.editor, "density"), (value) => (value ? `${value} cells` : "none"));
+    }
+    const buttons = has("reset") || has("download") ? pageElement("div", "dnb-page-buttons", bar) : bar;
+    if (has("reset")) {
+      this.button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
+        () => this.reset());
+    }
+    if (has("download")) {
+      this.button(buttons, this.downloads, "a JSON file that deformnb opens", () => this.download());
+    }
+    if (has("clip") && this.view?.get("clip")) this.#clip(bar, this.view);
+  }
+
+  /**
+   * @param {Element} bar
+   * @param {string} label
+   * @param {string} title
+   */
+  #field(bar, label, title) {
+    const box = pageElement("label", "dnb-page-field", bar, { title });
+    textElement("span", "dnb-page-label", box, {}, label);
+    return box;
+  }
+
+  /**
+   * @param {Element} bar
+   * @param {string} text
+   * @param {string} title
+   * @param {() => void} action
+   */
+  button(bar, text, title, action) {
+    const button = textElement("button", "dnb-page-button", bar, { type: "button", title, ...OWN_KEYS }, text);
+    button.addEventListener("click", () => guarded(action));
+  }
+
+  /**
+   * @param {Element} bar
+   * @param {Bound} bound
+   * @param {(value: number) => string} shown
+   */
+  #slider(bar, { name, now, set, listen }, shown) {
+    const { label, tooltip, low, high, step } = this.data.parameters[name];
+    const box = this.#field(bar, label, tooltip);
+    const input = pageElement("input", "dnb-page-range", box, { type: "range", min: Math.min(low, now()),
+      max: Math.max(high, now()), step, name, ...OWN_KEYS });
+    const output = pageElement("output", "dnb-page-value", box, {});
+    const show = () => { input.value = now(); output.textContent = shown(now()); };
+    input.addEventListener("input", () => guarded(() => set(Number(input.value))));
+    listen(show);
+    show();
+  }
+
+  /**
+   * @param {Element} bar
+   * @param {Bound} bound
+   */
+  #menu(bar, { name, now, set, listen }) {
+    const { label, tooltip, options } = this.data.parameters[name];
+    const box = this.#field(bar, label, tooltip);
+    const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
+    for (const [value, text] of options) textElement("option", "", select, { value }, text);
+    const show = () => { select.value = now(); };
+    select.addEventListener("change", () => guarded(() => set(select.value)));
+    listen(show);
+    show();
+    return select;
+  }
+
+  /** @param {Element} bar */
+  #kernels(bar) {
+    const { kernels, trends } = this.data, select = this.#menu(bar, setting(this.editor, "kernel"));
+    const order = trends[this.editor.get("settings").trend]; // the page changes no trend
+    for (const option of select.options) option.disabled = order < kernels[option.value]; // no fit exists
+  }
+
+  /**
+   * Adds the sliders that cut the volume, in a box of their own under the others.
+   * @param {Element} bar
+   * @param {PlainModel} view
+   */
+  #clip(bar, view) {
+    const box = pageElement("details", "dnb-page-clip", bar, {});
+    textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS },
+      "Clipping");
+    this.cut = box;
+    this.sliders = new ClipSliders(box, view);
+    box.open = isClipped(clipOf(view));
+    box.addEventListener("toggle", () => this.fit());
+  }
+
+  /** Adds the menu of the comparison, of picture and volume. @param {Element} bar */
+  #shows(bar) {
+    const { editor, view } = this, modes = this.data.picture_shows;
+    const select = this.#menu(bar, trait(view ?? editor, "shows"));
+    if (view) view.on("change:shows", () => editor.update({ shows: modes.includes(view.get("shows")) ? view.get("shows") : modes[0] }));
+    else for (const option of [...select.options]) if (!modes.includes(option.value)) option.remove();
+  }
+
+  reset() {
+    const { points, settings, density, show_grid, shows: picture } = this.data.editor;
+    this.editor.update({ points, selected: [], settings, density, show_grid, shows: picture });
+    const { camera, shows, clip } = this.data.view ?? {};
+    this.view?.update({ camera: { ...camera }, shows, clip });
+  }
+
+  /**
+   * Locks and radii beside the points, as deformnb/document/json_format.py writes them.
+   * @param {Point[]} points
+   */
+  #own(points) {
+    const locked = points.filter((p) => p.locked).map((p) => p.id);
+    const radii = points.filter((p) => (p.radius ?? null) !== null).map((p) => [p.id, p.radius]);
+    return { ...(locked.length && { locked: [locked] }), ...(radii.length && { radii: [radii] }) };
+  }
+
+  /** Cuts and rigid parts, as far as there are any. */
+  #shapes() {
+    const [cuts, parts] = ["cuts", "parts"].map((name) => this.editor.get(name) ?? []);
+    return { ...(cuts.length && { cuts, cut_rule: this.editor.get("cut_rule") }), ...(parts.length && { parts }) };
+  }
+
+  // ---- the points as a file -----------------------------------------------------------------------------------------
+
+  document() {
+    /** @type {Point[]} */
+    const points = this.editor.get("points");
+    const next = this.editor.get("next_id");
+    const { chosen_support: radius, ...settings } = this.editor.get("settings");
+    if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
+    if (!this.data.document) return { points, ...settings };
+    const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);
+    const plain = points.map(({ locked, radius, ...point }) => point);
+    const maps = [{ dim: 2, next_id: next, points: plain }], { cuts: _c, parts: _p, ...rest } = step;
+    return { ...this.data.document, steps: [{ ...rest, ...settings, ...own, ...this.#shapes(), maps }] };
+  }
+
+  /** The words of the button that saves the document. */
+  get downloads() { return "Download points"; }
+
+  /** The names of files that are saved, without suffix. */
+  get fileName() { return "deformation"; }
+
+  download() {
+    const text = `${JSON.stringify(this.document(), null, 1)}\n`;
+    saveFile(new Blob([text], { type: "application/json" }), `${this.fileName}.json`);
+  }
+}
+
+/**
+ * A value that a control shows and changes.
+ * @typedef {{name: string, now: () => any, set: (value: any) => void, listen: (show: () => void) => void}} Bound
+ */
+
+/**
+ * A trait of a model.
+ * @param {PlainModel} model
+ * @param {string} name
+ * @returns {Bound}
+ */
+function trait(model, name) {
+  return { name, now: () => model.get(name), set: (value) => model.update({ [name]: value }),
+    listen: (show) => model.on(`change:${name}`, show) };
+}
+
+/**
+ * A setting of an editor's fit.
+ * @param {PlainModel} model
+ * @param {string} name
+ * @returns {Bound}
+ */
+function setting(model, name) {
+  return { name, now: () => model.get("settings")[name],
+    set: (value) => model.update({ settings: { ...model.get("settings"), [name]: value } }),
+    listen: (show) => model.on("change:settings", show) };
+}
+
+/**
+ * Shows on the page that an action has failed; the page goes on.
+ * @param {() => void} action
+ */
+export function guarded(action) {
+  try { action(); } catch (error) {
+    console.error(error);
+    showOnPage(`This page met an error: ${messageOf(error)}`);
+  }
+}
+
+/** @param {unknown} error */
+export function messageOf(error) { return (error instanceof Error && error.message) || error; }

@@ -1,0 +1,231 @@
+// What Python sends of a volume to an editor and a live view, made in the browser: the voxels as bytes in packed pieces,
+// a maximum projection, and the textures of a displacement that is zero still. See deformnb/widgets/packed_volume.py,
+// deformnb/imaging/projection.py and deformnb/widgets/textures.py.
+
+import { boundsOf, coarserGrid, cornersOf, frameOf, inFrame, lengthsOf, planeAlong, toPlane, unitOf, voxelOrder } from "./grid.js";
+
+/** @import { Values, Volume } from "../formats/volume_files.js" */
+/** @import { Vector3 } from "../types.d.ts" */
+/** @import { Grid, Plane } from "./grid.js" */
+/** @import { Measured } from "./levels.js" */
+
+const MOST_VOXELS = 256 ** 3, LONGEST = 1024;
+const CHUNK_BYTES = 2 ** 21;
+const MAP_SIZE = 192; // samples of a displacement map along its longer side
+const SATURATED = 0.005; // of the pixels are black, and as many of those brighter than black white
+const METAL = 3000; // Hounsfield units beyond enamel and cortical bone
+const AROUND = 16; // widths of the window on either side of it that the editor can show
+const LEAVES = 0.01; // of the edge, and a voxel, beyond which foreground leaves the box
+
+/** Lets the page draw between two pieces of work. */
+const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
+
+/**
+ * Numbers of voxels to average along x, y, z: always where they lie closest.
+ * @param {Grid} grid
+ */
+export function factorsOf({ shape, spacing }) {
+  const factors = [1, 1, 1];
+  for (;;) {
+    const left = factors.map((f, k) => Math.ceil(shape[2 - k] / f)), isLong = left.map((n) => n > LONGEST);
+    if (!isLong.includes(true) && left[0] * left[1] * left[2] <= MOST_VOXELS) return factors;
+    const can = isLong.includes(true) ? isLong : left.map((n) => n > 1);
+    const sizes = factors.map((f, k) => (can[k] ? f * spacing[k] : Infinity));
+    factors[sizes.indexOf(Math.min(...sizes))] += 1;
+  }
+}
+
+/**
+ * The voxels as bytes of a window of values, averaged over blocks; of labels the first of each.
+ * @param {Volume} volume
+ * @param {number[]} factors
+ * @param {[number, number]} window
+ * @param {(share: number) => void} progress
+ * @param {AbortSignal} [signal]
+ */
+export async function bytesOfVolume({ values, grid, isLabels }, [fx, fy, fz], [low, high], progress, signal) {
+  const [nz, ny, nx] = grid.shape, [mz, my, mx] = coarserGrid(grid, [fx, fy, fz]).shape, scale = 255 / (high - low);
+  const bytes = new Uint8Array(mz * my * mx), isWhole = fx * fy * fz === 1 || isLabels;
+  const every = Math.max(1, Math.floor(2 ** 22 / (fz * ny * nx)));
+  let at = 0;
+  for (let k = 0; k < mz; k++) {
+    for (let j = 0; j < my; j++) {
+      for (let i = 0; i < mx; i++, at++) {
+        const first = (k * fz * ny + j * fy) * nx + i * fx;
+        let value = values[first];
+        if (!isWhole) {
+          const ez = Math.min(fz, nz - k * fz), ey = Math.min(fy, ny - j * fy), ex = Math.min(fx, nx - i * fx);
+          value = 0;
+          for (let c = 0; c < ez; c++) {
+            for (let b = 0; b < ey; b++) {
+              const row = first + (c * ny + b) * nx;
+              for (let a = 0; a < ex; a++) value += values[row + a];
+            }
+          }
+          value /= ex * ey * ez;
+        }
+        bytes[at] = Math.min(255, Math.max(0, (value - low) * scale + 0.5));
+      }
+    }
+    if (k % every === every - 1) { progress((k + 1) / mz); await rest(); signal?.throwIfAborted(); }
+  }
+  return bytes;
+}
+
+/**
+ * Pieces of whole slices, packed as those of a file.
+ * @param {Uint8Array<ArrayBuffer>} bytes
+ * @param {Vector3} shape
+ * @param {AbortSignal} [signal]
+ */
+export async function piecesOf(bytes, [, ny, nx], signal) {
+  const size = Math.max(1, Math.floor(CHUNK_BYTES / (ny * nx))) * ny * nx, pieces = [];
+  for (let start = 0; start < bytes.length; start += size) {
+    signal?.throwIfAborted();
+    const stream = new Blob([bytes.subarray(start, start + size)]).stream().pipeThrough(new CompressionStream("gzip"));
+    pieces.push({ start, lag: 0, packed: new DataView(await new Response(stream).arrayBuffer()) });
+  }
+  return pieces;
+}
+
+/**
+ * The maximum of each column of voxels along a plane's normal, [v, u].
+ * @param {Volume} volume
+ * @param {Plane} plane
+ */
+export function maximumProjection({ values, grid }, plane) {
+  const [, ny, nx] = grid.shape, strides = [1, nx, nx * ny];
+  const [n, v, u] = voxelOrder(grid, plane).map(({ axis, sign }) => {
+    const count = grid.shape[2 - axis];
+    return { count, step: sign * strides[axis], first: sign > 0 ? 0 : (count - 1) * strides[axis] };
+  });
+  const Kind = /** @type {{new (size: number): Values}} */ (values.constructor), out = new Kind(v.count * u.count);
+  let at = 0;
+  for (let b = 0; b < v.count; b++) {
+    for (let a = 0; a < u.count; a++, at++) {
+      let place = n.first + v.first + b * v.step + u.first + a * u.step, most = values[place];
+      for (let c = 1; c < n.count; c++) { place += n.step; if (values[place] > most) most = values[place]; }
+      out[at] = most;
+    }
+  }
+  return out;
+}
+
+/** @param {Float64Array} sorted @param {number} share */
+function quantile(sorted, share) {
+  const at = share * (sorted.length - 1), low = Math.floor(at), high = Math.min(low + 1, sorted.length - 1);
+  return sorted[low] + (at - low) * (sorted[high] - sorted[low]);
+}
+
+/**
+ * Values of a grey picture shown as black and white.
+ * @param {Values} pixels
+ * @param {Volume} volume
+ * @param {Measured} about
+ * @returns {[number, number]}
+ */
+export function pictureWindow(pixels, { isLabels }, { range: [lowest, highest], whole, hounsfield }) {
+  const most = hounsfield ? Math.min(highest, METAL) : highest;
+  const shown = Float64Array.from(pixels).filter((value) => value >= lowest && value <= most).sort();
+  const isEven = isLabels || !shown.length || shown[0] === shown[shown.length - 1];
+  const low = isEven ? whole[0] : quantile(shown, SATURATED), subject = shown.filter((value) => value > low);
+  const high = subject.length ? quantile(subject, 1 - SATURATED) : low;
+  const isReal = pixels instanceof Float32Array || pixels instanceof Float64Array;
+  return [low, high > low ? high : low + Math.max(1, Math.abs(low)) * (isReal ? 1e-6 : 1)];
+}
+
+/**
+ * The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean.
+ * @param {Values} pixels
+ * @param {[number, number]} window
+ */
+export function packedPicture(pixels, window) {
+  const [black, white] = window, margin = AROUND * (white - black);
+  let least = Infinity, most = -Infinity;
+  for (const value of pixels) { if (value < least) least = value; if (value > most) most = value; }
+  let low = Math.max(least, black - margin), high = Math.min(most, white + margin);
+  if (!(low < high)) [low, high] = window;
+  const isReal = pixels instanceof Float32Array || pixels instanceof Float64Array, isByte = !isReal && high - low <= 255;
+  if (isByte) high = low + 255;
+  const rgba = new Uint8ClampedArray(4 * pixels.length), top = isByte ? 255 : 65535;
+  pixels.forEach((/** @type {number} */ value, /** @type {number} */ k) => {
+    const number = Math.floor(Math.min(1, Math.max(0, (value - low) / (high - low))) * top + 0.5);
+    rgba.set(isByte ? [number, number, number, 255] : [number >> 8, number & 255, 0, 255], 4 * k);
+  });
+  return { rgba, facts: { channels: isByte ? 1 : 2, range: [low, high], window, unit: "" } };
+}
+
+/**
+ * Facts of a packed volume for a live view.
+ * @param {Volume} volume
+ * @param {Measured} about
+ * @param {{id: string, grid: Grid, chunks: number, window: [number, number], share: number, views: string[]}} packed
+ */
+export function volumeInfo({ grid: own, isLabels }, { whole, levels }, packed) {
+  const { id, grid, chunks, window: [low, high], share, views } = packed;
+  const shareOf = (/** @type {number} */ value) => (value - low) / (high - low);
+  const clipped = (/** @type {number} */ value, /** @type {number} */ least) => Math.min(1, Math.max(least, value));
+  const looks = Object.fromEntries(views.map((view) => {
+    const { n, v } = planeAlong(own, view);
+    return [view, { direction: n, up: v.map((x) => -x) }];
+  }));
+  return { id, shape: grid.shape.toReversed(), spacing: grid.spacing, origin: grid.origin, chunks,
+    to_frame: frameOf(grid), axes: grid.direction, box: boxOf(own, grid),
+    outside: Math.floor(clipped(shareOf(whole[0]), 0) * 255 + 0.5), is_labels: isLabels,
+    grey: [0, clipped(shareOf(isLabels ? high : levels[3]), 1 / 255)], share, unit: unitOf(own),
+    note: grid.shape.every((n, k) => n === own.shape[k]) ? "" : "shown at a lower resolution",
+    views: { ...looks, home: { direction: [0.4, 1, -0.3], up: [0, 0, 1] } } };
+}
+
+/** The box of a grid along the axes of another. @param {Grid} own @param {Grid} grid */
+function boxOf(own, grid) {
+  const middle = inFrame(grid, own.origin), lengths = lengthsOf(own), low = middle.map((x, k) => x - own.spacing[k] / 2);
+  return { low, high: low.map((x, k) => x + lengths[k]) };
+}
+
+/**
+ * Values above which bytes are foreground, and how far beyond the box it has left it, in shares.
+ * @param {Volume} volume
+ * @param {Measured} about
+ * @param {[number, number]} window
+ */
+export function tissueCheck({ grid, isLabels }, { whole, levels }, [low, high]) {
+  const level = ((isLabels ? whole[0] : levels[1]) - low) / (high - low);
+  return { tissue: Math.min(254 / 255, Math.max(0, level)),
+    beyond: grid.shape.toReversed().map((n) => (1 + LEAVES * n) / n) };
+}
+
+/**
+ * The message "field" of a displacement over a plane that is zero; the page fits it to the points.
+ * @param {Grid} own
+ * @param {Grid} grid of the packed voxels
+ * @param {Plane} plane
+ */
+export function stillField(own, grid, plane) {
+  const { low, high } = boundsOf(toPlane(plane, cornersOf(own))), size = [high[0] - low[0], high[1] - low[1]];
+  const longest = Math.max(...size), [columns, rows] = size.map((s) => Math.max(8, Math.ceil(MAP_SIZE * s / longest)));
+  const depths = boundsOf(toPlane(plane, cornersOf(own, true))), frame = frameOf(grid);
+  const turned = (/** @type {number[]} */ w) => frame.map((row) => row.reduce((sum, x, k) => sum + x * w[k], 0));
+  const along = [plane.u, plane.v].map((w) => [0, 1, 2].reduce((sum, k) => {
+    const cosine = own.direction.reduce((total, row, i) => total + row[k] * w[i], 0);
+    return sum + cosine * cosine * own.spacing[k];
+  }, 0));
+  const planar = { shape: [1, rows, columns], origin: [low[0], low[1]],
+    spacing: [size[0] / (columns - 1), size[1] / (rows - 1)], depth: [depths.low[2], depths.high[2]],
+    isReplicated: true, cut: null, softness: (along[0] + along[1]) / 2,
+    plane: { origin: inFrame(grid, plane.origin), u: turned(plane.u), v: turned(plane.v), n: turned(plane.n) } };
+  return { content: { type: "field", seq: 0, box: boxOf(own, grid), planar, space: null, coarse: false,
+    buffers: ["maps", "weights"], follow: { index: 0, points: [] } },
+    buffers: [new DataView(new Float32Array(2 * rows * columns).buffer), new DataView(new Float32Array([1, 1]).buffer)] };
+}
+
+/**
+ * The corners of a picture on the outermost voxels' centres, as points that hold it still.
+ * @param {Grid} grid
+ * @param {Plane} plane
+ */
+export function cornerPoints(grid, plane) {
+  const { low: [a0, b0], high: [a1, b1] } = boundsOf(toPlane(plane, cornersOf(grid, true)));
+  return [[a0, b0], [a1, b0], [a1, b1], [a0, b1]].map((place, id) => ({ id, name: "corner", source: place,
+    target: [...place], active: true, weight: 1, locked: false, radius: null }));
+}

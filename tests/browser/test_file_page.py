@@ -1,0 +1,171 @@
+"""The page without Python that opens a file of one's own: what it saves, Python applies with the same result."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.test_editor_touch import Fingers
+from browser.test_standalone_page import EDITOR, GRID, MODELS, VIEW, Opened, bar_with_a_ball
+from PIL import Image
+from scipy.ndimage import map_coordinates
+from volume_bytes import nrrd
+
+from deformnb.cli.main import main
+from deformnb.document.json_format import from_json
+from deformnb.io import read_volume, write_volume
+from deformnb.io.documents import read_deformation
+from deformnb.volume.volume import Volume
+from deformnb.widgets.standalone import write_file_page
+
+pytestmark = pytest.mark.needs_browser
+
+DROP = """([name, text]) => {
+  const data = new DataTransfer(), bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  data.items.add(new File([bytes], name));
+  document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+}"""
+ALERT = "document.querySelector('.dnb-page-alert').textContent"
+# Both sides solve the same system in float64; this is what a page is held to.
+CLOSE = 1e-6
+
+
+class FilePage(Opened):
+    """The page in a browser that has no network."""
+
+    def drop(self, path: Path) -> None:
+        self.wait("document.body.opener")
+        self.page.evaluate(DROP, [path.name, base64.b64encode(path.read_bytes()).decode()])
+
+    def open(self, path: Path) -> None:
+        name = path.name.split(".")[0]
+        self.drop(path)
+        self.wait(f"document.querySelector('.dnb-page-words').textContent.startsWith('{name}: ') && "
+                  "!document.body.opener.work")
+        self.settled()
+
+    def save(self, button: str, path: Path) -> Path:
+        with self.page.expect_download() as download:
+            self.page.get_by_role("button", name=button).click()
+        download.value.save_as(path)
+        return path
+
+
+@pytest.fixture
+def opened(browser: Any, tmp_path: Path) -> Iterator[Callable[..., FilePage]]:
+    pages: list[FilePage] = []
+
+    def open_page(size: tuple[int, int] = (940, 700), **options: Any) -> FilePage:
+        path = tmp_path / "page.html"
+        if not path.exists():
+            write_file_page(path)
+        pages.append(FilePage(browser, path, size, "", accept_downloads=True, **options))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.context.close()
+        assert page.errors == []
+        assert [url.split(":")[0] for url in page.requests if not url.startswith(("blob:", "data:"))] == ["file"]
+
+
+def check_replay(page: FilePage, path: Path, session: Path, folder: Path) -> None:
+    """Python's result is that of the page's own displacements, looked up by SciPy."""
+    volume, document = read_volume(path), read_deformation(session)
+    assert document.difference(volume) == ""
+    plane = document.steps[0].plane
+    assert plane is not None
+    indices = np.stack(np.indices(volume.shape)[::-1], axis=-1)
+    places = volume.grid.index_to_point(indices.astype(float))
+    flat = np.unique(plane.to_plane(places)[..., :2].reshape(-1, 2).round(9), axis=0)
+    moves = np.array(page.js(f"{MODELS}.displacements({flat.tolist()})"))
+    assert np.abs(moves).max() > 1
+    field = document.field(volume.grid)
+    in_space = field.displacement(plane.from_plane(flat))
+    np.testing.assert_allclose(in_space, moves @ plane.frame[:2], rtol=0, atol=CLOSE)
+    assert main(["replay", str(session), str(path), "--out", str(folder)]) == 0
+    result = read_volume(folder / path.name)
+    order = {tuple(place): k for k, place in enumerate(flat.tolist())}
+    at = plane.to_plane(places)[..., :2].reshape(-1, 2).round(9).tolist()
+    moved = moves[[order[tuple(place)] for place in at]].reshape(*volume.shape, 2) @ plane.frame[:2]
+    sources = volume.grid.point_to_index(places + moved)
+    last = np.array(volume.shape[::-1]) - 1
+    inside = ((sources > 0) & (sources < last) | (last == 0)).all(axis=-1)
+    assert inside.mean() > 0.5
+    expected = map_coordinates(volume.values.astype(float), sources[inside][:, ::-1].T, order=1)
+    rounding = 0.5 if volume.dtype.kind == "u" else 0.0
+    np.testing.assert_allclose(result.values[inside], expected, rtol=0, atol=rounding + CLOSE * np.ptp(volume.values))
+
+
+def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[..., FilePage], tmp_path: Path) -> None:
+    ball = bar_with_a_ball()
+    path = tmp_path / "ball.nii.gz"
+    write_volume(Volume(ball.values.astype(np.float64), GRID), path)
+    page = opened()
+    page.open(path)
+    page.wait(f"{VIEW}.caster?.isReady && {VIEW}.field")
+    a0, a1, b0, b1 = page.js(f"({EDITOR}.painter.source.box)")
+    middle = (a0 + a1) / 2, (b0 + b1) / 2
+    view, box = page.js(f"({EDITOR}.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
+    page.page.mouse.dblclick(box["x"] + view["k"] * middle[0] + view["x"], box["y"] + view["k"] * middle[1] + view["y"])
+    page.wait(f"{MODELS}.editor.get('points').length === 5")
+    page.drag(middle, (30, -20))
+    assert np.abs(page.points().displacement).max() > 1
+    session = page.save("Download session", tmp_path / "session.json")
+    check_replay(page, path, session, tmp_path / "out")
+    # A bad file says what is wrong and leaves all as it is.
+    bad = tmp_path / "bad.nrrd"
+    bad.write_bytes(nrrd(np.zeros((2, 3, 4), np.int16))[:-3])
+    before = page.js(f"JSON.stringify({MODELS}.document())")
+    page.drop(bad)
+    page.wait(f"{ALERT} !== ''")
+    assert "cut short" in page.js(ALERT)
+    assert page.js(f"JSON.stringify({MODELS}.document())") == before
+    # Cuts are in the session too.
+    region = {"kind": "line", "vertices": [[a0, middle[1]], [a1, middle[1]]]}
+    page.js(f"{MODELS}.editor.update({{ cuts: [{json.dumps({'name': 'a cut', 'enabled': True, 'region': region})}] }})")
+    (cut,) = from_json(page.js(f"JSON.stringify({MODELS}.document())")).steps[0].cuts
+    assert cut.name == "a cut"
+    page.js(f"{MODELS}.editor.update({{ cuts: [] }})")
+    # Tissue that leaves the box is reported.
+    page.js(f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+            "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })")
+    page.settled()
+    page.volume()
+    page.wait("!document.querySelector('.dnb-page-note').hidden")
+    assert "Tissue leaves the box" in page.page.locator(".dnb-page-note").text_content()
+    # Closed by mistake: the same file comes back with its points.
+    kept = page.js(f"{MODELS}.editor.get('points')")
+    other = page.context.new_page()
+    other.goto(page.page.url)
+    page.page = other
+    page.open(path)
+    assert page.js(f"{MODELS}.editor.get('points')") == kept
+
+
+@pytest.mark.nightly
+def test_a_picture_is_deformed_by_a_finger_on_a_phone(opened: Callable[..., FilePage], tmp_path: Path) -> None:
+    rows, columns = np.mgrid[:60, :80]
+    colours = np.stack([3 * columns, 4 * rows, (columns // 8 + rows // 8) % 2 * 200], axis=-1).astype(np.uint8)
+    path = tmp_path / "photo.png"
+    Image.fromarray(colours).save(path)
+    page = opened((390, 844), has_touch=True)
+    page.open(path)
+    assert page.js("document.documentElement.scrollWidth <= innerWidth")
+    view, box = page.js(f"({EDITOR}.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
+    corner = box["x"] + view["k"] * 79 + view["x"], box["y"] + view["k"] * 59 + view["y"]
+    Fingers(page.page).drag(corner, (-60, -40))
+    page.settled()
+    assert np.abs(page.points().displacement).max() > 5
+    check_replay(page, path, page.save("Download session", tmp_path / "session.json"), tmp_path / "out")
+    saved = Image.open(io.BytesIO(page.save("Download picture", tmp_path / "after.png").read_bytes()))
+    assert saved.size == (80, 60)
+    assert np.abs(np.asarray(saved.convert("RGB")).astype(int) - colours).mean() > 5
+    page.page.select_option("select[name=shows]", "wipe")
+    page.wait(f"{EDITOR}.model.get('shows') === 'wipe'")
