@@ -38,6 +38,7 @@ import { bytesOfVolume, cornerPoints, factorsOf, maximumProjection, packedPictur
 const STORED = "deformnb.page"; // the key of what was done last, in the browser's own store
 const KEPT = ["points", "next_id", "settings", "cuts", "parts"]; // traits of the editor
 const LONGEST_PICTURE = 4096; // pixels along a side of a picture that is saved
+const SHORTEST_PICTURE = 1024; // the same of a picture of a volume
 const SIDE = "+y", PICTURE_SIDE = "+z";
 
 let editors = 0; // that were on the page: each has undo steps of its own
@@ -208,9 +209,9 @@ class FilePage extends StandalonePage {
   async #savePicture() {
     const editor = this.#editorView, { source } = editor.painter;
     if (!source) return;
-    const { raster: { shape: [rows, columns], spacing: [du, dv] }, box: [a0, a1, b0, b1] } = source;
-    const longest = Math.max(a1 - a0, b1 - b0), k = Math.min(Math.max(1 / du, 1 / dv), LONGEST_PICTURE / longest,
-      2 * Math.max(rows, columns) / longest);
+    const { raster: { spacing: [du, dv] }, box: [a0, a1, b0, b1] } = source;
+    const longest = Math.max(a1 - a0, b1 - b0), least = this.view ? SHORTEST_PICTURE / longest : 0;
+    const k = Math.min(Math.max(1 / du, 1 / dv, least), LONGEST_PICTURE / longest);
     const painter = new Painter(document.createElement("canvas")), width = (a1 - a0) * k, height = (b1 - b0) * k;
     Object.assign(painter, { source, colours: editor.painter.colours });
     painter.resize(width, height, 1);
@@ -366,6 +367,7 @@ class FileOpener {
     await page.open();
     page.addButtons();
     if (stored) {
+      page.isSaved = false;
       page.editor.update(Object.fromEntries(KEPT.map((name) => [name, stored[name] ?? page.editor.get(name)])));
     }
     for (const name of KEPT) page.editor.on(`change:${name}`, () => this.#keep(page));
