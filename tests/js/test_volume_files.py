@@ -58,6 +58,7 @@ CASES: dict[str, bytes] = {
     "slope 0.nii": nifti(RAMP.astype("i2"), slope=0, intercept=7),
     "not finite.nii": nifti(np.array([[[1, np.nan, np.inf]]], "f4")),
     "labels.nii.gz": nifti(RAMP.astype("u1"), intent=1002, packed=True),
+    "more behind.nii.gz": nifti(RAMP.astype("u1"), packed=True) + b"\0" * 40,
     "version 2.nii": nifti(RAMP.astype("u2"), version=2, order=">", sform=OBLIQUE, slope=2, intercept=1),
     "version 2 qform.nii.gz": nifti(RAMP.astype("f8"), version=2, qform=(0.5, 0.5, 0.5, 1, 2, 3), packed=True),
     "slice.nii": nifti(RAMP[:1].astype("u1"), dim=(2, 4, 3, 1, 1, 1, 1, 1)),

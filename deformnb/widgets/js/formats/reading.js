@@ -114,6 +114,7 @@ export class ByteReader {
       const { done, value } = await this.reader.read();
       return done ? null : value;
     } catch (error) {
+      if (this.isPacked && /junk|trailing/i.test(`${error}`)) return null; // behind the end and its check sum
       if (!this.isPacked) throw new FileError(`it cannot be read (${shownText(error)}).`);
       throw new FileError("it cannot be unpacked: it is damaged, cut short, or packed in several parts. Unpack it, " +
         "and open that.");
