@@ -22,6 +22,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+_PORT_TAKEN = ("is not available", "in use")  # in the servers' words, who end then
 
 
 class Host:
@@ -47,13 +48,22 @@ class Host:
         self.folder = folder
         self.prepare()
         self.token = secrets.token_hex(16)
+        self.log = (folder / "server.log").open("wb")
+        self._options = options
+        self._launch()
+
+    def free_port(self) -> int:
+        """A port that is free now, and that another program may take before the server does."""
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        command = [sys.executable, "-m", self.module, *(option.format(folder=folder, token=self.token, port=self.port)
-                                                        for option in (*self.alone, *self.options)), *options]
-        self.log = (folder / "server.log").open("wb")
-        self.process = subprocess.Popen(command, env=self._environment(), cwd=folder, stdout=self.log,
+            return int(free.getsockname()[1])
+
+    def _launch(self) -> None:
+        self.port = self.free_port()
+        command = [sys.executable, "-m", self.module,
+                   *(option.format(folder=self.folder, token=self.token, port=self.port)
+                     for option in (*self.alone, *self.options)), *self._options]
+        self.process = subprocess.Popen(command, env=self._environment(), cwd=self.folder, stdout=self.log,
                                         stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
 
     def prepare(self) -> None:
@@ -79,19 +89,24 @@ class Host:
         return f"{absent[0]} is not installed: pip install deformnb[test]" if absent else ""
 
     def started(self, timeout: float = 180.0) -> None:
-        """Until the server answers."""
+        """Wait until the server answers; where its port was taken meanwhile, it is started again at another."""
         end = time.monotonic() + timeout
         while time.monotonic() < end:
+            if self.process.poll() is not None:
+                if not any(words in self.messages() for words in _PORT_TAKEN):
+                    break
+                self.log.truncate(0)
+                self._launch()
             try:
                 with urllib.request.urlopen(self.url(self.ready), timeout=2):
-                    return
+                    is_there = True
             except urllib.error.HTTPError as error:
-                if error.code in (403, 404):  # it has no such page, but it is there
-                    return
+                is_there = error.code in (403, 404)  # it has no such page
             except (urllib.error.URLError, OSError):
-                time.sleep(0.2)
-            if self.process.poll() is not None:
-                break
+                is_there = False
+            if is_there and self.process.poll() is None:
+                return
+            time.sleep(0.2)
         raise RuntimeError(f"{self.name} did not start:\n{self.messages()[-2000:]}")
 
     def messages(self) -> str:
@@ -200,9 +215,8 @@ class Lab(_Application):
     name, module, requires = "JupyterLab", "jupyterlab", ("jupyterlab",)
     address = "/lab/workspaces/{workspace}/tree/{name}"  # else it opens the notebooks of other pages as well
     options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
-               "--LabApp.expose_app_in_browser=True", "--LabApp.news_url=",
+               "--ServerApp.port_retries=0", "--LabApp.expose_app_in_browser=True", "--LabApp.news_url=",
                "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate")
-
 
     def prepare(self) -> None:
         settings = self.folder / "jupyterlab_settings_dir" / "@jupyterlab" / "apputils-extension"
@@ -216,7 +230,7 @@ class Notebook(_Application):
     name, module, requires = "Notebook 7", "notebook", ("jupyterlab",)
     address = "/notebooks/{name}"
     options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
-               "--JupyterNotebookApp.expose_app_in_browser=True")
+               "--ServerApp.port_retries=0", "--JupyterNotebookApp.expose_app_in_browser=True")
 
 
 class Voila(Host):
@@ -225,7 +239,8 @@ class Voila(Host):
     name, module = "Voila", "voila"
     address = "/voila/render/{name}"
     ready = "/voila/static/voila.js"
-    options = ("--Voila.ip=127.0.0.1", "--Voila.token={token}", "--Voila.root_dir={folder}")
+    options = ("--Voila.ip=127.0.0.1", "--Voila.token={token}", "--Voila.root_dir={folder}",
+               "--Voila.port_retries=0")
 
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         self.write_notebook(cells, name)

@@ -149,6 +149,7 @@ def test_an_example_is_applied_and_undone_at_once(in_lab: Lab, window: Any) -> N
     before = window.evaluate(f"() => JSON.stringify({editor}.points)")
     window.locator(".dnb-head").get_by_role("button", name="Examples", exact=True).click()
     window.locator(".dnb-menu-examples").get_by_role("button", name="Thompson's fish").click()
+    window.locator(".dnb-menu-examples").wait_for(state="hidden")  # the pictures are not covered by it
     window.wait_for_function(f"{editor}.points.length === 56")
     window.locator(".dnb-head button[title^='Undo: example']").click()
     window.wait_for_function(f"(before) => JSON.stringify({editor}.points) === before", arg=before)

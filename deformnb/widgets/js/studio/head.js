@@ -56,7 +56,10 @@ class StudioHead {
     // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
     window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
-    window.addEventListener("click", (event) => this.#dismiss(event), { signal });
+    window.addEventListener("click", (event) => {
+      this.#dismiss(event);
+      this.#closeExamples(event);
+    }, { signal });
     window.addEventListener("change", (event) => this.#chosen(event), { signal });
     /** @type {SidePanel | null} */
     this.side = null;
@@ -201,6 +204,12 @@ class StudioHead {
   #press({ target }) {
     const isInside = target instanceof Element && (this.root.contains(target) || target.closest(".dnb-studio-menu"));
     if (!isInside) this.toggleMenu();
+  }
+
+  /** An example that was chosen is to be seen, and the next choice is another one: its menu closes. @param {MouseEvent} event */
+  #closeExamples({ target }) {
+    const button = target instanceof Element ? target.closest(".dnb-menu-examples .jupyter-button") : null;
+    if (button && this.studio?.contains(button)) this.toggleMenu();
   }
 
   /** After a choice with the pointer in a menu over the panes the keys are the picture's again. @param {Event} event */
