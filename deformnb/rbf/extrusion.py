@@ -37,6 +37,9 @@ DEEPEST = 20
 LARGEST_POWER = 64.0
 
 # NumPy numbers: Python's raise ZeroDivisionError and OverflowError, and (-pi)^0.5 is complex.
+FRONT_ONLY = "max(0,min(1,(0.7-z)/0.3))"
+"""The curve of depth that leaves the back as it is: 1 in the front 40 % of the depth, 0 in the last 30 %."""
+
 CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "sin": (np.sin, 1), "cos": (np.cos, 1), "tan": (np.tan, 1), "exp": (np.exp, 1), "log": (np.log, 1),

@@ -19,6 +19,7 @@ from deformnb.document.edits import untouched_step
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_axes, subject_box
 from deformnb.rbf.cuts import Cut
+from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.session.session import Session
@@ -28,7 +29,6 @@ _BEND = 1.0  # radians: the angle between the ends of the bent subject
 _SAG = 0.12  # of half of the subject's length: how far all is moved back to stay in the middle
 _INCISION = 0.6  # of half of the subject's length: how far the incision reaches from the middle
 _OPENING = 0.42  # of half of the subject's width: how far either side of the incision is moved
-_FRONT = "max(0,min(1,(0.7-z)/0.3))"  # of the depth: all of the drag in the front 40 %, nothing in the last 30 %
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def cut_open(step: Step, picture: Picture) -> Step:
         points = points.add(place, moved)
     vertices = tuple((float(a), float(b)) for a, b in (middle - _INCISION * long, middle + _INCISION * long))
     cut = Cut(Line(vertices, stops=(True, True)), "incision")
-    return replace(step.with_points(points), cuts=(cut,), extrusion="modulate", curve=_FRONT)
+    return replace(step.with_points(points), cuts=(cut,), extrusion="modulate", curve=FRONT_ONLY)
 
 
 def thompson(step: Step, picture: Picture) -> Step:

@@ -35,7 +35,7 @@ LONGEST_EDIT = 2**20
 """Bytes of an edit at most: all the points that a fit takes."""
 
 KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several", "lock", "turn",
-         "scale", "brush")
+         "scale", "brush", "open")
 """Kinds of edits; "several" is more than one of them, which a busy kernel gets as one."""
 
 OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")

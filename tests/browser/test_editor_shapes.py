@@ -85,6 +85,27 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
     assert (columns.min(), columns.max()) == pytest.approx((middle - 40, middle + 50), abs=4)
 
 
+def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture, front_only=False))
+    bar = page.page.get_by_role("group", name="Chosen cut")
+    assert bar.is_hidden()
+    draw(page, "x", [(71, 5), (71, 45)])
+    bar.get_by_label("Stop at the ends").check()
+    bar.get_by_label("Front only").check()
+    bar.get_by_role("button", name="Pull open").click()
+    page.answered()
+    assert page.editor.cuts[0].region.stops == (True, True)
+    assert page.editor.front_only is True
+    moved = page.editor.points.displacement.any(axis=1)
+    (left, right) = page.editor.points.target[moved][np.argsort(page.editor.points.target[moved][:, 0])]
+    assert left[0] < 71 < right[0]
+    assert page.editor.fit().opacity([[71.0, 25]]) == 0
+    assert page.editor.fit().opacity([[71.0, 60]]) == 1
+    page.editor.front_only = None
+    page.answered()
+    assert bar.get_by_label("Front only").is_hidden()
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 @pytest.mark.parametrize("region", [Line([(71, -20), (78, 10), (64, 30), (76, 70)]),

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
 import {
-  cornersOf, fixedSideThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, partTurned,
+  cornersOf, fixedSideThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, openingPlaces, partTurned,
   placeBefore, placeMoved, removedCorner, shapeLabel, simplified, stopsAt, turnAndShift, turnedRegion, wayBefore,
   withStop,
 } from "../../deformnb/widgets/js/maths/shapes.js";
@@ -85,4 +85,18 @@ test("a cut stops at the ends of a line, and nowhere else", () => {
   assert.deepEqual(cut.region, last);
   assert.ok(sameShapes(cleanShapes([{ region: { ...line, stops: [false, false] } }], "cuts")[0].region, line));
   assert.match(shapeLabel(cut, "cuts", 0), /stops at its last end/);
+});
+
+test("the points that open a cut lie on its sides, in the box, and hold its ends", () => {
+  const vertices = [[50, 20], [50, 80]], { pulled, held } = openingPlaces(vertices, [0, 100, 0, 100]);
+  assert.deepEqual(pulled.map(({ from, to }) => [from[1], to[1]]), [[50, 50], [50, 50]]);
+  const [p, q] = pulled.map(({ from, to }) => [from[0] - 50, to[0] - 50]);
+  assert.deepEqual([p[0] + q[0], p[1] + q[1]].map(Math.abs), [0, 0]); // alike on both sides
+  assert.ok(Math.abs(p[0]) > 1 && Math.abs(p[1]) > 2 * Math.abs(p[0]) && p[0] * p[1] > 0); // away from the cut
+  assert.ok(held.every(([a, b]) => a >= 0 && a <= 100 && b >= 0 && b <= 100));
+  const farthest = Math.max(...held.filter(([, b]) => b === 50).map(([a]) => a));
+  assert.ok(farthest > 50 + Math.abs(p[1])); // no pulled point passes one that is held
+  assert.deepEqual(held.slice(0, 2), [[50, 8], [50, 92]]);
+  const narrow = openingPlaces(vertices, [45, 52, 0, 100]);
+  assert.ok([...narrow.held, ...narrow.pulled.map(({ to }) => to)].every(([a]) => a > 45 - 1e-9 && a < 52 + 1e-9));
 });

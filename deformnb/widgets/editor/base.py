@@ -81,7 +81,8 @@ def _number(value: Any) -> None:
 
 
 FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
-    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch, "window": _window,
+    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch, "front_only": _switch,
+    "window": _window,
     "slice": _number}
 """Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 

@@ -228,6 +228,8 @@ class Editor(EditedPoints):
     "first": -32.0, "spacing": 0.5}``, the depth of the first one and the distance of neighbours; the front end then
     sets ``slice``, the number from 0 of the one that is wanted, and whoever observes it sets ``picture``.
     ``wand`` is {} or what the wand of the front end has selected, see :meth:`on_wand`.
+    ``front_only`` is None, or whether the deformation ends in the front part of the depth, which the front end then
+    offers for a chosen cut; whoever observes it changes the depth.
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
     ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
     least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
@@ -258,6 +260,8 @@ class Editor(EditedPoints):
     show_grid = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
     stop_at_folds = traitlets.Bool(False).tag(sync=True)
+    front_only = traitlets.Bool(None, allow_none=True, help="whether the depth is deformed in front only; None where "
+                                "nobody answers").tag(sync=True)
     brush_radius = traitlets.Float(0.0).tag(sync=True)
     drag_grid = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
     overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)

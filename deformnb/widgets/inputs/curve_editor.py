@@ -18,7 +18,7 @@ import traitlets
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.errors import DeformError
-from deformnb.rbf.extrusion import LONGEST, modulate
+from deformnb.rbf.extrusion import FRONT_ONLY, LONGEST, modulate
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import AbstractEdited, nodes_from_json
 
@@ -112,7 +112,7 @@ def _height(y: NDArray[np.float64]) -> float:
 Curve = str | tuple[float, ...]
 
 CURVES = {
-    "constant 1": "1", "z": "z", "1 - z": "1-z", "front only": "max(0,min(1,2-4*z))",
+    "constant 1": "1", "z": "z", "1 - z": "1-z", "front only": FRONT_ONLY,
     "sin(\u03c0 z)": "sin(pi*z)", "smoothstep": "z*z*(3-2*z)",
 }
 """Formulas that the front end offers, by the name it shows."""

@@ -15,6 +15,8 @@ import ipywidgets as ipw
 import numpy as np
 
 from deformnb._weak import weakly
+from deformnb.document.deformation import Step
+from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
@@ -54,10 +56,16 @@ def show_step(editor: Any, session: Session) -> None:
         if isinstance(editor, Editor):
             editor.cuts, editor.parts, editor.cut_rule = step.cuts, step.parts, step.cut_rule
             editor.beyond = _box_on_picture(session)
+            editor.front_only = is_front_only(step)
         elif editor.options != _options(session):
             editor.options = _options(session)
         if editor.points != session.points:
             editor.points = session.points
+
+
+def is_front_only(step: Step) -> bool:
+    """Check that a step on a picture leaves the back of the volume as it is, by the curve of that name."""
+    return step.extrusion == "modulate" and step.curve == FRONT_ONLY
 
 
 def show_view_state(editor: Any, session: Session) -> None:

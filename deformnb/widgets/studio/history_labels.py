@@ -35,6 +35,8 @@ def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> s
     >>> edit_label(points, points.add([9, 9], name="move 4"), "brush")
     'move 4'
     """
+    if kind == "open":
+        return "pull open a cut"
     if kind in ("turn", "scale", "brush"):
         return _tool(before, after, kind)
     old, new = (dict(zip(p.ids, range(len(p)), strict=True)) for p in (before, after))

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.session.exports import export
 from deformnb.session.inputs import as_deformation, best_view, source_of, volume_from
 from deformnb.session.session import Session
@@ -41,7 +42,7 @@ from deformnb.widgets.cell_widgets import (
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import Panel
-from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
+from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, is_front_only, make_editor
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
@@ -356,6 +357,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             editor.observe(self._weakly(Studio._shapes_changed), ["cuts", "parts"])
             editor.observe(self._weakly(Studio._window_chosen), "window")
             editor.observe(self._weakly(Studio._slice_chosen), "slice")
+            editor.observe(self._weakly(Studio._depth_chosen), "front_only")
         editor.on_history(self._weakly(Studio._travel))
 
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
@@ -376,6 +378,14 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session, slices = self.session, self.session.slices
         if session.method == "slice" and slices.index(session.depth) != change["new"]:
             self._words.guarded(lambda: session.set_trait("depth", slices.depth(change["new"])))
+
+    def _depth_chosen(self, change: Any) -> None:
+        session = self.session
+        if session.step.plane is None or change["new"] is None or change["new"] == is_front_only(session.step):
+            return
+        depth: dict[str, Any] = {"extrusion": "modulate", "curve": FRONT_ONLY} if change["new"] else {
+            "extrusion": "replicate"}
+        self._edits.edited(lambda: session.change("in front only" if change["new"] else "at every depth", **depth))
 
     def _window_changed(self, _change: Any) -> None:
         self._editors.show_view_state()

@@ -25,6 +25,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
+from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import SIDES, VIEWS
@@ -369,6 +370,23 @@ def test_the_page_goes_through_the_slices(studio: Studio) -> None:
     session.method = "mip"
     studio.wait()
     assert studio.editor.slices == {}
+
+
+def test_front_only_of_the_page_is_the_depth_of_the_step(studio: Studio) -> None:
+    session, editor = studio.session, studio.editor
+    assert editor.front_only is False
+    editor.set_state({"front_only": True})
+    assert (session.step.extrusion, session.step.curve) == ("modulate", FRONT_ONLY)
+    editor.set_state({"front_only": False})
+    assert session.step.extrusion == "replicate"
+    session.change(extrusion="modulate", curve="sin(pi*z)")
+    studio.wait()
+    assert editor.front_only is False
+    studio.undo()
+    studio.undo()
+    studio.wait()
+    assert editor.front_only is True
+    assert session.step.curve == FRONT_ONLY
 
 
 def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_together(studio: Studio) -> None:

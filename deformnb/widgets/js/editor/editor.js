@@ -21,6 +21,7 @@ import { GridNodes } from "./grid_nodes.js";
 import { Handles, ToolMarks } from "./handles.js";
 import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
 import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painter.js";
+import { CutBar } from "./cut_bar.js";
 import { FoldStop } from "./fold_stop.js";
 import { PartTools } from "./part_tools.js";
 import { PointTools } from "./point_tools.js";
@@ -44,7 +45,7 @@ import { WindowTool } from "./window_tool.js";
  */
 
 /** Other traits that the drawing depends on. */
-const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds",
+const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "front_only",
   "brush_radius", "drag_grid", "wand", "slices", "slice", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
@@ -181,6 +182,7 @@ export class EditorView extends EditorDrawing {
     this.brush = new Brush(this);
     this.windowTool = new WindowTool(this);
     this.wand = new Wand(this);
+    this.cutBar = new CutBar(this);
     this.colourBar = new ColourBar(this);
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
@@ -577,6 +579,7 @@ export class EditorView extends EditorDrawing {
     this.brush.show();
     this.windowTool.show();
     this.wand.show();
+    this.cutBar.show();
     this.colourBar.update();
     this.statusLine.update();
     this.#updateToolbar();

@@ -36,7 +36,7 @@ import { REGION_FORMS } from "./shape_handles.js";
 
 /** @typedef {ReturnType<Handles<any>["make"]>} HandleParts */
 
-const QUIET_NAME = /^(move|grow|shrink|smudge|expand) \d+$| rim$/; // names that tools give: shown under the mouse, as numbers are
+const QUIET_NAME = /^(move|grow|shrink|smudge|expand|hold) \d+$| rim$/; // names that tools give: shown under the mouse, as numbers are
 /** @type {Record<string, number>} */
 export const POINT_STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown

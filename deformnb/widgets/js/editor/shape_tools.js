@@ -364,7 +364,7 @@ export class ShapeTools {
     this.handles.focus(chosen);
     editor.announce(`${shapeLabel(editor.shapes[what][index], what, index)}, added`);
     if (what !== "cuts") return;
-    editor.hint("Each side bends by its own points now: put some on both, and pull them apart", 6000);
+    editor.hint("Each side bends by its own points now. Pull open sets some, or add your own and drag them", 6000);
   }
 
   /**
@@ -439,6 +439,16 @@ export class ShapeTools {
     editor.hint(`${words}; a double-click on its end changes that`, 4000);
     editor.announce(words);
     return true;
+  }
+
+  /** Let the chosen cut stop at both ends, or go on to the border. @param {boolean} isStop */
+  stopAtEnds(isStop) {
+    const { chosen, chosenShape: shape } = this;
+    if (chosen?.what !== "cuts" || shape?.region.kind !== "line") return;
+    const { kind, vertices } = shape.region;
+    if (this.#change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")) {
+      this.editor.announce(isStop ? "The cut stops at its ends" : "The cut goes on to the border");
+    }
   }
 
   /**

@@ -148,6 +148,48 @@ export function withStop(region, k, isStop) {
   return { kind, vertices, ...(next.some(Boolean) && { stops: next }) };
 }
 
+/**
+ * The places of points that open a cut: `pulled`, one on either side of its middle and where each is dragged to, and
+ * `held` around them, in a box.
+ * @param {number[][]} vertices  of the cut
+ * @param {number[]} box  [a0, a1, b0, b1]
+ */
+export function openingPlaces(vertices, [a0, a1, b0, b1]) {
+  const first = vertices[0], last = vertices[vertices.length - 1], chord = Math.hypot(last[0] - first[0], last[1] - first[1]);
+  const { place: middle, way } = alongLine(vertices, 0.5);
+  const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way, half = chord / 2 || 1;
+  const low = [a0, b0], high = [a1, b1];
+  /** Towards a side, u being the way across, and no farther than the box. @type {(way: number[]) => number} */
+  const room = (across) => Math.min(...across.map((w, c) => (w > 0 ? (high[c] - middle[c]) / w
+    : w < 0 ? (low[c] - middle[c]) / w : Infinity)));
+  /** @type {(along: number, across: number) => number[]} */
+  const at = (along, across) => [middle[0] + along * u - across * v, middle[1] + along * v + across * u].map(
+    (x, c) => Math.min(high[c], Math.max(low[c], x)));
+  /** @type {{ from: number[], to: number[] }[]} */
+  const pulled = [];
+  const held = [at(-1.4 * half, 0), at(1.4 * half, 0)];
+  for (const side of [-1, 1]) {
+    const reach = Math.min(1.2 * half, 0.9 * room([-side * v, side * u]));
+    const from = side * Math.min(0.12 * half, 0.2 * reach), to = from + side * Math.min(0.42 * half, 0.45 * reach);
+    pulled.push({ from: at(0, from), to: at(0, to) });
+    held.push(at(0, side * reach), at(-0.95 * half, 0.85 * side * reach), at(0.95 * half, 0.85 * side * reach));
+  }
+  return { pulled, held };
+}
+
+/**
+ * A place on a line at a share of its length, and the direction there.
+ * @param {number[][]} vertices
+ * @param {number} share  0 to 1
+ */
+function alongLine(vertices, share) {
+  const lengths = vertices.slice(1).map(([a, b], k) => Math.hypot(a - vertices[k][0], b - vertices[k][1]));
+  let left = share * lengths.reduce((sum, length) => sum + length, 0), k = 0;
+  while (k < lengths.length - 1 && left > lengths[k]) left -= lengths[k++];
+  const [p, q] = [vertices[k], vertices[k + 1]], length = lengths[k] || 1, way = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
+  return { place: [p[0] + left * way[0], p[1] + left * way[1]], way };
+}
+
 // ---- the motion of a rigid part -------------------------------------------------------------------------------------
 // A part is turned about its pivot by an angle, from the a-axis to the b-axis and so clockwise on the screen, and then
 // shifted. The pivot is a place of the region, before the motion.

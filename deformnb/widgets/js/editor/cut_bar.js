@@ -1,0 +1,72 @@
+// The options of the chosen cut, in a bar over the picture: whether it stops at its ends, whether it opens in front only,
+// and points that pull it open.
+// The trait "front_only" is null where nobody answers: then the depth is not offered.
+
+import { nextId, newPoint } from "../maths/points.js";
+import { openingPlaces, stopsAt } from "../maths/shapes.js";
+import { OWN_KEYS, pageElement } from "../ui/dom.js";
+
+/** @import { RegionData } from "../types.d.ts" */
+/** @import { EditorView } from "./editor.js" */
+
+const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
+
+export class CutBar {
+  /** @param {EditorView} editor */
+  constructor(editor) {
+    this.editor = editor;
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-wand-bar dnb-ed-cut-bar", editor.stage,
+      { hidden: "", role: "group", "aria-label": "Chosen cut" });
+    this.stops = this.#box("Stop at the ends", "The cut stops at both ends; else it goes on straight to the border",
+      (isOn) => editor.shapeTools.stopAtEnds(isOn));
+    this.front = this.#box("Front only", "The front of the volume comes apart, and the back stays as it is; "
+      + "the group Depth has the curve", (isOn) => editor.set("front_only", isOn));
+    this.pull = pageElement("button", "dnb-ed-button", this.bar, { type: "button", "aria-label": "Pull open",
+      title: "Put a point on either side and pull them apart; points around them hold the rest", ...OWN_KEYS });
+    this.pull.textContent = "Pull open";
+    this.pull.addEventListener("click", () => editor.guard(() => this.#pullOpen()));
+  }
+
+  /** @param {string} words @param {string} title @param {(isOn: boolean) => void} act */
+  #box(words, title, act) {
+    const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title });
+    const input = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
+    pageElement("span", "", label).textContent = words;
+    input.addEventListener("change", () => this.editor.guard(() => act(input.checked)));
+    return input;
+  }
+
+  /** The line of the chosen cut; null where it is closed, or none is chosen. @returns {RegionData | null} */
+  get #line() { return this.editor.shapeTools.canStop ? this.editor.shapeTools.chosenShape?.region ?? null : null; }
+
+  show() {
+    const { editor } = this, region = this.#line, isFront = editor.model.get("front_only");
+    const isBusy = editor.pen.isOn || editor.brush.isOn || editor.wand.isOn || editor.isLocked || editor.isBefore;
+    this.bar.hidden = !region || isBusy || region.kind !== "line";
+    if (!region || this.bar.hidden || region.kind !== "line") return;
+    this.stops.checked = Boolean(stopsAt(region, 0) && stopsAt(region, region.vertices.length - 1));
+    this.front.checked = isFront === true;
+    this.front.parentElement?.toggleAttribute("hidden", typeof isFront !== "boolean");
+  }
+
+  #pullOpen() {
+    const { editor, editor: { pointTools } } = this, region = this.#line, [a0, a1, b0, b1] = editor.box;
+    if (region?.kind !== "line") return;
+    const { pulled, held } = openingPlaces(region.vertices, editor.box), near = NEAR * Math.hypot(a1 - a0, b1 - b0);
+    const made = [...editor.points];
+    let id = nextId(made, editor.sender.nextId);
+    for (const { from, to } of pulled) {
+      const source = pointTools.seenAt(from);
+      if (source === null) { editor.hint("It is open already: drag its points to pull further", 4000); return; }
+      made.push(newPoint(id++, source, to));
+    }
+    for (const place of held) {
+      const source = pointTools.seenAt(place);
+      const isNear = editor.points.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
+      if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
+    }
+    if (!pointTools.edit(made, "open")) return;
+    editor.announce("pulled open by two points");
+    editor.hint("Drag the two points to open it further", 4000);
+  }
+}
