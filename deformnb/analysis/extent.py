@@ -15,9 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter1d
 
+from deformnb.analysis.folds import IsTissue
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points
@@ -110,6 +113,49 @@ def foreground_level(volume: Volume) -> float:
     """The value above which voxels are foreground: the edge between air and tissue, the background of labels."""
     plain = volume.is_labels or volume.dtype == np.bool_
     return float(volume.background if plain else levels(volume)[1])
+
+
+# Voxels around tissue that count as such: a fold beside it would still be seen.
+_BESIDE_TISSUE = 2
+
+
+def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
+    """A test whether points (n, 3) lie in the foreground of a volume, or within two voxels of it.
+
+    Parameters
+    ----------
+    plane : whose depth is not looked at: what lies in front of tissue, or behind it, counts as tissue too. Only along
+        an axis of the volume; of other planes every point counts.
+
+    Examples
+    --------
+    >>> values = np.zeros((8, 8, 32), np.uint8)
+    >>> values[:, :, 10:14] = 200
+    >>> tissue_test(Volume.from_array(values))(np.array([[12.0, 4, 4], [8, 4, 4], [3, 4, 4]])).tolist()
+    [True, True, False]
+    """
+    there = volume.finite_values > foreground_level(volume)
+    depth = None
+    if plane is not None:
+        cosines = np.abs(np.asarray(volume.grid.direction).T @ plane.frame[2])
+        depth = int(cosines.argmax())
+        if not np.isclose(cosines[depth], 1.0, atol=1e-6):
+            return lambda x: np.ones(len(x), np.bool_)
+        there = np.broadcast_to(there.any(axis=2 - depth, keepdims=True), there.shape)
+    for axis in range(3):
+        there = maximum_filter1d(there, 2 * _BESIDE_TISSUE + 1, axis=axis, mode="constant")
+    last = np.array(there.shape[::-1]) - 1
+
+    def is_tissue(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        index = np.rint(volume.grid.point_to_index(x)).astype(np.int64)
+        within = np.clip(index, 0, last)
+        outside = index != within
+        if depth is not None:
+            outside[:, depth] = False
+        i, j, k = within.T
+        return np.asarray(~outside.any(axis=1) & there[k, j, i])
+
+    return is_tissue
 
 
 def foreground_of(volume: Volume) -> Foreground:

@@ -24,6 +24,9 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, Volume, as_grid
 from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points
 
+NEARLY_FOLDED = 0.05
+"""The smallest determinant that counts as safe: tissue is shown at most twenty times its size."""
+
 # Nodes of a grid at a time: nine derivatives of each fill 36 bytes.
 _NODES_AT_A_TIME = 2**18
 
@@ -41,11 +44,17 @@ class Folds:
     least : the smallest determinant of ``1 + dD/dx`` at a node; 0 or less is a fold.
     place : the node where that is, physical: (a, b) on a plane, (x, y, z) in space.
     share : the part of the nodes that lie in folds, from 0 to 1.
+    air : the part of the nodes that lie in folds where there is no tissue; they count in neither of the above.
     """
 
     least: float
     place: tuple[float, ...]
     share: float
+    air: float = 0.0
+
+
+IsTissue = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+"""Whether tissue is at points (n, dim) of the input, such as of :func:`deformnb.analysis.extent.tissue_test`."""
 
 
 def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume | Raster | Landmarks | ArrayLike, *,
@@ -94,7 +103,7 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume |
 
 
 def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, progress: Progress | None = None, *,
-             grid: Grid | Volume | None = None) -> Folds:
+             grid: Grid | Volume | None = None, is_tissue: IsTissue | None = None) -> Folds:
     """The smallest determinant on a lattice, its place, and the share of the nodes that lie in folds.
 
     Parameters
@@ -102,6 +111,7 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, p
     field : backward displacements of the lattice's dimension, or a Deformation.
     lattice : a Raster, a Grid or a Volume; what happens between its nodes is not seen.
     grid : of the volume that a Deformation deforms, if that is not the lattice.
+    is_tissue : where determinants up to :data:`NEARLY_FOLDED` count; folds elsewhere are ``air``. Default everywhere.
     progress : called with the finished share from 0 to 1 after every block; may raise
         :class:`~deformnb.errors.Cancelled`, which is passed on.
 
@@ -118,10 +128,13 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, p
         lattice = as_grid(lattice)
         grid = lattice if grid is None else grid
     field = as_field(field, grid)
-    least, place, folded, seen = np.inf, (0,) * len(lattice.shape), 0.0, 0
-    for part, values in _blocks(field, lattice):
+    least, place, folded, in_air, seen = np.inf, (0,) * len(lattice.shape), 0.0, 0.0, 0
+    for part, found in _blocks(field, lattice):
         count = int(np.prod([len(range(*p.indices(n))) for p, n in zip(part, lattice.shape, strict=True)]))
-        folded += count / values.size * np.count_nonzero(~(values > 0))  # what is not a number is no good either
+        is_air = air_nodes(field, _points_of(lattice, part, found.shape), found, is_tissue)
+        in_air += count / found.size * np.count_nonzero(is_air & ~(found > 0))
+        values = np.where(is_air, np.float32(np.inf), found)
+        folded += count / found.size * np.count_nonzero(~(values > 0))  # what is not a number is no good either
         at = np.unravel_index(int(np.argmin(values)), values.shape)
         if not values[at] >= least:
             least = float(values[at])
@@ -129,7 +142,27 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, p
         seen += count
         if progress is not None:
             progress(seen / int(np.prod(lattice.shape)))
-    return Folds(least, _place(lattice, place), float(folded / int(np.prod(lattice.shape))))
+    nodes = int(np.prod(lattice.shape))
+    least = 1.0 if least == np.inf else least
+    return Folds(least, _place(lattice, place), float(folded / nodes), float(in_air / nodes))
+
+
+def air_nodes(field: AbstractField, points: Callable[[NDArray[np.bool_]], NDArray[np.float64]], values: NDArray[Any],
+              is_tissue: IsTissue | None) -> NDArray[np.bool_]:
+    """Nodes with a determinant up to :data:`NEARLY_FOLDED` at which no tissue is seen: no fold of theirs counts.
+
+    Parameters
+    ----------
+    points : the nodes of a mask, (n, dim).
+    values : determinants at all nodes.
+    """
+    low = ~(values > NEARLY_FOLDED)
+    if is_tissue is None or not low.any():
+        return np.zeros_like(low)
+    x = points(low)
+    air = np.zeros_like(low)
+    air[low] = ~is_tissue(x + field.displacement(x))
+    return air
 
 
 def largest_safe_share(is_fold_free: Callable[[float], bool]) -> float:
@@ -162,6 +195,20 @@ def _place(lattice: Grid | Raster, index: tuple[int, ...]) -> tuple[float, ...]:
     if isinstance(lattice, Raster):
         return tuple((np.asarray(lattice.origin) + at * np.asarray(lattice.spacing)).tolist())
     return tuple(lattice.index_to_point(at).tolist())
+
+
+def _points_of(lattice: Grid | Raster, part: tuple[slice, ...], shape: tuple[int, ...]
+               ) -> Callable[[NDArray[np.bool_]], NDArray[np.float64]]:
+    """The nodes of a part of the lattice's array where a mask of this shape is true."""
+    first = np.array([p.start or 0 for p in part])
+
+    def points(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+        index = (np.argwhere(mask.reshape(shape)) + first)[:, ::-1].astype(np.float64)
+        if isinstance(lattice, Raster):
+            return np.asarray(lattice.origin) + index * np.asarray(lattice.spacing)
+        return lattice.index_to_point(index)
+
+    return points
 
 
 def _blocks(field: AbstractField, lattice: Grid | Raster) -> Iterator[tuple[tuple[slice, ...], NDArray[np.float32]]]:

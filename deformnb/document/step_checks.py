@@ -13,7 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.analysis.folds import Folds, folds_of, jacobian_determinant, largest_safe_share
+from deformnb.analysis.folds import (
+    NEARLY_FOLDED,
+    Folds,
+    IsTissue,
+    air_nodes,
+    folds_of,
+    jacobian_determinant,
+    largest_safe_share,
+)
 from deformnb.analysis.gaussian_process import Uncertainty, fit_system, process_scale, uncertainty
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
 from deformnb.document.deformation import Deformation, Step
@@ -30,8 +38,8 @@ from deformnb.volume.volume import Grid
 
 Floats = NDArray[np.float64]
 
-LEAST = 0.05
-"""The smallest determinant that counts as safe: tissue is shown at most twenty times its size."""
+LEAST = NEARLY_FOLDED
+"""The smallest determinant that counts as safe."""
 
 _ON_PLANE, _SLICES, _IN_SPACE = 97, 9, 33
 
@@ -77,16 +85,17 @@ def _covering(grid: Grid, most: int) -> Grid:
     return Grid(shape, tuple(spacing.tolist()), grid.origin, grid.direction)
 
 
-def step_folds(step: Step, grid: Grid, field: AbstractField | None = None) -> Folds:
+def step_folds(step: Step, grid: Grid, field: AbstractField | None = None, is_tissue: IsTissue | None = None) -> Folds:
     """The folds of a step at the nodes of :func:`fold_lattice`, the smallest determinant followed between them.
 
     Parameters
     ----------
     field : of the step on this grid, if it is there already.
+    is_tissue : of the step's input, see :func:`~deformnb.analysis.folds.folds_of`.
     """
     lattice = fold_lattice(step, grid)
     found = step.field(grid) if field is None else field
-    return _followed(found, lattice, folds_of(found, lattice))
+    return _followed(found, lattice, folds_of(found, lattice, is_tissue=is_tissue), is_tissue)
 
 
 def document_folds(deformation: Deformation, grid: Grid) -> Folds:
@@ -98,7 +107,7 @@ def document_folds(deformation: Deformation, grid: Grid) -> Folds:
     return _followed(field, lattice, folds_of(field, lattice))
 
 
-def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
+def _followed(field: AbstractField, lattice: Grid, folds: Folds, is_tissue: IsTissue | None = None) -> Folds:
     """The smallest determinant near the worst node, on ever finer lattices around it that stay within the first one."""
     axes = lattice.matrix.T
     last = np.array(lattice.shape[::-1]) - 1
@@ -106,18 +115,21 @@ def _followed(field: AbstractField, lattice: Grid, folds: Folds) -> Folds:
     for turn in range(_FINER):
         sides = [np.linspace(-1, 1, _AROUND) / (_AROUND / 2) ** turn if n else np.zeros(1) for n in last]
         index = np.clip(best + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3), 0, last)
-        values = jacobian_determinant(field, np.asarray(lattice.origin) + index @ axes)
+        x = np.asarray(lattice.origin) + index @ axes
+        values = jacobian_determinant(field, x)
+        values[air_nodes(field, x.__getitem__, values, is_tissue)] = np.inf
         k = int(np.argmin(values))
         if values[k] < least:
             best, least = index[k], float(values[k])
     place = np.asarray(lattice.origin) + best @ axes
-    return Folds(least, tuple(place.tolist()), folds.share)
+    return replace(folds, least=least, place=tuple(place.tolist()))
 
 
-def is_fold_free(step: Step, grid: Grid, least: float = LEAST) -> bool:
+def is_fold_free(step: Step, grid: Grid, least: float = LEAST, is_tissue: IsTissue | None = None) -> bool:
     """Check that the determinant of a step is ``least`` or more at every node; False too if it cannot be fitted.
 
-    With several stages every stage is checked by itself. The whole then has no folds, however much it compresses
+    With ``is_tissue``, as of :func:`step_folds`, nodes in air do not count. With several stages every stage is checked
+    by itself, in air as well. The whole then has no folds, however much it compresses
     tissue; only where a curve of depth weakens it must it be looked at too, and have none.
     """
     if not least <= 1:
@@ -125,10 +137,10 @@ def is_fold_free(step: Step, grid: Grid, least: float = LEAST) -> bool:
     try:
         lattice = fold_lattice(step, grid)
         if step.stages == 1:
-            return step_folds(step, grid).least >= least
+            return step_folds(step, grid, is_tissue=is_tissue).least >= least
         if not all(_least(fit, within, step, lattice) >= least for fit, within in _stages(step, grid)):
             return False
-        return step_folds(step, grid).least > 0
+        return step_folds(step, grid, is_tissue=is_tissue).least > 0
     except DeformError:
         return False
 
@@ -159,7 +171,8 @@ def _least(stage: AbstractField, sides: Sides, step: Step, lattice: Grid) -> flo
 # ---- how far one may go ----------------------------------------------------------------------------------------------
 
 
-def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES) -> int:
+def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES, *,
+                  is_tissue: IsTissue | None = None) -> int:
     """The smallest of 1, 2, 4, ... stages in which a step does not fold.
 
     Parameters
@@ -188,21 +201,21 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
             tried = replace(step, stages=count)
         except DeformError as error:
             raise DeformError(f"the map folds, and more stages do not help: {error}") from None
-        if is_fold_free(tried, grid, least):
+        if is_fold_free(tried, grid, least, is_tissue):
             return count
         count *= 2
     raise DeformError(f"the map folds in {most} stages too: points are pulled through one another, or through a rigid "
                       "part, on their straight ways. Drag them less far, or one around the other in several steps.")
 
 
-def safe_strength(step: Step, grid: Grid, least: float = LEAST) -> float:
+def safe_strength(step: Step, grid: Grid, least: float = LEAST, *, is_tissue: IsTissue | None = None) -> float:
     """The strength of a step, at most its own, at which it does not fold; its own if it does not."""
     return step.strength * largest_safe_share(
-        lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least))
+        lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least, is_tissue))
 
 
 def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: Grid, key: int = 0,
-                least: float = LEAST) -> ControlPoints:
+                least: float = LEAST, *, is_tissue: IsTissue | None = None) -> ControlPoints:
     """The control points as far as is safe on the straight way from one state to another.
 
     Parameters
@@ -228,10 +241,10 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
     def at(t: float) -> ControlPoints:
         return after if t == 1 else replace(after, target=start + t * (after.target - start))
 
-    if not is_fold_free(step.with_points(at(0.0), key), grid, least):
+    if not is_fold_free(step.with_points(at(0.0), key), grid, least, is_tissue):
         raise DeformError("the map folds before this edit already, so no part of it is safe; take the strength back or "
                           "unfold it by stages.")
-    return at(largest_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least)))
+    return at(largest_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least, is_tissue)))
 
 
 # ---- the quality of a step's fit -------------------------------------------------------------------------------------

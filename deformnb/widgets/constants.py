@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 
 from deformnb import checks
+from deformnb.analysis import folds
 from deformnb.imaging import occlusion
 from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, support, trends
 from deformnb.widgets import edit_messages
@@ -17,6 +18,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
                                     "FAR_BEHIND")),
     "interpolant": (interpolant, ("RESIDUAL", "ROUNDING", "MOST_GAIN", "STEEP")),
     "kernels": (kernels, ("TINY",)),
+    "folds": (folds, ("NEARLY_FOLDED",)),
     "checks": (checks, ("LARGEST_COORDINATE",)),
     "trends": (trends, ("NO_ANGLE", "FLAT", "THIN", "THIN_BEND", "SOFTNESS", "LEAST_SPREAD")),
     "regions": (regions, ("LARGEST_SHAPE",)),

@@ -305,6 +305,14 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
 
 
+def test_folds_in_air_stop_no_drag(opened: Any, picture: Picture, points: ControlPoints) -> None:
+    page = opened(Editor(picture, points, stop_at_folds=True, air=float(picture.values.max())))  # nothing but air
+    page.drag([70, 25], (330, 60), steps=12)
+    assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
+    assert page.js(f"{PAGE}.folds.air") > 0
+    assert np.array(page.on_screen(page.points.target[4])) - page.on_screen([70, 25]) == pytest.approx([330, 60], abs=1)
+
+
 def test_what_is_folded_already_can_be_moved_back(opened: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points.move(4, [125, 40]), stop_at_folds=True)
     page = opened(editor)

@@ -2,6 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
+import { NEARLY_FOLDED } from "../../deformnb/widgets/js/maths/constants.js";
 import { layeredFit } from "../../deformnb/widgets/js/maths/cuts.js";
 import { foldsOf, probesOf } from "../../deformnb/widgets/js/maths/folds.js";
 import { newPoint } from "../../deformnb/widgets/js/maths/points.js";
@@ -18,7 +19,7 @@ test("without tissue a fold is one in air, and what is left has none", () => {
   const fit = dragged(), all = foldsOf(fit, BOX, 33), none = foldsOf(fit, BOX, 33, probesOf(fit), () => false);
   assert.ok(all.least < -0.2 && all.share > 0);
   assert.equal(all.air, 0);
-  assert.ok(none.least > 0);
+  assert.ok(none.least > NEARLY_FOLDED); // beside a fold the map nearly folds: that is in air as well
   assert.deepEqual([none.share, none.air], [0, all.share]);
 });
 

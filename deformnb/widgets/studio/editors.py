@@ -15,13 +15,13 @@ import ipywidgets as ipw
 import numpy as np
 
 from deformnb._weak import weakly
+from deformnb.analysis.extent import foreground_level
 from deformnb.document.deformation import Step
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
-from deformnb.volume.transfer import levels
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
@@ -83,7 +83,7 @@ def _air(session: Session) -> float | None:
     """The value of the picture up to which nothing is seen; None where its values are not those of the volume."""
     if session.step.plane is None or session.method not in ("slice", "mip"):
         return None
-    return 0.0 if session.volume.is_labels else levels(session.volume)[1]
+    return foreground_level(session.volume)
 
 
 def _box_on_picture(session: Session) -> list[float]:

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.analysis.folds import Folds
+from deformnb.analysis.extent import tissue_test
+from deformnb.analysis.folds import Folds, IsTissue
 from deformnb.analysis.quality import FitQuality, bending_energy
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.step_checks import (
@@ -31,8 +32,8 @@ from deformnb.document.step_checks import (
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
-from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.inverse import RoundTrip, round_trip
 from deformnb.widgets.packed_volume import unit_of
 
@@ -79,7 +80,7 @@ class Diagnostics:
         if self.folds is None:
             return "folds unknown"
         if self.folds.least > 0:
-            return "no folds"
+            return "no folds in tissue" if self.folds.air else "no folds"
         share = 100 * self.folds.share
         return f"folds {share:.0f} %" if share >= 1 else "folds < 1 %"
 
@@ -89,13 +90,37 @@ class Diagnostics:
         return "" if self.trip is None else f"round trip {length_text(self.trip.worst)} {self.unit}"
 
 
-def diagnose(step: Step, key: int, grid: Grid) -> Diagnostics:
-    """Diagnostics of a step; takes some hundredths of a second, more for points in space."""
+def tissue_of(session: Session) -> IsTissue | None:
+    """Whether tissue is seen at points of the input of the step that a session edits, on a picture at any depth.
+
+    None, so that every fold counts, where steps before have deformed the volume.
+    """
+    if any(step.enabled for step in session.deformation.steps[: session.index]):
+        return None
+    volume, plane = session.volume, session.step.plane
+    with _COMPUTING_TISSUE:
+        kept = _TISSUE.get(session)
+        if kept is None or kept[0] is not volume or kept[1] != plane:
+            kept = _TISSUE[session] = (volume, plane, tissue_test(volume, plane))
+        return kept[2]
+
+
+_TISSUE: weakref.WeakKeyDictionary[Session, tuple[Volume, Plane | None, IsTissue]] = weakref.WeakKeyDictionary()
+_COMPUTING_TISSUE = threading.Lock()
+
+
+def diagnose(step: Step, key: int, grid: Grid, is_tissue: IsTissue | None = None) -> Diagnostics:
+    """Diagnostics of a step; takes some hundredths of a second, more for points in space.
+
+    Parameters
+    ----------
+    is_tissue : where folds count, see :func:`tissue_of`; default everywhere.
+    """
     unit, reasons = unit_of(grid), []
     folds = trip = quality = bending = None
     try:
         field = step.field(grid)
-        folds, trip = step_folds(step, grid, field), round_trip(field, _places(step, grid))
+        folds, trip = step_folds(step, grid, field, is_tissue), round_trip(field, _places(step, grid))
     except DeformError as error:
         reasons.append(str(error))
     points = step.maps[min(key, len(step.maps) - 1)]
@@ -128,7 +153,7 @@ def diagnostics_of(session: Session) -> Diagnostics:
         state = session.deformation, session.index, session.key
         kept = _COMPUTED.get(session)
         if kept is None or kept[0] is not state[0] or kept[1:3] != state[1:]:
-            kept = (*state, diagnose(session.step, session.key, session.volume.grid))
+            kept = (*state, diagnose(session.step, session.key, session.volume.grid, tissue_of(session)))
             _COMPUTED[session] = kept
         return kept[3]
 
@@ -169,7 +194,7 @@ _NAME_STYLE = ("text-align: left; vertical-align: top; font-weight: normal; opac
 
 _WHY = {
     "Folds": "det J is the Jacobian determinant of the backward map: 1 keeps areas, below 1 they grow, at 0 or less "
-             f"the map folds. {LEAST:g} counts as fold-free.",
+             f"the map folds. {LEAST:g} counts as fold-free. Folds where only air is seen are told apart.",
     "Round trip": "Distance between a point and its image under the inverse map and then the map. What is lost "
                   "has no place in the result: it is hidden in a fold or behind a cut.",
     "Residual": "How far points miss their sources: more than 0 only with smoothing.",
@@ -184,7 +209,8 @@ def _texts(found: Diagnostics) -> dict[str, str]:
     unit, texts = found.unit, dict[str, str]()
     if found.folds is not None:
         least, share = found.folds.least, found.folds.share
-        how = "none" if least > 0 else f"{100 * share:.2g} % folded" if share else "at single places"
+        in_air = f" in tissue, {100 * found.folds.air:.2g} % in air" if found.folds.air else ""
+        how = f"none{in_air}" if least > 0 else f"{100 * share:.2g} % folded" if share else "at single places"
         texts["Folds"] = f"{how}; smallest det J {least:.3g}"
     if found.trip is not None:
         trip = found.trip
@@ -329,12 +355,12 @@ class FoldActions:
         session, step, grid = self._session, self._session.step, self._session.volume.grid
         start, points = self._start_of_drag(), session.points
         if start is not None:
-            made = safe_points(step, start, points, grid, session.key)
+            made = safe_points(step, start, points, grid, session.key, is_tissue=tissue_of(session))
             if made is not points:
                 session.edit_points(made, "largest safe drag")
                 self._report("The last drag goes as far as is safe now.")
                 return
-        safe = safe_strength(step, grid)
+        safe = safe_strength(step, grid, is_tissue=tissue_of(session))
         if safe == step.strength:
             self._report("Nothing folds here: the whole drag is safe.")
         elif safe == 0:
@@ -352,7 +378,7 @@ class FoldActions:
             If no number of stages does.
         """
         session, step = self._session, self._session.step
-        count = stages_needed(step, session.volume.grid)
+        count = stages_needed(step, session.volume.grid, is_tissue=tissue_of(session))
         if count == step.stages:
             self._report("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
             return
@@ -375,7 +401,7 @@ class FoldActions:
         session = self._session
         index, step = session.index, session.step
         try:
-            count = stages_needed(step, session.volume.grid)
+            count = stages_needed(step, session.volume.grid, is_tissue=tissue_of(session))
         except DeformError as error:
             self._report(str(error))
             return False

@@ -56,7 +56,6 @@ export class DrawRate {
   }
 }
 
-export const NEARLY_FOLDED = 0.05; // of det J, found on a lattice: between its nodes it may well be less
 
 /**
  * Messages about a kernel that does not answer, by the sender's status.

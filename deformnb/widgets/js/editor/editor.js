@@ -661,9 +661,17 @@ export class EditorView extends EditorDrawing {
    */
   #measuredFolds(known) {
     const { isMoving } = this, probes = probesOf(known, isMoving ? 5e4 : 4e5);
-    const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33, { source } = this.painter, air = this.model.get("air");
-    const isTissue = source?.grey && typeof air === "number" ? tissueTest(known, source, air) : undefined;
-    return { ...foldsOf(known, this.box, nodes, probes, isTissue), probes, isRough: isMoving };
+    const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33;
+    return { ...foldsOf(known, this.box, nodes, probes, this.tissueTest(known)), probes, isRough: isMoving };
+  }
+
+  /**
+   * A test whether tissue is seen at a place; undefined where the picture does not show it.
+   * @param {LayeredFit} layered
+   */
+  tissueTest(layered) {
+    const { source } = this.painter, air = this.model.get("air");
+    return source?.grey && typeof air === "number" ? tissueTest(layered, source, air) : undefined;
   }
 
   /** The reach of a point in units of the picture; 0 where that is not known. */

@@ -1,5 +1,6 @@
 // The stop of drags before the map folds, for control points and for rigid parts.
 
+import { NEARLY_FOLDED } from "../maths/constants.js";
 import { layeredFit } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
 import { RbfError } from "../maths/rbf.js";
@@ -8,10 +9,9 @@ import { RbfError } from "../maths/rbf.js";
 /** @import { EditorView } from "./editor.js" */
 /** @typedef {{ points: Point[], shapes: Shapes }} MapState what a map is fitted to */
 
-const HOLD_LEAST = 0.05; // of det J, at which a drag is stopped that must not fold the map
 const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 
-/** Looks ahead whether a drag would fold the map. */
+/** Looks ahead whether a drag would fold the map where tissue is seen. */
 export class FoldStop {
   /** @param {EditorView} editor */
   constructor(editor) {
@@ -39,7 +39,7 @@ export class FoldStop {
       const layered = layeredFit(points, { ...editor.settings, ...shapes, previous: editor.layered });
       const [few, many] = HOLD_NODES;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
-      return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4)).least;
+      return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4), editor.tissueTest(layered)).least;
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       return -Infinity;
@@ -53,7 +53,7 @@ export class FoldStop {
    */
   refuses(state, note) {
     this.least0 ??= this.#leastOf(this.start);
-    const isRefused = this.#leastOf(state) < Math.min(HOLD_LEAST, this.least0) - 1e-9;
+    const isRefused = this.#leastOf(state) < Math.min(NEARLY_FOLDED, this.least0) - 1e-9;
     this.note = isRefused ? note : "";
     return isRefused;
   }

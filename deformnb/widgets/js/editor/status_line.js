@@ -1,9 +1,9 @@
 // The line under the editor's picture: counts, the legend of the regions, folds, and remarks or advice.
 
+import { NEARLY_FOLDED } from "../maths/constants.js";
 import { placeOf } from "../maths/cuts.js";
 import { shownLength } from "../maths/numbers.js";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { NEARLY_FOLDED } from "./base.js";
 import { REGION_FORMS } from "./shape_handles.js";
 import { shownValue } from "./window_tool.js";
 
@@ -83,8 +83,8 @@ export class StatusLine {
     const value = `min det J ${least.toFixed(2)}`;
     const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
     this.folds.classList.toggle("dnb-ed-bad", least <= 0);
-    this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED && air === 0);
-    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED && air === 0 ? "\u25b2 nearly folds"
+    this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
+    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds"
       : `\u2713 no folds${air > 0 ? " in tissue" : ""}`;
     const hasPoints = this.editor.points.length > 0;
     setText(this.folds, hasPoints ? words : "");

@@ -17,6 +17,9 @@ export const STEEP = 10.0;
 // kernels.py
 export const TINY = 1e-30;
 
+// folds.py
+export const NEARLY_FOLDED = 0.05;
+
 // checks.py
 export const LARGEST_COORDINATE = 1000000000000000.0;
 

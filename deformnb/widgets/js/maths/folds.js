@@ -2,6 +2,7 @@
 //
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
+import { NEARLY_FOLDED } from "./constants.js";
 import { placeOf } from "./cuts.js";
 import { RBF_KERNELS, rbfLinearAt } from "./rbf.js";
 import { fieldWithSlope } from "./warp_map.js";
@@ -121,8 +122,9 @@ export function probesOf(layered, most = 2e5) {
 
 /**
  * The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, its place, and
- * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points. Folds where there is no
- * tissue count apart: `air` is their share of the lattice, and 0 < least where all folds are of that sort.
+ * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points. Where there is no
+ * tissue, a det J up to NEARLY_FOLDED does not count: `air` is the share of such folds, and NEARLY_FOLDED < least where
+ * all folds are of that sort.
  * @param {LayeredFit} layered
  * @param {number[]} box  [a0, a1, b0, b1]
  * @param {number} nodes  of each side of the lattice
@@ -135,15 +137,15 @@ export function foldsOf(layered, box, nodes, probes = probesOf(layered), isTissu
   let least = Infinity, place = [(a0 + a1) / 2, (b0 + b1) / 2], folded = 0, inAir = 0;
   for (let n = 0; n < dets.length; n++) {
     const at = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db], isFold = dets[n] <= 0;
-    const counts = !isFold || isTissue(at[0], at[1]);
+    const counts = !(dets[n] <= NEARLY_FOLDED) || isTissue(at[0], at[1]);
     if (isFold && counts) folded += 1;
     else if (isFold) inAir += 1;
     if (counts && dets[n] < least) { least = dets[n]; place = at; }
   }
   for (const [a, b, det] of probes) {
     if (!(det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1)) continue;
-    if (det > 0 || isTissue(a, b)) { least = det; place = [a, b]; }
-    else inAir ||= 1; // between the nodes
+    if (det > NEARLY_FOLDED || isTissue(a, b)) { least = det; place = [a, b]; }
+    else if (det <= 0) inAir ||= 1; // between the nodes
   }
   const isMoved = least !== 1 && Number.isFinite(least), step = Math.max(da, db) / 2;
   const end = isMoved ? downhill(layered, box, { least, place }, step, isTissue) : { least, place };
@@ -167,7 +169,7 @@ function downhill(layered, [a0, a1, b0, b1], start, step, isTissue) {
       const a = place[0] + u, b = place[1] + v;
       if (a < a0 || a > a1 || b < b0 || b > b1) continue;
       const det = detAt(layered, a, b);
-      if (det < least && (det > 0 || isTissue(a, b))) { least = det; better = [a, b]; }
+      if (det < least && (det > NEARLY_FOLDED || isTissue(a, b))) { least = det; better = [a, b]; }
     }
     if (better) place = better;
     else h /= 2;

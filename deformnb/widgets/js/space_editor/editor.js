@@ -5,7 +5,8 @@
 /** @import { ToolEntry } from "../ui/toolbar.js" */
 /** @import { Line, PaneData } from "./pane.js" */
 
-import { EditorDrawing, initialize, NEARLY_FOLDED } from "../editor/base.js";
+import { EditorDrawing, initialize } from "../editor/base.js";
+import { NEARLY_FOLDED } from "../maths/constants.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.js";
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";

@@ -88,6 +88,10 @@ class DiagnosticsPanel(Panel):
 
     def arrange(self) -> None:
         self.overlay.disabled = self.session.step.plane is None
+        if self._shown is not None and self._shown.step is not self.session.step:  # on a busy machine it takes seconds
+            self.facts.value = f'<div style="opacity: 0.45">{facts_html(self._shown)}</div>'
+            self.message.value = _WAITING
+            self._shown = None
         if not self._worker.is_closed:
             self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, _is_open))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +18,17 @@ from deformnb.document.step_checks import is_fold_free, step_folds, step_uncerta
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.inverse import RoundTrip
 from deformnb.widgets import Studio
-from deformnb.widgets.studio.step_diagnostics import diagnose, diagnostics_of, facts_html, uncertainty_overlay, unit_of
+from deformnb.widgets.studio.step_diagnostics import (
+    FoldActions,
+    diagnose,
+    diagnostics_of,
+    facts_html,
+    uncertainty_overlay,
+    unit_of,
+)
 
 
 @pytest.fixture
@@ -43,6 +51,43 @@ def least(studio: Studio) -> float:
 
 
 FAR = 12.0  # of a drag that folds
+
+
+def test_figures_of_another_state_are_dimmed_until_new_ones_are_there(studio: Studio) -> None:
+    diagnostics = panel(studio, "Diagnostics")
+    before = diagnostics.facts.value
+    release = threading.Event()
+    studio._worker.call(release.wait)  # the figures wait behind this
+    drag(studio, a_drag(studio, 2.0))
+    assert "Computing" in diagnostics.message.value
+    assert before in diagnostics.facts.value
+    assert "opacity: 0.45" in diagnostics.facts.value
+    release.set()
+    settle(studio)
+    assert "opacity: 0.45" not in diagnostics.facts.value
+    assert diagnostics.message.value == ""
+
+
+def test_folds_in_air_are_told_apart_and_stop_nothing(tmp_path: Path) -> None:
+    values = np.zeros((12, 40, 60), np.uint8)
+    values[4:8, 10:30, 45:56] = 200  # the body, to the right of the fold
+    points = ControlPoints.from_arrays([[1, 1], [58, 1], [1, 38], [58, 38], [10, 20]],
+                                       [[1, 1], [58, 1], [1, 38], [58, 38], [26, 20]])
+    step = replace(Deformation.on_picture(Grid(values.shape), "+z", points).steps[0], support=14.0, trend="none")
+    for shift, is_free in ((0, True), (-35, False)):
+        volume = Volume(np.roll(values, shift, axis=2), Grid(values.shape))
+        session = Session(volume, Deformation((step,)))
+        found = diagnostics_of(session)
+        assert found.is_fold_free is is_free
+        assert (found.folds.air > 0.004) is is_free
+        assert (found.folds.share > 0.004) is not is_free
+        assert found.folds_text.startswith("no folds in tissue" if is_free else "folds ")
+        assert ("% in air" in facts_html(found)) is is_free
+        fold_actions = FoldActions(session)
+        fold_actions.unfold()
+        assert (session.notice == "Nothing folds here.") is is_free
+
+
 
 
 def test_the_figures_follow_the_edits(studio: Studio) -> None:
