@@ -640,6 +640,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
+        for shown in (self.editor, self.view):  # no pane is around them, whose height they would take
+            if shown.has_trait("fill"):
+                shown.fill = False
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
