@@ -204,6 +204,11 @@ class LargeVolume:
         return self.grid.shape
 
     @property
+    def finest_grid(self) -> Grid:
+        """The grid on which deformations are stated: of the finest level of a pyramid, or else the volume's own."""
+        return self.levels[0] if self.grid in self.levels else self.grid
+
+    @property
     def dtype(self) -> np.dtype[Any]:
         """The type of the voxels when they are read."""
         stored = np.dtype(self.reader.dtype).newbyteorder("=")

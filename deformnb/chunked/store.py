@@ -102,7 +102,7 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
         If another process is writing it, or an unfinished job of something else lies there.
     """
     target = check_target(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS)
-    folder = target.with_name(f".{target.name}.unfinished")
+    folder = _unfinished(target)
     folder.mkdir(exist_ok=True)
     lock = os.open(folder / "lock", os.O_CREAT | os.O_RDWR, 0o600)
     try:
@@ -117,6 +117,22 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
         shutil.rmtree(folder, ignore_errors=True)
     finally:
         os.close(lock)
+
+
+def discard_unfinished(target: Path) -> None:
+    """Remove what a job that was stopped has left beside its target, unless another process is writing it."""
+    folder = _unfinished(target)
+    with suppress(OSError):
+        lock = os.open(folder / "lock", os.O_RDWR)
+        try:
+            if try_lock(lock) is not False:
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(lock)
+
+
+def _unfinished(target: Path) -> Path:
+    return target.with_name(f".{target.name}.unfinished")
 
 
 def _begun(folder: Path, target: Path, mark: str, overwrite: bool, pyramid: dict[str, Any]) -> UnfinishedStore:

@@ -91,7 +91,7 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     [1, 2, 3, 0]
     """
     volume = open_volume(source)
-    field = as_field(deformation, volume.grid)
+    field = as_field(deformation, volume.finest_grid)
     if field.dim != 3:
         raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
     own = getattr(deformation, "output", None)
@@ -108,7 +108,8 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
         _check_result(volume, grid)
     elif target is not None:
         target = as_path(target)
-    background = volume.smallest() if fill is None else float(fill)
+    checked = None if progress is None else lambda _share: progress(0.0)  # it may end the search
+    background = volume.smallest(checked) if fill is None else float(fill)
     voxel = as_voxel(background if fill is None else fill, volume.dtype)
     job, at_once = planned(volume, field, grid, method=method, fill=float(voxel), background=background, block=block,
                            memory=limit, workers=allowed, progress=progress)

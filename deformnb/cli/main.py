@@ -178,7 +178,7 @@ def _app(options: argparse.Namespace) -> None:
     check_app(options.host, options.port, options.side, options.idle)
     deformation = as_deformation(options.session)
     with stages() as stage:
-        volume = (read_input(options.file, options.spacing, stage) if options.file
+        volume = (read_input(options.file, options.spacing, stage, level=options.level) if options.file
                   else made_up_carp(stage("make the carp")))
     open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
              browser=not options.no_browser, idle=options.idle)

@@ -32,7 +32,7 @@ from deformnb.rbf.stages import Fit, check_stages
 from deformnb.rbf.support import lone_support
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid, Matrix3, Volume, as_grid, as_volume, voxel_checksum
+from deformnb.volume.volume import Grid, Matrix3, Volume, as_finest_grid, as_volume, voxel_checksum
 from deformnb.warping.inverse import Inverse, invert
 from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import warp_all
@@ -279,9 +279,11 @@ class VolumeReference:
 
     @classmethod
     def of(cls, volume: Volume) -> VolumeReference:
-        """The reference of a volume."""
-        grid, checksum = volume.grid, voxel_checksum(volume.dtype, volume.shape, volume.values)
-        return cls(volume.name, volume.shape, grid.spacing, checksum, grid.origin, grid.direction)
+        """The reference of a volume; of a level of a pyramid that of the pyramid, whichever level it is."""
+        grid = volume.finest_grid
+        checksum = (voxel_checksum(volume.dtype, volume.shape, volume.values) if volume.level is None else
+                    volume.level.checksum())
+        return cls(volume.name, grid.shape, grid.spacing, checksum, grid.origin, grid.direction)
 
     @property
     def grid(self) -> Grid | None:
@@ -292,11 +294,11 @@ class VolumeReference:
 
     def matches(self, volume: Volume) -> bool:
         """True if the voxels are the same; the name does not count."""
-        return self.shape == volume.shape and self.sha256 == VolumeReference.of(volume).sha256
+        return self.shape == volume.finest_grid.shape and self.sha256 == VolumeReference.of(volume).sha256
 
     def has_labels(self, volume: Volume) -> bool:
         """True for labels as large as the volume: they have other voxels and may well belong to it."""
-        return volume.is_labels and self.shape == volume.shape
+        return volume.is_labels and self.shape == volume.finest_grid.shape
 
 
 class LazyReference:
@@ -483,7 +485,7 @@ class Deformation:
 
     def field(self, grid: Grid | Volume) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
-        lattice = as_grid(grid)
+        lattice = as_finest_grid(grid)
         return MODES[self.mode](*(step.field(lattice) for step in self.steps if step.enabled))
 
     def inverse(self, grid: Grid | Volume, **options: Any) -> Inverse:
@@ -549,7 +551,7 @@ class Deformation:
         volume : or its grid alone, where its voxels are not available.
         reference : makes that of the volume, where it is kept.
         """
-        made, here = self.volume, self.own_grid(as_grid(volume))
+        made, here = self.volume, self.own_grid(as_finest_grid(volume))
         if made is None:
             return ""
         is_same = made.shape == here.shape and (isinstance(volume, Grid) or made.has_labels(volume) or made.sha256 == (
@@ -580,7 +582,7 @@ class Deformation:
         DeformError
             As :func:`deformnb.warping.warper.warp_all`.
         """
-        own = volumes[0].grid
+        own = volumes[0].finest_grid
         known, grid = self.older_spacing(own), self.own_grid(own)
         output = self.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
@@ -589,7 +591,8 @@ class Deformation:
                               f"spacing={known.header_spacing}.")
         field, notes = self.field(grid), self._fit_notes(grid)
         if known is None:
-            warped = warp_all(volumes, field, **{"output": self.output, **options})
+            box = None if self.output is None else volumes[0].at_own_resolution(self.output)
+            warped = warp_all(volumes, field, **{"output": box, **options})
         else:
             then = [replace(volume, grid=grid) for volume in volumes]
             corrected = known.corrected(output, own)

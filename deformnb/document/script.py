@@ -18,7 +18,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.rbf.support import ChosenSupport
 from deformnb.volume.plane import VIEWS, Plane
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume
 
 # Rows of coordinates on one line; a person reads a short list at a glance and a long one not at all.
 _ROWS_ON_A_LINE = 3
@@ -39,7 +39,12 @@ VOLUME_LINE = 3
 """The line of a script that gives the volume."""
 
 
-def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOLUME) -> str:
+def own_grid_text(volume: Volume) -> str:
+    """The expression of the grid on which deformations of a variable ``volume`` are stated."""
+    return "volume.grid" if volume.level is None else "volume.finest_grid"
+
+
+def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOLUME, own: str = "volume.grid") -> str:
     """A script that makes ``deformation`` and applies it.
 
     Parameters
@@ -47,6 +52,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
     deformation : the document; fields of a newer version (``extra``) and the volume's checksum are left out.
     grid : of the volume it was made on; its own axes are written by name ("+y").
     volume : expression that gives the volume.
+    own : expression of ``grid``; see :func:`own_grid_text`.
 
     Examples
     --------
@@ -75,7 +81,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
         blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
         steps.append((step, names))
     shared = _Shared()
-    made = _made(deformation, steps, grid, shared)
+    made = _made(deformation, steps, grid, shared, own)
     blocks += [f"{name} = {value}" for value, name in shared.names.items()]
     blocks.append(f"deformation = {made}\ndeformed = deformation.apply(volume)")
     return "\n\n".join(blocks) + "\n"
@@ -99,12 +105,13 @@ def _names(count: int) -> list[str]:
     return ["points"] if count == 1 else [f"points_{k + 1}" for k in range(count)]
 
 
-def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared) -> str:
+def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared,
+          own: str) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
     looks = "".join(f", {key}={_text(getattr(deformation, key))}" for key, usual in _USUAL.items()
                     if getattr(deformation, key) != usual)
     if deformation.output is not None:
-        looks += f", output={_grid(deformation.output, grid)}"
+        looks += f", output={_grid(deformation.output, grid, own)}"
     plain = not (deformation.name or deformation.keyframes or looks)
     if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
@@ -177,11 +184,11 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
     return f"dn.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
 
 
-def _grid(output: Grid, grid: Grid) -> str:
+def _grid(output: Grid, grid: Grid, own: str) -> str:
     """The grid of a result: if it goes on with the voxels of the volume, as a part of those."""
     z, y, x = (int(n) for n in np.round(grid.point_to_index(output.origin))[::-1])
     if grid.crop((z, y, x), output.shape) == output:
-        return f"volume.grid.crop(({z}, {y}, {x}), {output.shape})"
+        return f"{own}.crop(({z}, {y}, {x}), {output.shape})"
     return (f"dn.Grid({output.shape}, spacing={output.spacing}, origin={output.origin}, "
             f"direction={output.direction})")
 

@@ -331,20 +331,19 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = True,
 
 def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:
     """Give a finished folder its name; an older one is removed afterwards."""
-    if not target.exists():
-        temporary.rename(target)
-        flush_folder(target.parent)
-        return
-    if not overwrite:
-        raise _taken(target)
     old = target.with_name(temporary_name())
-    target.rename(old)
-    try:
-        temporary.rename(target)
-    except OSError:
-        old.rename(target)
-        raise
-    flush_folder(target.parent)
+    with _last_doubts.get()():
+        if target.exists():
+            if not overwrite:
+                raise _taken(target)
+            target.rename(old)
+        try:
+            temporary.rename(target)
+        except OSError:
+            if old.exists():
+                old.rename(target)
+            raise
+        flush_folder(target.parent)
     shutil.rmtree(old, ignore_errors=True)
 
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from deformnb.io.headers import SINGLE, Damage, Header, as_path, fail, human_byt
 from deformnb.io.memory import default_limit
 from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing
-from deformnb.volume.volume import Grid, Volume, voxel_checksum
+from deformnb.volume.volume import Grid, PyramidLevel, Volume, voxel_checksum
 
 Writer = Callable[[Volume, Path, bool, Progress | None], None]
 
@@ -220,7 +221,8 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         if not header.layout.is_single:
             raise fail(place, f"a volume is one channel at one moment, and this file holds {header.layout}. "
                               "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.")
-        header = _of_level(header, level, step, max_bytes)
+        number = _chosen_level(header, level, step, max_bytes)
+        pyramid, header = header.levels, _of_level(header, number, level is None)
         grid, notes = header.grid(spacing)
         _check_memory(header, step, max_bytes)
         labels = header.is_labels if is_labels is None else is_labels
@@ -230,8 +232,12 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     grid = replace(grid, shape=loaded.shape, spacing=tuple(step * s for s in grid.spacing))  # type: ignore[arg-type]
     if step > 1:
         notes += (f"every {step}. voxel along each axis was read",)
+    found = None
+    if len(pyramid) > 1 and spacing is None:  # with strides the grid is that of no level
+        found = PyramidLevel(place, number, tuple(one.grid()[0] for one in pyramid),
+                             partial(ome_zarr.checksum, place), id(loaded.values))
     return Volume(loaded.values, grid, plain_name(place, kind) if name is None else name, loaded.is_labels,
-                  header.notes + notes + loaded.notes)
+                  header.notes + notes + loaded.notes, found)
 
 
 def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: bool = True,
@@ -340,21 +346,27 @@ def _memory(header: Header, stride: int) -> int:
     return nz * ny * nx * per_voxel + header.working_bytes
 
 
-def _of_level(header: Header, level: int | None, stride: int, max_bytes: int | None) -> Header:
-    """The header of one level of a pyramid; of other files the header itself."""
+def _chosen_level(header: Header, level: int | None, stride: int, max_bytes: int | None) -> int:
+    """The number of the level of a pyramid that is read, by default of the finest that fits; 0 of other files."""
     last = len(header.levels) - 1
     if level is not None:
         if isinstance(level, bool) or not isinstance(level, int | np.integer) or not 0 <= level <= max(0, last):
             raise fail(header.path, f"it has the levels 0 to {max(0, last)}, got level={shown_value(level)}.")
-        return header.levels[level] if header.levels else header
+        return int(level)
     limit = _limit(max_bytes)
-    fitting = next((k for k, one in enumerate(header.levels) if _memory(one, stride) <= limit), 0)
-    if not fitting:
-        return header
-    chosen = header.levels[fitting]
+    return next((k for k, one in enumerate(header.levels) if _memory(one, stride) <= limit), 0)
+
+
+def _of_level(header: Header, number: int, is_noted: bool) -> Header:
+    """The header of one level of a pyramid, with a note if it is a coarser one; of other files the header itself."""
+    chosen = header.levels[number] if header.levels else header
+    if not (number and is_noted):
+        return chosen
+    last = len(header.levels) - 1
     nz, ny, nx = header.shape
-    note = (f"level {fitting} of {last} of the pyramid was read: the finest of {nx} x {ny} x {nz} voxels takes more "
-            "memory than allowed; deformnb.chunked.warp and deformnb warp deform that one in parts")
+    note = (f"level {number} of {last} of the pyramid was read: the finest of {nx} x {ny} x {nz} voxels takes more "
+            "memory than allowed; deformnb.chunked.warp, deformnb warp and the studio's export at full resolution "
+            "deform that one in parts")
     return replace(chosen, notes=(*chosen.notes, note))
 
 

@@ -24,7 +24,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.atomic import atomic_folder
 from deformnb.io.headers import HEADER_BYTES, Header, fail, shown, volume_shape
-from deformnb.volume.volume import IDENTITY, Grid, Volume
+from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
 if TYPE_CHECKING:
     import zarr
@@ -37,6 +37,9 @@ VERSIONS = {"0.5": 3, "0.4": 2}
 # Levels are halved until the longest side is this long: a view of the whole that opens at once.
 _SMALLEST = 256
 _MOST_LEVELS = 32
+
+# Bytes of the finest level up to which its voxels, and not those of the coarsest level, identify a pyramid.
+_MOST_CHECKED = 2**32
 
 # Voxels along each axis of a chunk: 2^20 in all, the block that one call of the warp computes.
 CHUNK = (64, 128, 128)
@@ -138,6 +141,25 @@ def open_pyramid(path: Path) -> Pyramid:
         raise
     except Exception as error:  # a parser of others: damaged metadata raise anything
         raise fail(path, f"it cannot be read as Zarr: {shown(error)}.") from error
+
+
+def checksum(path: Path) -> str:
+    """The checksum of a pyramid by which documents know it, whichever level they were made on.
+
+    It is that of the voxels of the finest level, as of any other volume; where these take more than 4 GiB, which would
+    be read for minutes, that of the coarsest level.
+
+    Raises
+    ------
+    VolumeFileError
+        If it cannot be read (any more).
+    """
+    levels = open_pyramid(path).levels
+    level = levels[0 if levels[0].grid.size * levels[0].array.dtype.itemsize <= _MOST_CHECKED else -1]
+    depth = level.array.chunks[-3] if level.array.ndim > 2 else 1
+    starts = range(0, level.grid.shape[0], depth)
+    return voxel_checksum(level.array.dtype, level.grid.shape, (
+        level.read((slice(start, start + depth), slice(None), slice(None))) for start in starts))
 
 
 def _check_metadata(path: Path) -> None:

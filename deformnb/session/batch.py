@@ -172,7 +172,7 @@ def _one(deformation: Deformation, path: Path, target: Path, made_of: dict[str, 
 def _warp_volume(deformation: Deformation, path: Path, target: Path,
                  progress: Callable[[float], None]) -> Mapping[str, Any]:
     volume = read_volume(path)
-    write_volume(transplanted(deformation, volume.grid).apply(volume, progress=progress), target)
+    write_volume(transplanted(deformation, volume.finest_grid).apply(volume, progress=progress), target)
     return {}
 
 

@@ -117,5 +117,5 @@ def apply_example(session: Session, name: str) -> None:
         raise DeformError("the examples are for a picture, and this step has its points in space: choose another step, "
                           "or add one.")
     example = EXAMPLES[name]
-    step = example.make(untouched_step(plane, session.volume.grid), session.picture())
+    step = example.make(untouched_step(plane, session.grid), session.picture())
     session.edit_document(session.deformation.with_step(session.index, step), f"example: {example.title.lower()}")

@@ -14,10 +14,13 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from deformnb._typing import Image, Progress
+from deformnb.chunked.sources import open_volume
+from deformnb.chunked.store import discard_unfinished
+from deformnb.chunked.warper import warp as warp_in_parts
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
-from deformnb.document.script import UNKNOWN_VOLUME, as_python
-from deformnb.errors import DeformError
+from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
+from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_frames, swing, write_movie
 from deformnb.imaging.projection import project
@@ -25,6 +28,7 @@ from deformnb.imaging.render import render_volume
 from deformnb.io.atomic import KnownFiles, atomic_write, check_target
 from deformnb.io.formats import write_volume
 from deformnb.io.memory import check_room
+from deformnb.io.ome_zarr import MARKS, SUFFIX
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.session.session import Session
 from deformnb.volume.clip import WHOLE, Clip
@@ -102,6 +106,7 @@ class Frozen:
     source : expression that reads the volume, for scripts.
     save : writes a document to a path, as :meth:`Session.save <deformnb.session.session.Session.save>`.
     files : of the session, which it may replace.
+    overwrite : whether any file may be replaced.
     """
 
     volume: Volume
@@ -119,6 +124,7 @@ class Frozen:
     source: str = ""
     size: tuple[int, int] | None = None
     fps: float = _FPS
+    overwrite: bool = False
 
     @classmethod
     def of(cls, session: Session, seen: Seen | Mapping[str, Any] | None = None, *,
@@ -138,13 +144,14 @@ class Frozen:
 
     @property
     def output(self) -> Grid | None:
-        """The grid of the result; None is the volume's own."""
-        return self.deformation.output
+        """The grid of the result in voxels as large as the volume's; None is the volume's own."""
+        box = self.deformation.output
+        return None if box is None else self.volume.at_own_resolution(box)
 
     @property
     def field(self) -> AbstractField:
         """The displacement of the whole document."""
-        return self.deformation.field(self.volume.grid)
+        return self.deformation.field(self.volume)
 
     def deformed(self, progress: Progress) -> Volume:
         """The deformed volume.
@@ -192,16 +199,29 @@ class Export:
     title : for a menu.
     suffixes : of file names it writes; the first is proposed.
     write : (frozen, path, progress).
+    folder_marks : of what is written as a folder, as those of a :class:`~deformnb.io.formats.Format`.
     """
 
     title: str
     suffixes: tuple[str, ...]
     write: Callable[[Frozen, Path, Progress], None]
+    folder_marks: tuple[str, ...] = ()
 
 
 def _volume(it: Frozen, path: Path, progress: Progress) -> None:
     write_volume(it.deformed(lambda share: progress(0.5 * share)), path,
                  progress=lambda share: progress(0.5 + 0.5 * share))
+
+
+def _full_resolution(it: Frozen, path: Path, progress: Progress) -> None:
+    """The finest level of the volume's pyramid, deformed block by block; of a volume that has none its own voxels."""
+    volume, level = it.volume, it.volume.level
+    source = volume if level is None else open_volume(level.path, name=volume.name, is_labels=volume.is_labels)
+    try:
+        warp_in_parts(source, it.deformation, path, overwrite=it.overwrite, progress=progress)
+    except Cancelled:
+        discard_unfinished(path)
+        raise
 
 
 def _rendering(it: Frozen, path: Path, progress: Progress) -> None:
@@ -272,7 +292,7 @@ def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
         return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
     moments = swing(_FRAMES) if animation is None else animation.times(rate)
     make = it.deformation.scaled if animation is None else animation.at
-    return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume.grid), size), len(moments))
+    return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume), size), len(moments))
 
 
 def _drawn(it: Frozen, moments: Sequence[float], field_at: Callable[[float], AbstractField],
@@ -298,7 +318,8 @@ def _drawn(it: Frozen, moments: Sequence[float], field_at: Callable[[float], Abs
 
 def _script(it: Frozen, path: Path, progress: Progress) -> None:
     with atomic_write(path) as stream:
-        text = as_python(it.deformation, it.volume.grid, volume=it.source or UNKNOWN_VOLUME)
+        text = as_python(it.deformation, it.volume.finest_grid, volume=it.source or UNKNOWN_VOLUME,
+                         own=own_grid_text(it.volume))
         stream.write(text.encode("utf-8"))
 
 
@@ -308,6 +329,7 @@ def _document(it: Frozen, path: Path, progress: Progress) -> None:
 
 EXPORTS: dict[str, Export] = {
     "volume": Export("Deformed volume", (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd"), _volume),
+    "full resolution": Export("Deformed volume at full resolution", (SUFFIX,), _full_resolution, MARKS),
     "rendering": Export("Rendering", (".png",), _rendering),
     "drawing": Export("Picture before and after", (".svg", ".pdf"), _drawing),
     "movie": Export("Movie", (".gif", ".mp4", ".webp"), _movie),
@@ -356,9 +378,9 @@ def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapp
     frozen = session if isinstance(session, Frozen) else Frozen.of(session, seen or camera, size=size, fps=fps)
     place = Path(path)
     writer = export_for(place)
-    check_target(place)  # before the long work
+    check_target(place, overwrite=overwrite or not writer.folder_marks, folder_marks=writer.folder_marks)  # before work
     if overwrite:
-        frozen = replace(frozen, save=partial(frozen.save, overwrite=True))
+        frozen = replace(frozen, save=partial(frozen.save, overwrite=True), overwrite=True)
     with frozen.files.writing(place, overwrite=overwrite):
         writer.write(frozen, place, progress or _silent)
     return place

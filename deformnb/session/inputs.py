@@ -24,13 +24,14 @@ from deformnb.warping.mesh import Mesh, filled, grid_around, signed_distance
 
 
 def volume_from(given: Any, *, spacing: Sequence[float] | None = None, is_labels: bool | None = None,
-                progress: Progress | None = None) -> Volume:
+                level: int | None = None, progress: Progress | None = None) -> Volume:
     """A volume from a volume, an array [z, y, x], a mesh, or the path of a file of a volume or a mesh.
 
     Parameters
     ----------
     spacing : true voxel size (x, y, z), where a file says a wrong one.
     is_labels : whether the voxels of a file are labels; None as the file says.
+    level : of a pyramid that is read, 0 for the finest; None for the finest that fits into memory.
     """
     if isinstance(given, Volume):
         return given
@@ -39,7 +40,7 @@ def volume_from(given: Any, *, spacing: Sequence[float] | None = None, is_labels
     if not isinstance(given, str | PathLike):
         return Volume.from_array(np.asarray(given))
     if not is_mesh(given):
-        return read_volume(given, spacing=_three(spacing), is_labels=is_labels, progress=progress)
+        return read_volume(given, spacing=_three(spacing), is_labels=is_labels, level=level, progress=progress)
     if spacing is not None:
         raise DeformError(f"a spacing is for volumes, and {Path(given).name} is a mesh.")
     return body_of(read_mesh(given), progress)

@@ -32,7 +32,7 @@ from deformnb.analysis.extent import (
 from deformnb.checks import checked_window, one_of
 from deformnb.document.deformation import STEP_LABELS, Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
-from deformnb.document.script import UNKNOWN_VOLUME, as_python
+from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.imaging.projection import PROJECTIONS, project
@@ -131,7 +131,7 @@ class Session(traitlets.HasTraits):
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
                  output: Grid | None = None, **traits: Any) -> None:
         deformation, view_state = ViewState.split(deformation or Deformation())
-        deformation, laid = with_true_spacing(deformation, volume.grid)
+        deformation, laid = with_true_spacing(deformation, volume.finest_grid)
         if output is not None:
             deformation = replace(deformation, output=output)
         self._lock = threading.RLock()
@@ -147,7 +147,7 @@ class Session(traitlets.HasTraits):
         self.reference = LazyReference(volume)
         self.files = KnownFiles()
         self.volume = volume
-        self._home = view if isinstance(view, Plane) else Plane.along(volume.grid, view)
+        self._home = view if isinstance(view, Plane) else Plane.along(volume.finest_grid, view)
         super().__init__(**traits)
         first = self._checked(deformation)
         self.first = first
@@ -155,9 +155,14 @@ class Session(traitlets.HasTraits):
         self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in (*volume.notes, laid) if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
         self._restore_view_state(view_state, besides=traits,
-                                 is_other=made_on is not None and made_on.shape != volume.shape)
+                                 is_other=made_on is not None and made_on.shape != self.grid.shape)
 
     # -- the step that is edited ---------------------------------------------------------------------------------------
+
+    @property
+    def grid(self) -> Grid:
+        """The grid on which the document is stated: the volume's, or that of the finest level of its pyramid."""
+        return self.volume.finest_grid
 
     @property
     def step(self) -> Step:
@@ -544,7 +549,7 @@ class Session(traitlets.HasTraits):
     # -- from one state to the next ------------------------------------------------------------------------------------
 
     def _untouched(self, plane: Plane | None) -> Step:
-        return untouched_step(plane, self.volume.grid)
+        return untouched_step(plane, self.grid)
 
     def _become(self, deformation: Deformation, label: str, kind: str | None = None, *, index: int | None = None,
                 key: int | None = None, slides: bool = False) -> None:
@@ -584,7 +589,7 @@ class Session(traitlets.HasTraits):
             raise DeformError(f"a session holds a Deformation, got {type(deformation).__name__}.")
         if not deformation.steps:
             deformation = replace(deformation, steps=(self._untouched(self._home),))
-        self._field = (deformation, deformation.field(self.volume.grid))  # refuses what cannot be fitted
+        self._field = (deformation, deformation.field(self.grid))  # refuses what cannot be fitted
         return deformation
 
     @traitlets.validate("deformation")
@@ -614,7 +619,7 @@ class Session(traitlets.HasTraits):
 
     def view_of(self, plane: Plane | None) -> str | None:
         """The name of a plane's side, None for an oblique plane and for none."""
-        return next((v for v in VIEWS if Plane.along(self.volume.grid, v) == plane), None)
+        return next((v for v in VIEWS if Plane.along(self.grid, v) == plane), None)
 
     def side_of(self, plane: Plane | None) -> str:
         """The side of a plane in words: "from above", "oblique", or "in space" for none."""
@@ -644,7 +649,7 @@ class Session(traitlets.HasTraits):
         So the volume is deformed on one picture, turned, and deformed on another (section 4.3 of the paper); the new
         picture shows what the steps before have made. A step as it began is turned instead of kept.
         """
-        plane = view if isinstance(view, Plane) else Plane.along(self.volume.grid, view)
+        plane = view if isinstance(view, Plane) else Plane.along(self.grid, view)
         with self._lock:
             if plane == self.step.plane:
                 return
@@ -705,13 +710,13 @@ class Session(traitlets.HasTraits):
             return self.volume
         kept = self._base
         if kept is None or kept[0] != earlier:
-            kept = self._base = (earlier, warp(self.volume, earlier.field(self.volume.grid)))
+            kept = self._base = (earlier, warp(self.volume, earlier.field(self.grid)))
         return kept[1]
 
     def before(self) -> AbstractField | None:
         """The backward displacement of the steps before the one being edited; None if there are none."""
         earlier = self._earlier()
-        return earlier.field(self.volume.grid) if earlier.steps else None
+        return earlier.field(self.grid) if earlier.steps else None
 
     def _earlier(self) -> Deformation:
         with self._lock:
@@ -757,7 +762,7 @@ class Session(traitlets.HasTraits):
     @property
     def depth_range(self) -> tuple[float, float]:
         """Range of slice depths, from the middle of the volume."""
-        return self.plane.depth_range(self.volume.grid)
+        return self.plane.depth_range(self.grid)
 
     @property
     def slices(self) -> Slices:
@@ -782,9 +787,14 @@ class Session(traitlets.HasTraits):
                 self._become(replace(self.deformation, output=grid), "change the result box", "result box")
 
     @property
+    def result_grid(self) -> Grid | None:
+        """The box :attr:`output` in voxels as large as those of the volume; None is the volume's own grid."""
+        return None if self.output is None else self.volume.at_own_resolution(self.output)
+
+    @property
     def box(self) -> Grid:
         """The grid of the result, the volume's own if there is no other."""
-        return self.output or self.volume.grid
+        return self.result_grid or self.volume.grid
 
     def grow(self, margin: ArrayLike) -> None:
         """Give the result a margin around the volume, so that what is dragged out of its box is not cut off.
@@ -793,8 +803,8 @@ class Session(traitlets.HasTraits):
         ----------
         margin : a length or (x, y, z), rounded up to whole voxels; 0 is the volume's own box again, negative crops.
         """
-        grid = padded(self.volume.grid, margin)
-        self.output = None if grid == self.volume.grid else grid
+        grid = padded(self.grid, margin)
+        self.output = None if grid == self.grid else grid
 
     def fit_output(self, *, most: float = MOST, joins: bool = False) -> bool:
         """Give the result a box as large as deformed foreground needs, and at least that of the volume.
@@ -812,11 +822,12 @@ class Session(traitlets.HasTraits):
         with self._lock:
             deformation, field = self.deformation, self.field()
         found = field_of_view(self.foreground(), field, most=most)
+        box = self.volume.at_finest_resolution(found.grid)
         if joins:
-            if found.grid != deformation.output:
-                self.amend(deformation, replace(deformation, output=found.grid), self.notice)
+            if box != deformation.output:
+                self.amend(deformation, replace(deformation, output=box), self.notice)
         else:
-            self.output = found.grid
+            self.output = box
         if found.is_limited:
             self.notice = (f"Tissue reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
                            "is cut off.")
@@ -847,25 +858,25 @@ class Session(traitlets.HasTraits):
         with self._lock:
             assert self._field is not None
             if self._field[0] is not self.deformation:
-                self._field = (self.deformation, self.deformation.field(self.volume.grid))
+                self._field = (self.deformation, self.deformation.field(self.grid))
             return self._field[1]
 
     def warm_up(self) -> None:
         """Compile what the first drag needs, so that it need not wait; changes nothing."""
         points, step = self.points, self.step
         place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
-        moved = points.add(place, [c + 0.01 * self.volume.grid.diagonal for c in place])
+        moved = points.add(place, [c + 0.01 * self.grid.diagonal for c in place])
         with contextlib.suppress(DeformError):  # the first edit will report it
-            replace(step, maps=(moved,) * len(step.maps)).field(self.volume.grid)
+            replace(step, maps=(moved,) * len(step.maps)).field(self.grid)
 
     def notes(self) -> tuple[str, ...]:
         """Remarks of the fits, each once."""
-        return self.deformation.notes(self.volume.grid)
+        return self.deformation.notes(self.grid)
 
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
-        """The deformed volume on the grid :attr:`output`, warped with the document of this moment."""
+        """The deformed volume on :attr:`result_grid`, warped with the document of this moment."""
         with self._lock:
-            field, output = self.field(), self.output
+            field, output = self.field(), self.result_grid
         check_room(self.volume, output)
         return warp(self.volume, field, output=output, progress=progress)
 
@@ -917,7 +928,7 @@ class Session(traitlets.HasTraits):
         deformation, view_state = ViewState.split(deformation)
         laid = ""
         try:
-            deformation, laid = with_true_spacing(deformation, self.volume.grid)
+            deformation, laid = with_true_spacing(deformation, self.grid)
         except OtherVolumeError:
             if not allow_other_volume:
                 raise
@@ -942,7 +953,8 @@ class Session(traitlets.HasTraits):
         ----------
         volume : expression that gives the volume; default reads the file that it came from.
         """
-        return as_python(self.deformation, self.volume.grid, volume=volume or self.source or UNKNOWN_VOLUME)
+        return as_python(self.deformation, self.grid, volume=volume or self.source or UNKNOWN_VOLUME,
+                         own=own_grid_text(self.volume))
 
 
 def _renamed(step: Step, key: int, before: ControlPoints) -> Step:

@@ -17,7 +17,7 @@ from deformnb._typing import Float3
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
 from deformnb.volume.colour_maps import colour_table
-from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_grid
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_finest_grid, as_grid
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
@@ -190,7 +190,7 @@ class Plane:
         The origin lies at the centre of the voxel that is left-most and top-most in the picture, so a picture of the
         grid has its pixel [0, 0] at (a, b) = (0, 0).
         """
-        grid = as_grid(grid)
+        grid = as_finest_grid(grid)
         if view not in VIEWS:
             raise DeformError(f"unknown view {view!r}; choose one of {', '.join(VIEWS)}.")
         axis = view[1]
@@ -235,7 +235,7 @@ class Plane:
 
     def depth_range(self, grid: Grid | Volume) -> tuple[float, float]:
         """Smallest and largest depth c of the voxel centres of ``grid``: zeta = 0 and 1 of an extrusion."""
-        c = self.to_plane(as_grid(grid).corners(centres=True))[:, 2]
+        c = self.to_plane(as_finest_grid(grid).corners(centres=True))[:, 2]
         return float(c.min()), float(c.max())
 
     def slices(self, grid: Grid | Volume) -> Slices:

@@ -12,10 +12,11 @@ from __future__ import annotations
 import hashlib
 import mmap
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -584,6 +585,30 @@ class _CheckedVoxels:
         volume.__dict__.update(values=values, _mapped=MappedFile.behind(values))
 
 
+@dataclass(frozen=True)
+class PyramidLevel:
+    """Place of a volume in the pyramid of resolutions (OME-Zarr) that it was read from.
+
+    Parameters
+    ----------
+    path : the folder of the pyramid.
+    number : the level that was read, 0 for the finest.
+    grids : of all levels, the finest first.
+    checksum : makes the checksum of the pyramid, the same for all levels; see
+        :func:`deformnb.volume.volume.voxel_checksum`.
+    voxels : ``id`` of the array that was read. Where a volume gets other voxels, they are none of the pyramid.
+    """
+
+    path: Path
+    number: int
+    grids: tuple[Grid, ...]
+    checksum: Callable[[], str]
+    voxels: int
+
+    def __str__(self) -> str:
+        return f"level {self.number} (0 finest, {len(self.grids) - 1} coarsest)"
+
+
 @dataclass(frozen=True, eq=False)
 class Volume:
     """Scalar voxels on a grid.
@@ -596,6 +621,8 @@ class Volume:
     name : shown to people; never used as a path.
     is_labels : voxels are names of things, not amounts: sampled by nearest neighbour so that no new value appears.
     notes : remarks made while loading ("12 voxels are not finite"), for a status line.
+    level : of the pyramid that it was read from; None for any other volume, and where its voxels or its grid are not
+        those of that level (any more).
     """
 
     values: NDArray[Any]
@@ -603,8 +630,12 @@ class Volume:
     name: str = ""
     is_labels: bool = False
     notes: tuple[str, ...] = field(default=())
+    level: PyramidLevel | None = None
 
     def __post_init__(self) -> None:
+        if self.level is not None and (self.level.voxels, self.level.grids[self.level.number]) != (
+                id(self.values), self.grid):
+            object.__setattr__(self, "level", None)
         if not isinstance(self.values, np.ndarray):
             raise DeformError(f"the voxels of a volume are an array, got {shown_value(self.values)}.")
         if tuple(self.values.shape) != self.grid.shape:
@@ -707,6 +738,19 @@ class Volume:
         values = np.asanyarray(image.dataobj)
         return cls.from_affine(values.T, _RAS @ np.asarray(image.affine, dtype=np.float64), name, is_labels)
 
+    @property
+    def finest_grid(self) -> Grid:
+        """The grid on which deformations are stated: of the finest level of a pyramid, or else the volume's own."""
+        return self.grid if self.level is None else self.level.grids[0]
+
+    def at_own_resolution(self, box: Grid) -> Grid:
+        """A box that is stated in voxels of the finest level, in voxels as large as those of this volume."""
+        return _resized(box, self.finest_grid, self.grid)
+
+    def at_finest_resolution(self, box: Grid) -> Grid:
+        """A box that is stated in voxels of this volume, in voxels as large as those of the finest level."""
+        return _resized(box, self.grid, self.finest_grid)
+
     def to_pyvista(self) -> Any:
         """A ``pyvista.ImageData`` that shares these voxels as point data, named like the volume or else "values"."""
         grid, pyvista = self.grid, optional_package("pyvista")
@@ -774,6 +818,22 @@ class Volume:
 
 
 Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default
+
+
+def _resized(box: Grid, old: Grid, new: Grid) -> Grid:
+    """The box in voxels that are as many times larger as those of one grid are larger than those of another."""
+    if box == old:
+        return new
+    factors = (np.asarray(new.spacing) / np.asarray(old.spacing))[::-1]
+    if (factors == 1).all():
+        return box
+    nz, ny, nx = (max(1, round(n / f)) for n, f in zip(box.shape, factors.tolist(), strict=True))
+    return box.resampled(shape=(nz, ny, nx))
+
+
+def as_finest_grid(given: Grid | Volume) -> Grid:
+    """The grid itself, or the one of a volume on which deformations are stated: :attr:`Volume.finest_grid`."""
+    return given.finest_grid if isinstance(given, Volume) else as_grid(given)
 
 
 def as_grid(given: Grid | Volume) -> Grid:

@@ -306,7 +306,7 @@ def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractFie
     if view.editor is None or view._field is None:
         step = editor.step()
         assert step.plane is not None
-        return with_map(extrude(step.plane, volume.grid, (Identity(2),), step.weights()), 0, fit), 0
+        return with_map(extrude(step.plane, volume.finest_grid, (Identity(2),), step.weights()), 0, fit), 0
     index = int(view.editor_map)
     _extrusion(view._field)
     return with_map(view._field, index, fit), index

@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
-from deformnb.document.deformation import Keyframe
+from deformnb.document.deformation import Keyframe, VolumeReference
+from deformnb.document.script import UNKNOWN_VOLUME
 from deformnb.errors import Cancelled, DeformError, FileChangedError, VolumeFileError
 from deformnb.io.documents import read_deformation
-from deformnb.io.formats import FORMATS, read_volume
+from deformnb.io.formats import FORMATS, read_volume, write_volume
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.inputs import as_deformation, best_view, volume_from
 from deformnb.session.session import Session
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, Volume, voxel_checksum
 from deformnb.widgets.view.live_view import LiveView
 
 
@@ -55,6 +56,75 @@ def test_every_writable_format_of_volumes_is_a_suffix_of_the_export() -> None:
 def test_a_volume_comes_back(session: Session, tmp_path: Path, suffix: str) -> None:
     path = export(session, tmp_path / f"egg{suffix}")
     assert_array_equal(read_volume(path).values, session.result().values)
+
+
+@pytest.fixture
+def levels(tmp_path: Path) -> list[Volume]:
+    """An uneven volume as the two levels of a pyramid."""
+    pytest.importorskip("zarr")
+    values = np.random.default_rng(1).integers(10, 250, (13, 19, 301)).astype(np.uint8)
+    write_volume(Volume(values, Grid(values.shape, (0.5, 1.5, 2.0), (3.0, 4.0, 5.0)), "tissue"), tmp_path / "in.zarr")
+    return [read_volume(tmp_path / "in.zarr", level=level) for level in range(2)]
+
+
+def _edited(volume: Volume) -> Session:
+    made = Session(volume, view="+y")
+    made.edit_points(made.points.add([60.0, 12.0], [75.0, 14.0]))
+    made.change(extrusion="modulate", curve="sin(pi*z)")
+    made.grow(4.0)
+    return made
+
+
+def test_a_document_does_not_depend_on_the_level_that_is_edited(levels: list[Volume]) -> None:
+    fine, coarse = (_edited(volume) for volume in levels)
+    assert (fine.volume.shape, coarse.volume.shape) == ((13, 19, 301), (7, 10, 151))
+    assert fine.document() == coarse.document()
+    assert fine.document().volume == VolumeReference.of(Volume(levels[0].values, levels[0].grid, "in"))
+    assert not coarse.difference(fine.document())
+    middle = levels[1].grid.center
+    assert_allclose(coarse.field().displacement(middle), fine.field().displacement(middle))
+    assert_allclose(coarse.result().grid.lengths, fine.result().grid.lengths, rtol=0.05)
+    assert coarse.result().grid.size < fine.result().grid.size / 6
+    code = coarse.code().replace("deformed =", "_ =")
+    there: dict[str, Any] = {}
+    exec(code.replace(UNKNOWN_VOLUME, "coarse"), {"coarse": levels[1]}, there)
+    assert there["deformation"].output == fine.deformation.output
+
+
+def test_voxels_that_are_not_of_the_pyramid_are_not_taken_for_its_level(levels: list[Volume]) -> None:
+    coarse = levels[1]
+    assert replace(coarse, name="other", is_labels=True).level is coarse.level
+    for other in (replace(coarse, values=coarse.values + 1), replace(coarse, grid=Grid(coarse.shape))):
+        assert other.level is None
+        assert other.finest_grid == other.grid
+
+
+def test_a_large_pyramid_is_known_by_its_coarsest_level(levels: list[Volume], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.io.ome_zarr._MOST_CHECKED", 13 * 19 * 301 - 1)
+    fine, coarse = (VolumeReference.of(volume) for volume in levels)
+    assert fine == coarse
+    assert fine.sha256 == voxel_checksum(levels[1].dtype, levels[1].shape, levels[1].values)
+
+
+def test_full_resolution_is_that_of_the_finest_level(levels: list[Volume], tmp_path: Path) -> None:
+    fine, coarse = (_edited(volume) for volume in levels)
+    target = tmp_path / "out.zarr"
+    found = read_volume(export(coarse, target), level=0)
+    assert found.grid == fine.result().grid
+    assert np.abs(found.values.astype(int) - fine.result().values).max() <= 1  # a rounding of values at a half
+    before = found.values
+    with pytest.raises(VolumeFileError, match="exists already"):
+        export(coarse, target)
+
+    def stop(share: float) -> None:
+        if share > 0:
+            raise Cancelled("enough.")
+
+    coarse.edit_points(coarse.points.add([20.0, 10.0]))
+    with pytest.raises(Cancelled):
+        export(coarse, target, overwrite=True, progress=stop)
+    assert_array_equal(read_volume(target, level=0).values, before)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["in.zarr", "out.zarr"]
 
 
 def test_document_and_script_come_back(session: Session, tmp_path: Path) -> None:

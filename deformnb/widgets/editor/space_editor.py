@@ -126,7 +126,7 @@ class SpaceEditor(EditedPoints):
         self._pictures = SpacePictures(volume, function, self._window)
         self._sent = {}
         return {"panes": [pane.info() for pane in self._pictures.panes], "cursor": list(volume.grid.center),
-                "lone_support": lone_support(volume.grid)}
+                "lone_support": lone_support(volume.finest_grid)}
 
     @property
     def volume(self) -> Volume:
@@ -184,7 +184,7 @@ class SpaceEditor(EditedPoints):
         DeformError
             If the points cannot be fitted; the front end shows the same message.
         """
-        return self.step().field(self.volume.grid)
+        return self.step().field(self.volume.finest_grid)
 
     def step(self, **options: Any) -> Step:
         """The points and settings as a step of a :class:`~deformnb.document.deformation.Deformation`.
@@ -211,7 +211,7 @@ class SpaceEditor(EditedPoints):
         DeformError
             If the points cannot be fitted.
         """
-        step = self._step(self.points if points is None else points, {}).field(self.volume.grid)
+        step = self._step(self.points if points is None else points, {}).field(self.volume.finest_grid)
         return step if self._before is None else compose(self._before, step)
 
     def preview_png(self) -> bytes:
@@ -287,7 +287,7 @@ class SpaceEditor(EditedPoints):
         return np.asarray(place + field.displacement(place) / (self.strength or 1.0))
 
     def _last_fit(self, points: ControlPoints) -> AbstractField:
-        return self._step(points, {}).field(self.volume.grid)
+        return self._step(points, {}).field(self.volume.finest_grid)
 
     # ---- pictures ---------------------------------------------------------------------------------------------------
 

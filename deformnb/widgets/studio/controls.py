@@ -315,7 +315,7 @@ class MapPanel(Panel):
         bound = {name: self.of_step(widget_of(name), name) for name in OF_THE_FIT
                  if name not in ("support", *_STANDING_ELSEWHERE)}
         kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
-        self._support = widget_of("support", session.volume.grid.diagonal,
+        self._support = widget_of("support", session.grid.diagonal,
                                   ipw.Layout(flex="1 1 auto", min_width="0", width="auto"))
         self._support.style.description_width = "96px"
         self.add(self._support, self._shown_support,
@@ -328,7 +328,7 @@ class MapPanel(Panel):
 
     def _shown_support(self) -> float:
         step, low, high = self.session.step, 10**self._support.min, 10**self._support.max
-        support = step.support_for(self.session.points) or lone_support(self.session.volume.grid)
+        support = step.support_for(self.session.points) or lone_support(self.session.grid)
         return float(np.clip(support, low, high))
 
     def arrange(self) -> None:

@@ -41,7 +41,7 @@ def make_editor(session: Session, height: int) -> Editor:
     made = Editor(session.automatic_picture(), None, height=height, history=session.history,
                   label=f"Picture of {session.volume.name or 'the volume'}")
     made.chooses_support = False
-    made.lone_support = lone_support(session.volume.grid)
+    made.lone_support = lone_support(session.grid)
     show_view_state(made, session)
     if step.plane is not None:
         show_step(made, session)
@@ -157,7 +157,7 @@ class StudioEditors:
         with editor.hold_sync():
             if isinstance(editor, Editor):
                 editor.picture = made
-                editor.lone_support = lone_support(self._session.volume.grid)
+                editor.lone_support = lone_support(self._session.grid)
                 show_view_state(editor, self._session)
             elif editor.before is not made:
                 editor.before = made

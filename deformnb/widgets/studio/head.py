@@ -30,7 +30,7 @@ _WATCHED = ["deformation", "index", "saved", "file", "history"]
 
 
 def volume_facts(volume: Volume) -> str:
-    """Size and spacing of a volume along x, y and z, in words.
+    """Size and spacing of a volume along x, y and z, in words, and its level in a pyramid.
 
     Examples
     --------
@@ -42,7 +42,8 @@ def volume_facts(volume: Volume) -> str:
     z, y, x = volume.shape
     size, spacing = (" \u00d7 ".join(parts) for parts in ((str(x), str(y), str(z)),
                                                          [f"{s:.3g}" for s in volume.grid.spacing]))
-    return f"{size} \u00b7 {spacing} mm"
+    level = "" if volume.level is None else f" \u00b7 {volume.level}"
+    return f"{size} \u00b7 {spacing} mm{level}"
 
 
 class StudioHead(SyncedWidget):

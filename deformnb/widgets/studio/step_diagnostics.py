@@ -153,7 +153,7 @@ def diagnostics_of(session: Session) -> Diagnostics:
         state = session.deformation, session.index, session.key
         kept = _COMPUTED.get(session)
         if kept is None or kept[0] is not state[0] or kept[1:3] != state[1:]:
-            kept = (*state, diagnose(session.step, session.key, session.volume.grid, tissue_of(session)))
+            kept = (*state, diagnose(session.step, session.key, session.grid, tissue_of(session)))
             _COMPUTED[session] = kept
         return kept[3]
 
@@ -285,7 +285,7 @@ class UncertaintyCache:
 
     def make(self, session: Session) -> tuple[UncertaintyOverlay, str]:
         """The uncertainty overlay, or none and the reason why."""
-        settings = (session.step, session.key, session.volume.grid, session.picture().raster)
+        settings = (session.step, session.key, session.grid, session.picture().raster)
         kept = self._kept
         if kept is None or kept[0][0] is not settings[0] or kept[0][1:] != settings[1:]:
             try:
@@ -352,7 +352,7 @@ class FoldActions:
         DeformError
             If that is not at all.
         """
-        session, step, grid = self._session, self._session.step, self._session.volume.grid
+        session, step, grid = self._session, self._session.step, self._session.grid
         start, points = self._start_of_drag(), session.points
         if start is not None:
             made = safe_points(step, start, points, grid, session.key, is_tissue=tissue_of(session))
@@ -378,7 +378,7 @@ class FoldActions:
             If no number of stages does.
         """
         session, step = self._session, self._session.step
-        count = stages_needed(step, session.volume.grid, is_tissue=tissue_of(session))
+        count = stages_needed(step, session.grid, is_tissue=tissue_of(session))
         if count == step.stages:
             self._report("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
             return
@@ -401,7 +401,7 @@ class FoldActions:
         session = self._session
         index, step = session.index, session.step
         try:
-            count = stages_needed(step, session.volume.grid, is_tissue=tissue_of(session))
+            count = stages_needed(step, session.grid, is_tissue=tissue_of(session))
         except DeformError as error:
             self._report(str(error))
             return False

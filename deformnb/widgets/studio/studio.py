@@ -117,7 +117,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     for name in ("projection", "background", "show_folds", "ambient_occlusion"):
         if view.has_trait(name):
             setattr(live, name, getattr(view, name))
-    live.follow(shown, whole.field(), whole.key, output=whole.output)
+    live.follow(shown, whole.field(), whole.key, output=whole.result_grid)
     return shown, live
 
 

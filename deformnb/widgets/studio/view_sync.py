@@ -58,9 +58,10 @@ class StudioLink:
             self._serial += 1
             self._editor, self._has_previewed = editor, False
             if follows:
-                self._view.follow(editor, field, min(session.key, len(session.step.maps) - 1), output=session.output)
+                index = min(session.key, len(session.step.maps) - 1)
+                self._view.follow(editor, field, index, output=session.result_grid)
             else:
-                self._view.follow(None, field, output=session.output)
+                self._view.follow(None, field, output=session.result_grid)
         in_space = editor if session.step.plane is None and hasattr(self._view, "edit_points") else None
         if in_space is not self._in_space:
             self._in_space = in_space
@@ -81,7 +82,7 @@ class StudioLink:
             return
         session, self._has_previewed = self._session, True
         document, index = session.deformation, session.index
-        self._latest(lambda: document.with_step(index, step).field(session.volume.grid))
+        self._latest(lambda: document.with_step(index, step).field(session.grid))
 
     def turn(self) -> None:
         """Look at the volume from the side of the picture, turned a little so that it looks solid."""
@@ -119,7 +120,7 @@ class StudioLink:
         if parts is session.step.parts:
             return self.field_of(edit.points)
         step = replace(session.step, parts=parts).with_points(edit.points, min(session.key, len(session.step.maps) - 1))
-        return session.deformation.with_step(session.index, step).field(session.volume.grid)
+        return session.deformation.with_step(session.index, step).field(session.grid)
 
     def _latest(self, make: Callable[[], AbstractField]) -> None:
         if not self._worker.is_closed:
@@ -133,7 +134,7 @@ class StudioLink:
             return
         with self._lock:
             if serial == self._serial:
-                self._view.show_deformation(field, output=self._session.output)
+                self._view.show_deformation(field, output=self._session.result_grid)
                 self.previews += 1
 
     def field_of(self, points: ControlPoints) -> AbstractField:
@@ -142,4 +143,4 @@ class StudioLink:
         if points == session.points:
             return session.field()
         step = session.step.with_points(points, min(session.key, len(session.step.maps) - 1))
-        return session.deformation.with_step(session.index, step).field(session.volume.grid)
+        return session.deformation.with_step(session.index, step).field(session.grid)

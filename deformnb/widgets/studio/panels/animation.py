@@ -67,8 +67,8 @@ class AnimationPanel(Panel):
         self._easing = ipw.Dropdown(options=[(_EASINGS.get(name, name), name) for name in EASINGS],
                                     description="Time passes", style=_STYLE, layout=ipw.Layout(width="280px"),
                                     tooltip="How time passes from one key frame to the next")
-        self.playback = Playback(view, self.player, self.animation, session.volume.grid, self._shown,
-                                 lambda: session.output)
+        self.playback = Playback(view, self.player, self.animation, session.grid, self._shown,
+                                 lambda: session.result_grid)
         self.add(self._easing, lambda: session.deformation.easing, lambda value: self._play_as(easing=value))
         self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
         self.movie = MovieControls(session, guard, view, Path(folder))

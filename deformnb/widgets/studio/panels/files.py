@@ -33,7 +33,7 @@ from deformnb.io.formats import FORMATS
 from deformnb.io.headers import human_bytes
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.standalone import CONTROLS
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, fill, menu, raising, row
@@ -41,7 +41,9 @@ from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
 
 _PAGE = (".html",)
+_FOLDERS = EXPORTS["full resolution"].suffixes
 _MOST_FILES = 200  # of a menu
+_VOLUMES = ("volume", "full resolution")  # kinds of exports
 
 WritePage = Callable[..., None]
 
@@ -68,8 +70,8 @@ class FilesPanel(Panel):
         self._ending = threading.Lock()
         self._thread = Worker("deformnb-files")
         stem = file_stem(session.volume)
-        kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{e.suffixes[0]}") for e in EXPORTS.values()]
-        kinds[0] = (kinds[0][0], f"{stem}_deformed{EXPORTS['volume'].suffixes[0]}")  # not the name of the scan itself
+        kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{'_deformed' * (name in _VOLUMES)}{e.suffixes[0]}")
+                 for name, e in EXPORTS.items()]  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
         self.kind = ipw.Dropdown(options=kinds, layout=ipw.Layout(width="240px"), tooltip="What is written")
         self.name = ipw.Text(value=kinds[0][1], layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
@@ -78,6 +80,12 @@ class FilesPanel(Panel):
         self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
         self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
         self.cancel = self._acting("Cancel", "Stop; no half file is left", self._cancel)
+        self._whole_name = next(name for title, name in kinds if name.endswith(_FOLDERS))
+        self.whole = self._acting("Export at full resolution", "Deform the finest level of the pyramid block by block, "
+                                  "into an OME-Zarr folder beside the notebook", self._start_whole)
+        self.level = row(ipw.HTML(html.escape(_level_text(session.volume)), layout=ipw.Layout(flex="1 1 240px",
+                                                                                       min_width="0")), self.whole)
+        self.level.layout.display = "" if _level_text(session.volume) else "none"
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         whole = {"width": "auto", "margin": "2px 0"}
         self.page_title = ipw.Text(value=session.volume.name, description="Title", layout=whole,
@@ -99,7 +107,7 @@ class FilesPanel(Panel):
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = ipw.VBox([row(*writing), self.of_page, row(self.copy, self.bar, self.message),
+        self.box = ipw.VBox([row(*writing), self.level, self.of_page, row(self.copy, self.bar, self.message),
                              self.question.box, self.file_transfer])
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
@@ -110,8 +118,15 @@ class FilesPanel(Panel):
     def _show_page_words(self, _change: Any = None) -> None:
         self.of_page.layout.display = "" if self.name.value.lower().endswith(_PAGE) else "none"
 
+    def _start_whole(self) -> None:
+        if not self.name.value.lower().endswith(_FOLDERS):
+            self.kind.value = self.name.value = self._whole_name
+        self._start(False)
+
     def _start(self, downloads: bool) -> None:
         path = self._folder / plain_name(self.name.value)
+        if downloads and path.name.lower().endswith(_FOLDERS):
+            raise DeformError(f"{path.name} is a folder, which a browser cannot take over; press Write.")
         if not path.name.lower().endswith(_PAGE):
             try:
                 export_for(path)  # refuses an unknown suffix, before anything begins
@@ -123,7 +138,8 @@ class FilesPanel(Panel):
                 "controls": [name for name, box in self.page_controls.items() if box.value]}
         if os.path.lexists(path) and not frozen.files.has(path):
             self.message.value = ""
-            doubt = ", and may be the original" if path.name.lower().endswith(EXPORTS["volume"].suffixes) else ""
+            is_volume = path.name.lower().endswith((*EXPORTS["volume"].suffixes, *_FOLDERS))
+            doubt = ", and may be the original" if is_volume else ""
             self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
                               lambda: self._begin(Job(path, frozen, downloads, page=page, overwrite=True)))
             return
@@ -354,8 +370,18 @@ class FolderFiles:
             return []
 
 
+def _level_text(volume: Volume) -> str:
+    """A line on the level of a pyramid that is shown; empty where that is the finest, or there is none."""
+    if volume.level is None or volume.level.number == 0:
+        return ""
+    grid = volume.finest_grid
+    return (f"Shown and edited: {volume.level}. The finest has {' x '.join(map(str, grid.shape[::-1]))} voxels, "
+            f"{human_bytes(grid.size * volume.dtype.itemsize)}.")
+
+
 def _size(path: Path) -> str:
-    size = path.stat().st_size
+    files = path.rglob("*") if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files if file.is_file())
     return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"
 
 
@@ -390,9 +416,9 @@ class ResultBox(Panel):
         self.follows = self._is_requested = False
         self._known: Deformation | None = None
         self._left: tuple[str, ...] = ()
-        self._length = float(f"{_MARGIN * max(session.volume.grid.lengths):.1g}")
+        self._length = float(f"{_MARGIN * max(session.grid.lengths):.1g}")
         self.margin = ipw.BoundedFloatText(
-            value=self._length, min=0.0, max=4 * session.volume.grid.diagonal, step=1.0, continuous_update=False,
+            value=self._length, min=0.0, max=4 * session.grid.diagonal, step=1.0, continuous_update=False,
             description="mm", layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels")
         self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
@@ -422,7 +448,7 @@ class ResultBox(Panel):
 
     def _margin_of(self, output: Grid) -> float | None:
         """The margin that makes this box; None if there is none."""
-        grid = self.session.volume.grid
+        grid = self.session.grid
         index = -grid.point_to_index(output.origin)
         for length in (self._length, *(abs(index) * grid.spacing).tolist()):
             if padded(grid, length) == output:

@@ -109,7 +109,7 @@ class FitTarget:
         if path.suffix.lower() != _DOCUMENT:
             return read_volume(path)
         made, volume = read_deformation(path), self._session.volume
-        return replace(warp(volume, made.field(volume.grid), progress=progress), name=path.stem)
+        return replace(warp(volume, made.field(volume), progress=progress), name=path.stem)
 
     def pair(self) -> tuple[Pictured, Pictured]:
         """Moving and fixed image: pictures of the same side, or volumes for points in space."""
@@ -345,7 +345,7 @@ class FitPanel(Panel):
         if step.strength != 1:
             raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
         editor = self._editors.current
-        options = step.settings.arguments(session.points, lone_support(session.volume.grid))
+        options = step.settings.arguments(session.points, lone_support(session.grid))
         settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": step.stages}
         return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
                      editor.fit(), options, settings)

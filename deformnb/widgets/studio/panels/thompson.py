@@ -169,7 +169,7 @@ class ThompsonPanel(Panel):
             raise DeformError(_IN_SPACE)
         path = self._folder / plain_name(f"{self.name.value.strip()}{suffix}")
         overlay = editor.overlay if editor.overlay in OVERLAYS else "none"
-        given: dict[str, Any] = {"lines": editor.density or _CELLS, "overlay": overlay, "grid": session.volume.grid,
+        given: dict[str, Any] = {"lines": editor.density or _CELLS, "overlay": overlay, "grid": session.grid,
                                  "key": session.key, "path": path}
         named, downloads = replace(step, name=step.name or session.volume.name), self.downloads.value
         for writer in self.writers:

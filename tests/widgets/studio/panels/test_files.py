@@ -7,12 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, drag, panel, wait_for
+from driven_studio import a_drag, a_volume, drag, notice_of, panel, wait_for
+from numpy.testing import assert_array_equal
 
 from deformnb.io.atomic import atomic_write
+from deformnb.io.formats import read_volume, write_volume
 from deformnb.session.exports import export
+from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
+from deformnb.widgets.studio.head import volume_facts
 from deformnb.widgets.studio.panels import files as module
 
 
@@ -120,3 +125,27 @@ def test_a_page_has_the_title_and_the_text_that_are_written_for_it(studio: Studi
     assert "<title>A &lt; B</title>" in page
     assert "<h1>A &lt; B</h1>" in page
     assert "Drag the &lt;tail&gt;." in page
+
+
+def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path: Path) -> None:
+    pytest.importorskip("zarr")
+    values = np.random.default_rng(2).integers(10, 250, (8, 9, 300)).astype(np.uint8)
+    write_volume(Volume(values, Grid(values.shape), "tissue"), tmp_path / "in.zarr")
+    studio = Studio(read_volume(tmp_path / "in.zarr", level=1), folder=tmp_path)
+    try:
+        files = panel(studio, "Export")
+        assert files.level.layout.display == ""
+        assert "level 1" in files.level.children[0].value
+        assert "300 x 9 x 8 voxels" in files.level.children[0].value
+        assert "level 1" in volume_facts(studio.volume)
+        files.whole.click()
+        wait_for(lambda: files.message.value.startswith("Wrote in_deformed.zarr"))
+        assert_array_equal(read_volume(tmp_path / "in_deformed.zarr", level=0).values, values)
+        files.download.click()
+        assert "a browser cannot take over" in notice_of(studio)
+    finally:
+        studio.close()
+
+
+def test_a_volume_that_is_no_coarser_level_has_no_export_of_a_finer_one(studio: Studio) -> None:
+    assert panel(studio, "Export").level.layout.display == "none"
