@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError
-from deformnb.io import images, metaimage, nifti, nrrd
+from deformnb.io import images, metaimage, nifti, nrrd, tiff
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import format_of, located, plain_name, read_any_header, write_volume
 from deformnb.io.headers import Damage, Header, Layout, as_path, fail, human_bytes
@@ -148,7 +148,7 @@ def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Floa
 
 def write_channels(channels: Channels, path: str | os.PathLike[str], *, overwrite: bool = True,
                    progress: Progress | None = None) -> None:
-    """Write channels to one file: .nrrd, .nii.gz, .nii or .mha, or the colours of one slice to .png, .jpg or .webp.
+    """Write channels to one file: .nrrd, .nii.gz, .nii, .mha, .ome.tif, or colours of one slice to .png, .jpg or .webp.
 
     Raises
     ------
@@ -165,8 +165,8 @@ def write_series(moments: Iterable[Channels], path: str | os.PathLike[str], coun
     Parameters
     ----------
     moments : the channels of each, alike in grid, type and number.
-    path : ends in .nrrd, .nii.gz, .nii or .mha; for one moment of colours in one slice also .png, .jpg or .webp; for
-        one moment of one channel in any suffix of :data:`FORMATS` that is written.
+    path : ends in .nrrd, .nii.gz, .nii, .mha or .ome.tif; for one moment of colours in one slice also .png, .jpg or
+        .webp; for one moment of one channel in any suffix of :data:`FORMATS` that is written.
     count : number of moments, which the header states before they are there.
     duration : from one moment to the next, for the header.
     overwrite : whether an existing file may be replaced.
@@ -193,11 +193,15 @@ def write_series(moments: Iterable[Channels], path: str | os.PathLike[str], coun
         else:
             if first.kind == "channels":
                 raise fail(target, f"a picture has the parts of a colour, and these are {len(first)} channels of "
-                                   "another kind; write .nrrd, .nii.gz or .mha.")
+                                   "another kind; write .nrrd, .nii.gz, .mha or .ome.tif.")
             images.write_colours(first, target, overwrite)
         return
+    if kind == "tiff":
+        _write_tiff(_put_back([first], queue), target, first, Layout(
+            count, len(first), first.kind, first.names, first.colours, duration=duration), overwrite, progress)
+        return
     if kind not in _HEADERS or target.suffix.lower() in (".nhdr", ".mhd"):
-        raise fail(target, "several channels or moments are written to .nrrd, .nii.gz, .nii or .mha.")
+        raise fail(target, "several channels or moments are written to .nrrd, .nii.gz, .nii, .mha or .ome.tif.")
     layout = Layout(count, len(first), first.kind, first.names, first.colours, duration=duration)
     header = _HEADERS[kind](target, first[0], layout)
     encoding = "gzip" if target.name.lower().endswith((".nrrd", ".gz")) else "raw"
@@ -213,6 +217,21 @@ def write_series(moments: Iterable[Channels], path: str | os.PathLike[str], coun
             pieces = _after(header, pieces)
         for piece in packed(pieces, encoding):
             file.write(piece)
+
+
+def _write_tiff(queue: Iterator[Channels], target: Path, first: Channels, layout: Layout, overwrite: bool,
+                progress: Progress | None) -> None:
+    """Write moments as the pages of an OME-TIFF file; their colours lie together in a page."""
+    is_colour = layout.kind != "channels"
+    dtype, (_, ny, nx) = stored_dtype(first[0]), first.grid.shape
+    page = (ny, nx, len(first)) if is_colour else (ny, nx)
+
+    def pages() -> Iterator[NDArray[Any]]:
+        for piece in _pieces(queue, layout.frames, is_colour, progress):
+            yield from np.frombuffer(piece, dtype).reshape(-1, *page)
+
+    like = replace(first[0], name=first.name)
+    tiff.write_pages(pages(), target, like, layout, overwrite=overwrite)
 
 
 def _after(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:

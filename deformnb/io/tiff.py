@@ -1,4 +1,8 @@
-"""TIFF stacks (read only): a file of many pages, or a folder of single pages in the natural order of their names.
+"""TIFF stacks: a file of many pages, or a folder of single pages in the natural order of their names.
+
+Files are written as OME-TIFF by tifffile: axes, voxel size with its unit, names and colours of channels. OME has no
+place for the origin and the directions of a grid, nor for what is labels: these are annotations of our own, of the kind
+that OME has for that (MapAnnotation), which other programs show as such.
 
 The structure is read here and not by tifffile, which fills in or leaves out damaged parts: strips of length zero and
 short tiles become voxels, a broken chain of pages ends early, pages of another size are left out, LZW data too long are
@@ -22,12 +26,14 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO
+from uuid import UUID, uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Float3
-from deformnb.errors import MissingPackageError
+from deformnb._typing import Float3, Progress
+from deformnb.errors import DeformError, MissingPackageError
+from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import (
     SINGLE,
     Blocks,
@@ -39,8 +45,10 @@ from deformnb.io.headers import (
     shown,
     volume_shape,
 )
+from deformnb.io.streams import stored_dtype
+from deformnb.volume.volume import IDENTITY, Grid, Volume, optional_package, voxel_checksum
 
-SUFFIXES = (".tif", ".tiff")
+SUFFIXES = (".ome.tif", ".ome.tiff", ".tif", ".tiff")
 
 # NumPy's code and how many of it make one value: a rational is a pair. Texts and undefined bytes (S) stay bytes.
 _FIELD_TYPES = {1: ("u1", 1), 2: ("S1", 1), 3: ("u2", 1), 4: ("u4", 1), 5: ("u4", 2), 6: ("i1", 1), 7: ("S1", 1),
@@ -159,7 +167,8 @@ def read_header(path: Path) -> Header:
     description = tags.get(_DESCRIPTION, b"")
     text = description.split(b"\0")[0].decode("utf-8", "replace") if isinstance(description, bytes) else ""
     found = _described(path, text, tags)
-    return _header(path, lambda: _pages(path, found.count), found)
+    header = _header(path, lambda: _pages(path, found.count), found)
+    return _annotated(header, text) if "<OME" in text[:2000] else header
 
 
 def read_folder_header(folder: Path) -> Header:
@@ -204,8 +213,9 @@ def _header(path: Path, pages: Callable[[], Iterator[tuple[_Page, BinaryIO]]], f
     if first.photometric == 3:
         notes += ("the file has a colour table; the voxels are its indices",)
     blocks: Blocks = lambda: _blocks(path, pages(), first, count)  # noqa: E731
-    if layout.frames * layout.channels // first.samples > 1:
-        blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, layout.channels, slices))  # noqa: E731
+    planes = layout.channels // first.samples
+    if layout.frames * planes > 1:
+        blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, planes, slices))  # noqa: E731
     return Header(path, shape, first.dtype, blocks, spacing or (1.0, 1.0, 1.0), notes=notes,
                   working_bytes=working_bytes, layout=layout)
 
@@ -476,6 +486,22 @@ def _ome_layout(pixels: dict[str, str], text: str) -> Layout:
                   duration=_positive(pixels.get("TimeIncrement", "")) or 0.0)
 
 
+_ANNOTATION = re.compile(r'<M K="deformnb ([a-z]+)">([^<]{1,400})</M>')
+
+
+def _annotated(header: Header, text: str) -> Header:
+    """The header with origin, directions and labels of our own annotations, where :func:`write` has left them."""
+    found = {key: value.split() for key, value in _ANNOTATION.findall(text)}
+    try:
+        origin = tuple(map(float, found.get("origin", ("0", "0", "0"))))
+        rows = np.reshape(list(map(float, found["direction"])), (3, 3)).tolist() if "direction" in found else IDENTITY
+        frame = Grid((1, 1, 1), (1.0, 1.0, 1.0), origin, rows)  # type: ignore[arg-type]
+    except (DeformError, ValueError) as error:
+        raise fail(header.path, f"its annotations of deformnb are damaged: {shown(error, 200)}") from error
+    return replace(header, origin=frame.origin, direction=frame.direction,
+                   is_labels=True if found.get("labels") == ["yes"] else header.is_labels)
+
+
 def _unit_note(unit: str) -> tuple[str, ...]:
     return (f"lengths of the file are in {shown(unit, 20)} and stay so",) if unit not in ("", "mm", "pixel") else ()
 
@@ -497,3 +523,81 @@ def _imagej_spacing(fields: dict[str, str], tags: Tags) -> Float3 | None:
         return below / above if above > 0 and below > 0 else 1.0
 
     return length(_XRES), length(_YRES), _positive(fields.get("spacing", "")) or 1.0
+
+
+# -- writing ---------------------------------------------------------------------------------------------------------
+
+# A classic TIFF has room for 4 GiB; its tables and its description take some of that.
+_MOST_CLASSIC = 2**32 - 2**25
+
+
+def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
+    """Write a volume as OME-TIFF, a page for each slice."""
+    def pages() -> Iterator[NDArray[Any]]:
+        for number, page in enumerate(volume.values):
+            yield page.astype(stored_dtype(volume), copy=False)
+            if progress is not None:
+                progress((number + 1) / len(volume.values))
+
+    checksum = voxel_checksum(volume.dtype, volume.shape, volume.values)  # equal volumes give equal files
+    write_pages(pages(), path, volume, SINGLE, overwrite=overwrite, identity=UUID(checksum[:32]))
+
+
+def write_pages(pages: Iterator[NDArray[Any]], path: Path, like: Volume, layout: Layout, *, overwrite: bool,
+                identity: UUID | None = None) -> None:
+    """Write pages [y, x], or [y, x, part] of colours, as OME-TIFF: of each moment all channels, of these all slices.
+
+    Parameters
+    ----------
+    like : a channel, with the name and the grid of all of them.
+    layout : number of moments, and of channels with their names and colours.
+    identity : of the file; default is a random one.
+
+    Raises
+    ------
+    MissingPackageError
+        If tifffile is not installed.
+    """
+    tifffile = optional_package("tifffile")
+    grid, dtype = like.grid, stored_dtype(like)
+    is_colour = layout.kind in ("rgb", "rgba")
+    inner, planes = (layout.channels, 1) if is_colour else (1, layout.channels)
+    shape = (layout.frames, planes, *grid.shape, *([inner] if is_colour else []))
+    size = math.prod(shape) * dtype.itemsize
+    colour: dict[str, Any] = {"photometric": "rgb" if is_colour else "minisblack"}
+    if layout.kind == "rgba":
+        colour["extrasamples"] = ["unassalpha"]
+    with atomic_write(path, overwrite=overwrite, needed=size) as file, tifffile.TiffWriter(
+            file, bigtiff=size > _MOST_CLASSIC, ome=True, byteorder="<") as writer:
+        writer.write(pages, shape=shape, dtype=dtype, software="deformnb", resolutionunit="CENTIMETER",
+                     resolution=(10 / grid.spacing[0], 10 / grid.spacing[1]),
+                     metadata=_ome_metadata(like, layout, identity or uuid4(), is_colour), **colour)
+
+
+def _ome_metadata(like: Volume, layout: Layout, identity: UUID, is_colour: bool) -> dict[str, Any]:
+    """Metadata as tifffile takes them for the description of the first page."""
+    grid = like.grid
+    about: dict[str, Any] = {"axes": "TCZYXS" if is_colour else "TCZYX", "Name": like.name, "Creator": "deformnb",
+                             "UUID": str(identity)}
+    for axis, length in zip("XYZ", grid.spacing, strict=True):
+        about |= {f"PhysicalSize{axis}": length, f"PhysicalSize{axis}Unit": "mm"}
+    if layout.duration:
+        about |= {"TimeIncrement": layout.duration, "TimeIncrementUnit": "s"}
+    if layout.channels > 1 and not is_colour:
+        about["Channel"] = {"Name": list(layout.names), "Color": [_colour_code(colour) for colour in layout.colours]}
+    own = {"deformnb origin": " ".join(map(repr, grid.origin)),
+           "deformnb direction": " ".join(repr(value) for row in grid.direction for value in row)}
+    return about | {"MapAnnotation": own | ({"deformnb labels": "yes"} if like.is_labels else {})}
+
+
+def _colour_code(colour: Float3) -> int:
+    """Red, green, blue and alpha in 32 bits, with a sign.
+
+    Examples
+    --------
+    >>> _colour_code((0.0, 1.0, 0.0)), _colour_code((1.0, 0.0, 1.0))
+    (16711935, -16711681)
+    """
+    red, green, blue = (round(255 * part) for part in colour)
+    code = red << 24 | green << 16 | blue << 8 | 255
+    return code - 2**32 if code >= 2**31 else code

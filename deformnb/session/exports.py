@@ -328,7 +328,8 @@ def _document(it: Frozen, path: Path, progress: Progress) -> None:
 
 
 EXPORTS: dict[str, Export] = {
-    "volume": Export("Deformed volume", (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd"), _volume),
+    "volume": Export("Deformed volume", (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd",
+                                         ".ome.tif", ".ome.tiff", ".tif", ".tiff"), _volume),
     "full resolution": Export("Deformed volume at full resolution", (SUFFIX,), _full_resolution, MARKS),
     "rendering": Export("Rendering", (".png",), _rendering),
     "drawing": Export("Picture before and after", (".svg", ".pdf"), _drawing),

@@ -6,13 +6,24 @@ import struct
 import zlib
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from deformnb.errors import VolumeFileError
-from deformnb.io import describe_file, open_series, read_channels, read_volume
+from deformnb.io import (
+    describe_file,
+    open_series,
+    read_channels,
+    read_volume,
+    write_channels,
+    write_series,
+    write_volume,
+)
 from deformnb.io.tiff import read_header
+from deformnb.volume.channels import Channels
+from deformnb.volume.volume import Grid, Volume
 
 tifffile = pytest.importorskip("tifffile")
 
@@ -343,3 +354,43 @@ def test_channels_that_do_not_divide_the_pages_are_refused(tmp_path: Path) -> No
                      description="ImageJ=1.53\nimages=5\nchannels=2\n")
     with pytest.raises(VolumeFileError, match="cannot be divided"):
         read_channels(tmp_path / "b.tif")
+
+
+def test_ome_tiff_is_read_by_other_programs_as_it_was_written(tmp_path: Path) -> None:
+    path, grid = tmp_path / "a.ome.tif", Grid((4, 5, 6), (0.5, 1.25, 3.0), (1.0, 2.0, 3.0))
+    values = np.random.default_rng(3).integers(0, 60000, (4, 5, 6, 2)).astype(np.uint16)
+    stained = Channels.from_array(values, grid, ('"nuclei" & <DNA>', "actin"), ((0, 0, 1), (1, 0.2, 0)))
+    write_channels(stained, path)
+    with tifffile.TiffFile(path) as file:
+        assert (file.is_ome, file.series[0].axes) == (True, "CZYX")
+        np.testing.assert_array_equal(file.asarray(), np.moveaxis(values, -1, 0))
+        [pixels] = ElementTree.fromstring(file.ome_metadata).iterfind(".//{*}Pixels")
+    assert [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"] == ["0.5", "1.25", "3.0"]
+    assert {pixels.get(f"PhysicalSize{axis}Unit") for axis in "XYZ"} == {"mm"}
+    assert [(one.get("Name"), one.get("Color")) for one in pixels.iterfind("{*}Channel")] == [
+        ('"nuclei" & <DNA>', str(0x0000FFFF)), ("actin", str(0xFF3300FF - 2**32))]
+    read = read_channels(path)
+    assert (read.names, read.colours, read.grid) == (stained.names, stained.colours, grid)
+    np.testing.assert_array_equal(read.values, values)
+    sitk = pytest.importorskip("SimpleITK")
+    image = sitk.ReadImage(str(path))  # which knows pages, and of their sizes the x and the y
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(image).reshape(2, 4, 5, 6), np.moveaxis(values, -1, 0))
+    np.testing.assert_allclose(image.GetSpacing()[:2], (0.5, 1.25), rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["channels", "rgb", "rgba"])
+def test_moments_of_ome_tiff_come_back(kind: str, tmp_path: Path) -> None:
+    values = np.random.default_rng(4).integers(0, 250, (3, 2, 5, 6, {"rgba": 4}.get(kind, 3))).astype(np.uint8)
+    write_series((Channels.from_array(one, kind=kind) for one in values), tmp_path / "a.tif", 3, duration=0.5)
+    read = list(open_series(tmp_path / "a.tif"))
+    assert [one.kind for one in read] == [kind] * 3
+    np.testing.assert_array_equal([one.values for one in read], values)
+    assert open_series(tmp_path / "a.tif").layout.duration == 0.5
+
+
+def test_damaged_annotations_of_ours_are_named(tmp_path: Path) -> None:
+    write_volume(Volume.from_array(STACK), tmp_path / "a.tif")
+    content = (tmp_path / "a.tif").read_bytes()
+    assert b"1.0 0.0 0.0 0.0 1.0" in content
+    (tmp_path / "a.tif").write_bytes(content.replace(b"1.0 0.0 0.0 0.0 1.0", b"1.0 0.0 0.0 0.0 7.0"))
+    refuse(tmp_path / "a.tif", "annotations of deformnb are damaged")
