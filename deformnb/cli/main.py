@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NoReturn, TypeAlias
 
 from deformnb.cli.transform import add_transform
-from deformnb.cli.warp import add_replay, add_spacing, add_warp, read_input, stages
+from deformnb.cli.warp import add_replay, add_spacing, add_warp, note, read_input, stages
 from deformnb.errors import Cancelled, DeformError, UnknownKindError
 
 EXIT_ERROR = 2
@@ -173,13 +173,16 @@ def _demo(options: argparse.Namespace) -> None:
 
 def _app(options: argparse.Namespace) -> None:
     from deformnb.app.launch import check_app, made_up_carp, open_app
-    from deformnb.session.inputs import as_deformation
+    from deformnb.session.inputs import as_deformation, subject_from
+    from deformnb.volume.channels import Channels
 
     check_app(options.host, options.port, options.side, options.idle)
     deformation = as_deformation(options.session)
     with stages() as stage:
-        volume = (read_input(options.file, options.spacing, stage, level=options.level) if options.file
+        volume = (subject_from(options.file, spacing=options.spacing, level=options.level,
+                               progress=stage(f"read {Path(options.file).name}")) if options.file
                   else made_up_carp(stage("make the carp")))
+    note(*(() if isinstance(volume, Channels) else volume.notes))
     open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
              browser=not options.no_browser, idle=options.idle)
 

@@ -431,13 +431,11 @@ def _lengths(given: Sequence[float | str] | None) -> Any:
     return lengths[0] if len(lengths) == 1 else lengths
 
 
-def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None,
-               level: int | None = None) -> Volume:
+def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_labels: bool | None = None) -> Volume:
     """A volume of a file, whose notes are printed; see :func:`deformnb.session.inputs.volume_from`."""
     from deformnb.session.inputs import volume_from
 
-    volume = volume_from(path, spacing=spacing, is_labels=is_labels, level=level,
-                         progress=stage(f"read {Path(path).name}"))
+    volume = volume_from(path, spacing=spacing, is_labels=is_labels, progress=stage(f"read {Path(path).name}"))
     note(*volume.notes)
     return volume
 

@@ -4,6 +4,7 @@ from .movie_frames import deformation_frames as deformation_frames
 from .movie_frames import write_movie as write_movie
 from .projection import PROJECTIONS as PROJECTIONS
 from .projection import project as project
+from .projection import project_channels as project_channels
 from .render import RENDERERS as RENDERERS
 from .render import image_places as image_places
 from .render import render_pair as render_pair

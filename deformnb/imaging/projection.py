@@ -8,7 +8,7 @@ block.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,6 +29,7 @@ from deformnb.imaging.raycast import (
     knots,
 )
 from deformnb.rbf.fields import Identity
+from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
@@ -118,6 +119,10 @@ PROJECTIONS: dict[str, Projection] = {
 """All projections by name; the first is the default."""
 
 
+OF_CHANNELS = ("mip", "slice", "mean")
+"""Projections that channels have in their colours; the others have colours and opacities of a transfer function."""
+
+
 def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
             transfer: TransferFunction | str | None = None, depth: float | None = None, spacing: float | None = None,
             part: Part | None = None, eye: PerspectiveCamera | None = None, ambience: Volume | None = None,
@@ -168,6 +173,40 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
     if picture.values.ndim == 3:
         return picture
     return replace(picture, window=_window(picture.values, volume), unit="HU" if is_hounsfield(volume) else "")
+
+
+def project_channels(channels: Channels, view: str | Plane = "+y", method: str = "mip", *,
+                     displays: Sequence[ChannelDisplay] | None = None, depth: float | None = None,
+                     progress: Progress | None = None) -> Picture:
+    """A picture of channels in their colours, added up.
+
+    Parameters
+    ----------
+    channels : to project, each by itself.
+    view, method, depth, progress : as of :func:`project`; the method is one of :data:`OF_CHANNELS`.
+    displays : colours, windows and visibility, as of :meth:`Channels.composite
+        <deformnb.volume.channels.Channels.composite>`.
+
+    Raises
+    ------
+    DeformError
+        As :func:`project`, and for a method that has colours of its own.
+
+    Examples
+    --------
+    >>> stained = Channels.from_array(np.eye(4, dtype=np.uint8)[None, :, :, None] * np.array([9, 0], np.uint8))
+    >>> project_channels(stained, "+z").rgb8()[0, 0].tolist()
+    [0, 255, 0]
+    """
+    one_of(method, OF_CHANNELS, "projection of channels")
+    given = channels.displays() if displays is None else displays
+    pictures: list[Picture] = []
+    for k, volume in enumerate(channels):
+        pictures.append(project(volume, view, method, depth=depth))
+        if progress is not None:
+            progress((k + 1) / len(channels))
+    values = channels.composite([picture.values for picture in pictures], given)
+    return replace(pictures[0], values=values, window=(0.0, 1.0), unit="")
 
 
 def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:

@@ -23,19 +23,21 @@ from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_frames, swing, write_movie
-from deformnb.imaging.projection import project
+from deformnb.imaging.projection import OF_CHANNELS, project, project_channels
 from deformnb.imaging.render import render_volume
 from deformnb.io.atomic import KnownFiles, atomic_write, check_target
 from deformnb.io.formats import write_volume
 from deformnb.io.memory import check_room
 from deformnb.io.ome_zarr import MARKS, SUFFIX
+from deformnb.io.series import write_channels
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.session.session import Session
+from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import warp, warp_all
 
 _RENDERING = (1600, 1200)
 _BAND = 64  # rows of a picture between two checks for cancellation
@@ -107,6 +109,7 @@ class Frozen:
     save : writes a document to a path, as :meth:`Session.save <deformnb.session.session.Session.save>`.
     files : of the session, which it may replace.
     overwrite : whether any file may be replaced.
+    channels, displays : that the picture shows in colours, and how.
     """
 
     volume: Volume
@@ -125,6 +128,8 @@ class Frozen:
     size: tuple[int, int] | None = None
     fps: float = _FPS
     overwrite: bool = False
+    channels: Channels | None = None
+    displays: tuple[ChannelDisplay, ...] = ()
 
     @classmethod
     def of(cls, session: Session, seen: Seen | Mapping[str, Any] | None = None, *,
@@ -140,7 +145,8 @@ class Frozen:
         depth = session.depth if session.method == "slice" else None
         return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
                    session.window, session.colour_map, session.transfer_function, Seen.of(seen), session.save,
-                   session.files, session.source, _checked_size(size), _checked_rate(fps))
+                   session.files, session.source, _checked_size(size), _checked_rate(fps),
+                   channels=session.channels, displays=session.channel_displays)
 
     @property
     def output(self) -> Grid | None:
@@ -163,6 +169,13 @@ class Frozen:
         """
         check_room(self.volume, self.output)
         return warp(self.volume, self.field, output=self.output, progress=progress)
+
+    def deformed_channels(self, progress: Progress) -> Channels:
+        """The deformed channels, all by one map."""
+        assert self.channels is not None
+        check_room(self.volume, self.output)
+        return self.channels.with_volumes(warp_all(self.channels.volumes, self.field, output=self.output,
+                                                   progress=progress))
 
     def scene(self, size: tuple[int, int], *, once: bool = False) -> ViewRenderer | None:
         """Renderer of the volume as it is seen, many times or once; None where only a camera is known."""
@@ -209,8 +222,17 @@ class Export:
 
 
 def _volume(it: Frozen, path: Path, progress: Progress) -> None:
-    write_volume(it.deformed(lambda share: progress(0.5 * share)), path,
-                 progress=lambda share: progress(0.5 + 0.5 * share))
+    """The deformed volume; of channels all of them."""
+    def first_half(share: float) -> None:
+        progress(0.5 * share)
+
+    def second_half(share: float) -> None:
+        progress(0.5 + 0.5 * share)
+
+    if it.channels is not None:
+        write_channels(it.deformed_channels(first_half), path, progress=second_half)
+    else:
+        write_volume(it.deformed(first_half), path, progress=second_half)
 
 
 def _full_resolution(it: Frozen, path: Path, progress: Progress) -> None:
@@ -257,10 +279,18 @@ def _by_camera(it: Frozen, progress: Progress) -> Image:
 def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
     step = next((s for s in reversed(it.deformation.steps) if s.plane == it.plane), None)
     points = None if step is None else step.points
+    titles = ["before", "after"]
+    if it.channels is not None and it.method in OF_CHANNELS:
+        still = it.channels if it.output is None else it.channels.with_volumes(
+            warp_all(it.channels.volumes, Identity(3), output=it.output))
+        both = (still, it.deformed_channels(lambda share: progress(0.6 * share)))
+        drawn = [project_channels(one, it.plane, it.method, displays=it.displays, depth=it.depth) for one in both]
+        draw_pictures(drawn, points=[None, points], titles=titles, path=path)
+        return
     original = it.volume if it.output is None else warp(it.volume, Identity(3), output=it.output)
     before, after = (_projected(it, volume) for volume in (original, it.deformed(lambda share: progress(0.6 * share))))
     progress(0.8)
-    draw_pictures([before, after], points=[None, points], titles=["before", "after"], path=path)
+    draw_pictures([before, after], points=[None, points], titles=titles, path=path)
 
 
 def _projected(it: Frozen, volume: Volume) -> Picture:

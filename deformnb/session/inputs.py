@@ -18,6 +18,8 @@ from deformnb.errors import DeformError
 from deformnb.io.documents import read_deformation
 from deformnb.io.formats import describe_file, read_volume
 from deformnb.io.meshes import is_mesh, read_mesh
+from deformnb.io.series import is_series, open_series
+from deformnb.volume.channels import Channels
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.mesh import Mesh, filled, grid_around, signed_distance
@@ -44,6 +46,27 @@ def volume_from(given: Any, *, spacing: Sequence[float] | None = None, is_labels
     if spacing is not None:
         raise DeformError(f"a spacing is for volumes, and {Path(given).name} is a mesh.")
     return body_of(read_mesh(given), progress)
+
+
+def subject_from(given: Any, **options: Any) -> Volume | Channels:
+    """What a session deforms: as :func:`volume_from`, but channels and colours stay what they are.
+
+    Parameters
+    ----------
+    options : of :func:`volume_from`.
+    """
+    if isinstance(given, Channels):
+        return given
+    if isinstance(given, str | PathLike) and not is_mesh(given) and is_series(given):
+        series = open_series(given, spacing=_three(options.get("spacing")))
+        if len(series) == 1:
+            return next(iter(series))
+    return volume_from(given, **options)
+
+
+def as_volume_and_channels(subject: Volume | Channels) -> tuple[Volume, Channels | None]:
+    """The volume that is shown, dragged and measured, and the channels that it is made of."""
+    return (subject.brightness(), subject) if isinstance(subject, Channels) else (subject, None)
 
 
 def grid_of_file(path: str | PathLike[str], spacing: Sequence[float] | None = None) -> Grid:
@@ -76,7 +99,8 @@ def source_of(given: Any) -> str:
         return ""
     path = without_surrogates(json.dumps(str(given), ensure_ascii=False))
     if not is_mesh(given):
-        return f"dn.read_volume({path})"
+        is_of_channels = Path(given).is_file() and is_series(given)
+        return f"dn.io.read_channels({path}).brightness()" if is_of_channels else f"dn.read_volume({path})"
     return f"dn.warping.filled(dn.warping.signed_distance(dn.read_mesh({path})))"
 
 

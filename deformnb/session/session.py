@@ -35,7 +35,7 @@ from deformnb.document.edits import complete_change, points_between, turned, unt
 from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
-from deformnb.imaging.projection import PROJECTIONS, project
+from deformnb.imaging.projection import OF_CHANNELS, PROJECTIONS, project, project_channels
 from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_document, write_deformation
 from deformnb.io.memory import check_room
@@ -45,12 +45,13 @@ from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts
 from deformnb.registration.outlines import HELD, hold_outline, outline
 from deformnb.session.history import History, HistoryNode
 from deformnb.session.view_state import ViewState, without_view_state
+from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import SIDES, VIEWS, Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import warp, warp_all
 
 
 class _State(NamedTuple):
@@ -69,6 +70,8 @@ class Session(traitlets.HasTraits):
         picture that holds it still.
     view : side of the first picture, one of :data:`~deformnb.volume.plane.VIEWS`.
     output : grid of the result; default is the document's, and the volume's own if it has none.
+    channels : that are deformed together, where the volume is their
+        :meth:`~deformnb.volume.channels.Channels.brightness`.
     traits : first values of the traits below.
 
     Attributes
@@ -80,6 +83,8 @@ class Session(traitlets.HasTraits):
     depth : where a "slice" lies along the normal, from the middle of the volume.
     window : values shown as black and white in grey pictures, set by hand; None for the automatic window of each.
     colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
+    channel_displays : colour, window and visibility of each of the channels, a
+        :class:`~deformnb.volume.channels.ChannelDisplay`; empty where there are none.
     ambient_occlusion : whether hollows of the volume are darker in a live view.
     transfer : colours and opacities, a :class:`~deformnb.volume.transfer.TransferFunction` or the name of a preset.
     history : what "undo" and "redo" would do, in words.
@@ -121,6 +126,7 @@ class Session(traitlets.HasTraits):
     depth = traitlets.Float(0.0)
     window = traitlets.Any(None)
     colour_map = traitlets.Unicode(COLOUR_MAPS[0])
+    channel_displays = traitlets.Tuple()
     ambient_occlusion = traitlets.Bool(True)
     transfer = traitlets.Any("specimen")
     saved = traitlets.Instance(Deformation, allow_none=True)
@@ -129,7 +135,7 @@ class Session(traitlets.HasTraits):
     source = traitlets.Unicode("")
 
     def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
-                 output: Grid | None = None, **traits: Any) -> None:
+                 output: Grid | None = None, channels: Channels | None = None, **traits: Any) -> None:
         deformation, view_state = ViewState.split(deformation or Deformation())
         deformation, laid = with_true_spacing(deformation, volume.finest_grid)
         if output is not None:
@@ -146,7 +152,10 @@ class Session(traitlets.HasTraits):
         self._transfer: tuple[Any, TransferFunction] | None = None
         self.reference = LazyReference(volume)
         self.files = KnownFiles()
-        self.volume = volume
+        self.volume, self.channels = volume, channels
+        self._deformed_channels: tuple[Deformation, Channels] | None = None
+        if channels is not None:
+            traits.setdefault("channel_displays", channels.displays())
         self._home = view if isinstance(view, Plane) else Plane.along(volume.finest_grid, view)
         super().__init__(**traits)
         first = self._checked(deformation)
@@ -746,18 +755,62 @@ class Session(traitlets.HasTraits):
             kept = self._picture
             if kept is not None and kept[0] == settings:
                 return kept[1]
-            earlier, plane, method, depth, colours = settings
-            made = project(self._base_of(earlier), plane, method, transfer=colours,
-                           depth=depth if method == "slice" else None, progress=progress)
+            earlier, plane, method, depth, colours, displays = settings
+            at = depth if method == "slice" else None
+            if displays:
+                made = project_channels(self._channels_of(earlier), plane, method, displays=displays, depth=at,
+                                        progress=progress)
+            else:
+                made = project(self._base_of(earlier), plane, method, transfer=colours, depth=at, progress=progress)
             if settings == self._picture_settings():  # else another one is requested by now
                 self._picture = (settings, made)
             return made
 
-    def _picture_settings(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None]:
+    def _picture_settings(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None,
+                                         tuple[ChannelDisplay, ...]]:
         """The settings on which the picture depends."""
         with self._lock:
             colours = self.transfer_function if self.method in ("composite", "shaded") else None
-            return self._earlier(), self.plane, self.method, self.depth if self.method == "slice" else 0.0, colours
+            depth = self.depth if self.method == "slice" else 0.0
+            displays = self.channel_displays if self.shows_channels else ()
+            return self._earlier(), self.plane, self.method, depth, colours, displays
+
+    @property
+    def shows_channels(self) -> bool:
+        """Whether the picture shows channels in their colours."""
+        return self.channels is not None and self.method in OF_CHANNELS
+
+    @traitlets.validate("channel_displays")
+    def _valid_displays(self, proposal: Any) -> tuple[ChannelDisplay, ...]:
+        given, count = tuple(proposal["value"]), 0 if self.channels is None else len(self.channels.coloured)
+        if len(given) != count or not all(isinstance(one, ChannelDisplay) for one in given):
+            raise DeformError(f"channel_displays are a ChannelDisplay for each of the {count} channels that have a "
+                              f"colour, got {given!r:.60}.")
+        return given
+
+    def show_channel(self, index: int, **changes: Any) -> None:
+        """Change colour, window or visibility of a channel.
+
+        Parameters
+        ----------
+        index : of the channel, from 0.
+        changes : fields of :class:`~deformnb.volume.channels.ChannelDisplay`.
+        """
+        displays = list(self.channel_displays)
+        if not 0 <= index < len(displays):
+            raise DeformError(f"there is no channel {index}; there are {len(displays)} that have a colour.")
+        displays[index] = replace(displays[index], **changes)
+        self.channel_displays = tuple(displays)
+
+    def _channels_of(self, earlier: Deformation) -> Channels:
+        assert self.channels is not None
+        if not earlier.steps:
+            return self.channels
+        kept = self._deformed_channels
+        if kept is None or kept[0] != earlier:
+            warped = warp_all(self.channels.volumes, earlier.field(self.grid))
+            kept = self._deformed_channels = (earlier, self.channels.with_volumes(warped))
+        return kept[1]
 
     @property
     def depth_range(self) -> tuple[float, float]:
@@ -879,6 +932,21 @@ class Session(traitlets.HasTraits):
             field, output = self.field(), self.result_grid
         check_room(self.volume, output)
         return warp(self.volume, field, output=output, progress=progress)
+
+    def result_channels(self, progress: Callable[[float], None] | None = None) -> Channels:
+        """The deformed channels, all by one map, on :attr:`result_grid`.
+
+        Raises
+        ------
+        DeformError
+            If there are none.
+        """
+        if self.channels is None:
+            raise DeformError("this volume has no channels; result() is the deformed volume.")
+        with self._lock:
+            field, output = self.field(), self.result_grid
+        check_room(self.volume, output)
+        return self.channels.with_volumes(warp_all(self.channels.volumes, field, output=output, progress=progress))
 
     def document(self) -> Deformation:
         """The deformation, its view state, and the checksum of its volume, as it is saved."""

@@ -1,3 +1,4 @@
+from .channels import ChannelDisplay as ChannelDisplay
 from .channels import Channels as Channels
 from .labelled import from_xarray as from_xarray
 from .labelled import to_xarray as to_xarray

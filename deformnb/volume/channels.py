@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3
-from deformnb.checks import shown_value
+from deformnb.checks import checked_window, finite_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume
 
@@ -41,6 +41,40 @@ def usual_colours(count: int) -> tuple[Colour, ...]:
     """
     names = _OF_FEW.get(count, tuple(_PRIMARY))
     return tuple(_PRIMARY[names[k % len(names)]] for k in range(count))
+
+
+@dataclass(frozen=True)
+class ChannelDisplay:
+    """Display of a channel, which is added to those of the others.
+
+    Parameters
+    ----------
+    colour : (red, green, blue) from 0 to 1 of its brightest values.
+    window : values shown black and in the full colour.
+    visible : whether it is shown.
+
+    Raises
+    ------
+    DeformError
+        If the colour is none, or the window has no width.
+
+    Examples
+    --------
+    >>> ChannelDisplay((0, 1, 0), (10, 200)).window
+    (10.0, 200.0)
+    """
+
+    colour: Colour
+    window: tuple[float, float]
+    visible: bool = True
+
+    def __post_init__(self) -> None:
+        what = "a colour is three numbers (red, green, blue) from 0 to 1"
+        colour = finite_array(self.colour, (3,), what)
+        if not ((colour >= 0) & (colour <= 1)).all():
+            raise DeformError(f"{what}, got {shown_value(self.colour)}.")
+        object.__setattr__(self, "colour", tuple(colour.tolist()))
+        object.__setattr__(self, "window", checked_window(self.window))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,22 +192,37 @@ class Channels:
                 np.maximum(values, _bytes(volume.values, volume.value_range), out=values)
         return Volume(values, self.grid, self.name)
 
-    def composite(self, pictures: Sequence[NDArray[Any]] | None = None) -> NDArray[np.float32]:
+    @property
+    def coloured(self) -> tuple[Volume, ...]:
+        """The channels that have a colour: all but the opacity of "rgba"."""
+        return self.volumes[:3] if self.kind == "rgba" else self.volumes
+
+    def displays(self) -> tuple[ChannelDisplay, ...]:
+        """The displays of :attr:`coloured`: in their colours, each from its smallest value to its largest.
+
+        Whole numbers of colours (kind "rgb") keep their own scale.
+        """
+        return tuple(ChannelDisplay(self.colours[k], self._shown_range(k)) for k in range(len(self.coloured)))
+
+    def composite(self, pictures: Sequence[NDArray[Any]] | None = None,
+                  displays: Sequence[ChannelDisplay] | None = None) -> NDArray[np.float32]:
         """Colours (..., 4): red, green, blue and alpha 1, the channels in their colours added up.
 
         Parameters
         ----------
-        pictures : one array for each channel, such as a projection of each; by default their voxels. Each is shown from
-            its channel's smallest value in black to its largest in the channel's colour; whole numbers of colours (kind
-            "rgb") keep their own scale.
+        pictures : one array for each channel, such as a projection of each; by default their voxels.
+        displays : of each of :attr:`coloured`; default is :meth:`displays`.
         """
         parts = [volume.values for volume in self.volumes] if pictures is None else list(pictures)
         out = np.zeros((*np.shape(parts[0]), 4), np.float32)
-        shown = [k for k in range(len(self)) if not (self.kind == "rgba" and k == 3)]
-        for k in shown:
-            low, high = self._shown_range(k)
-            share = np.clip((parts[k].astype(np.float32) - low) / (high - low or 1.0), 0, 1)
-            out[..., :3] += share[..., None] * np.asarray(self.colours[k], np.float32)
+        given = self.displays() if displays is None else displays
+        if len(given) != len(self.coloured):
+            raise DeformError(f"{len(self.coloured)} channels need as many displays, got {len(given)}.")
+        for part, display in zip(parts, given, strict=False):
+            if display.visible:
+                low, high = display.window
+                share = np.clip((part.astype(np.float32) - low) / (high - low), 0, 1)
+                out[..., :3] += share[..., None] * np.asarray(display.colour, np.float32)
         if self.kind == "rgba":  # over black, as colours times alpha
             low, high = self._shown_range(3)
             out[..., :3] *= np.clip((parts[3].astype(np.float32) - low) / (high - low), 0, 1)[..., None]
@@ -184,7 +233,8 @@ class Channels:
         volume = self.volumes[k]
         if KINDS[self.kind] and volume.dtype.kind in "iu":
             return 0.0, float(np.iinfo(volume.dtype).max)
-        return volume.value_range
+        low, high = volume.value_range
+        return low, high if high > low else low + 1.0
 
 
 def luma(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

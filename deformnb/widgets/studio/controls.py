@@ -21,6 +21,7 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
+from deformnb.volume.channels import ChannelDisplay
 from deformnb.volume.transfer import PRESETS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
@@ -303,6 +304,58 @@ class PictureLookPanel(Panel):
 
     def arrange(self) -> None:
         self._auto.disabled = self.session.window is None
+
+
+class ChannelsPanel(Panel):
+    """Channels panel: visibility, colour and window of each channel that the picture adds up."""
+
+    title = "Channels"
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        super().__init__(session, guard)
+        assert session.channels is not None
+        self.rows = [self._row(k, volume) for k, volume in enumerate(session.channels.coloured)]
+        words = ipw.HTML("The picture adds the channels up in Maximum, Mean and Slice; the volume shows how "
+                         "bright they are together.")
+        self.box = ipw.VBox([*self.rows, words])
+        self.refresh()
+
+    def _row(self, k: int, volume: Volume) -> ipw.Widget:
+        name = volume.name or f"Channel {k + 1}"
+        low, high = volume.value_range
+        first, last = self.session.channel_displays[k].window
+        low, high = min(low, first), max(high, last)
+        shown = self.add(ipw.Checkbox(description=name, indent=False, tooltip=f"Whether {name} is shown",
+                                      layout=ipw.Layout(width="140px")),
+                         lambda: self._display(k).visible, lambda on: self.session.show_channel(k, visible=on))
+        colour = self.add(ipw.ColorPicker(concise=True, tooltip=f"Colour of {name}",
+                                          layout=ipw.Layout(width="36px")),
+                          lambda: _hex(self._display(k).colour),
+                          lambda value: self.session.show_channel(k, colour=_rgb(value)))
+        window = self.add(ipw.FloatRangeSlider(
+            value=(first, last), min=low, max=high, step=(high - low) / 256,
+            readout_format=".0f" if volume.dtype.kind in "iu" else ".4g",
+            continuous_update=False, tooltip=f"Values of {name} shown black and in its full colour",
+            layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto")),
+            lambda: self._display(k).window, lambda ends: self._set_window(k, ends, (high - low) / 256))
+        return ipw.VBox([ipw.HBox([shown, colour], layout=ipw.Layout(align_items="center")), row(window)])
+
+    def _display(self, k: int) -> ChannelDisplay:
+        display: ChannelDisplay = self.session.channel_displays[k]
+        return display
+
+    def _set_window(self, k: int, ends: tuple[float, float], least: float) -> None:
+        self.session.show_channel(k, window=(ends[0], max(ends[1], ends[0] + least)))
+
+
+def _hex(colour: tuple[float, float, float]) -> str:
+    return "#" + "".join(f"{round(255 * part):02x}" for part in colour)
+
+
+def _rgb(text: str) -> tuple[float, float, float]:
+    """A colour of a colour picker, "#rrggbb"."""
+    red, green, blue = (int(text[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue
 
 
 class MapPanel(Panel):

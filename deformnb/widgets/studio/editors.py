@@ -81,7 +81,7 @@ def show_view_state(editor: Any, session: Session) -> None:
 
 def _air(session: Session) -> float | None:
     """The value of the picture up to which nothing is seen; None where its values are not those of the volume."""
-    if session.step.plane is None or session.method not in ("slice", "mip"):
+    if session.step.plane is None or session.method not in ("slice", "mip") or session.shows_channels:
         return None
     return foreground_level(session.volume)
 
@@ -200,7 +200,7 @@ def picture_key(session: Session) -> Any:
     s = session
     return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
             s.depth if s.method == "slice" else 0.0, s.deformation.mode,
-            s.transfer if s.method in ("composite", "shaded") else None)
+            s.transfer if s.method in ("composite", "shaded") else None, s.channel_displays if s.shows_channels else ())
 
 
 class StudioPicture:

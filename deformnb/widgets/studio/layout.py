@@ -18,9 +18,11 @@ from typing import Any
 import ipywidgets as ipw
 
 from deformnb.session.session import Session
+from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
+    ChannelsPanel,
     DisplayPanel,
     Guard,
     MapPanel,
@@ -81,7 +83,7 @@ class PanelParts:
     label_names: Mapping[int, str] | None
     target: Volume | None
     preview: Preview
-    open_volume: Callable[[Volume], None]
+    open_volume: Callable[[Volume | Channels], None]
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
         "Shape": shape,
         "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
         "View": [Section(display, is_open=True),
+                 *([Section(ChannelsPanel(s.session, s.guard), is_open=True)] if s.session.channels else []),
                  Section(PictureLookPanel(s.session, s.guard, s.editors.plane), is_open=True),
                  Section(compare)],
         "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],

@@ -27,8 +27,16 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.session.exports import export
-from deformnb.session.inputs import as_deformation, best_view, source_of, volume_from
+from deformnb.session.inputs import (
+    as_deformation,
+    as_volume_and_channels,
+    best_view,
+    source_of,
+    subject_from,
+    volume_from,
+)
 from deformnb.session.session import Session
+from deformnb.volume.channels import Channels
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import on_picture
@@ -106,7 +114,10 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     """
     last = followed_step(session.deformation)
     deformed = None if last is not None else session.result()
-    whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane)
+    channels = session.result_channels() if deformed and session.channels else session.channels
+    whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane,
+                    channels=channels)
+    whole.channel_displays = session.channel_displays
     whole.method, whole.window, whole.colour_map = session.method, session.window, session.colour_map
     whole.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
@@ -201,7 +212,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     Parameters
     ----------
-    volume : what is deformed: a :class:`~deformnb.volume.volume.Volume`, an array [z, y, x], or the path of a file.
+    volume : what is deformed: a :class:`~deformnb.volume.volume.Volume`, an array [z, y, x], or the path of a file; or
+        :class:`~deformnb.volume.channels.Channels`, which pictures show in their colours, added up.
     deformation : to go on with; a :class:`~deformnb.document.deformation.Deformation` or the path of a saved one.
     side : where the first picture is taken from, one of :data:`VIEWS`; default is the side that shows
         most of the subject.
@@ -240,17 +252,17 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     children: Any
     deformation = traitlets.Instance(Deformation)
 
-    def __init__(self, volume: Volume | NDArray[Any] | str | PathLike[str],
+    def __init__(self, volume: Volume | Channels | NDArray[Any] | str | PathLike[str],
                  deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
                  method: str | None = None, transfer: Any = None, view: str | AbstractView = "live", height: int = 600,
                  folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  output: Grid | None = None) -> None:
-        given = volume_from(volume)
+        given, channels = as_volume_and_channels(subject_from(volume))
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
         session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
-                          source=source_of(volume), **look)
+                          channels=channels, source=source_of(volume), **look)
         if isinstance(deformation, (str, PathLike)):
             session.files.remember(deformation)
         self._options = view, height, folder
@@ -338,7 +350,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def _listen(self) -> None:
         session = self.session
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
-        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer"])
+        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer",
+                                                                   "channel_displays"])
         session.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
         session.observe(self._weakly(Studio._occlusion_changed), "ambient_occlusion")
@@ -493,7 +506,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Go on with a saved document; can be undone."""
         self.session.open(path, allow_other_volume=allow_other_volume)
 
-    def open_volume(self, volume: Volume | NDArray[Any] | str | PathLike[str],
+    def open_volume(self, volume: Volume | Channels | NDArray[Any] | str | PathLike[str],
                     deformation: Deformation | str | PathLike[str] | None = None, *,
                     side: str | Plane | None = None) -> None:
         """Go on with another volume in this place, with a session, an editor and a view of its own.
@@ -519,8 +532,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         'carp (phantom)'
         >>> studio.close()
         """
-        given = volume_from(volume)
-        session = Session(given, as_deformation(deformation), view=side or best_view(given), source=source_of(volume))
+        given, channels = as_volume_and_channels(subject_from(volume))
+        session = Session(given, as_deformation(deformation), view=side or best_view(given), channels=channels,
+                          source=source_of(volume))
         if isinstance(deformation, (str, PathLike)):
             session.files.remember(deformation)
         self._open_session(session)

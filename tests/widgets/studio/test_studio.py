@@ -25,11 +25,15 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
+from deformnb.io.series import read_channels, write_channels
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
+from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.plane import SIDES, VIEWS
 from deformnb.volume.transfer import levels, preset
+from deformnb.volume.volume import Grid
+from deformnb.warping.warper import warp
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell
@@ -616,3 +620,60 @@ def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
     assert "1 voxel is not finite, shown as background." in said
     assert studio._words.box in box_of(studio, "dnb-studio-messages").children, "over the panes: it moves no picture"
     studio.close()
+
+
+def test_channels_are_shown_in_colours_of_their_own(tmp_path: Path) -> None:
+    _, y, x = np.mgrid[:10, :20, :30]
+    values = np.stack([200 * (x < 12), 100 * (x >= 18), 50 * (y < 8)], axis=-1).astype(np.uint8)
+    stained = Channels.from_array(values, Grid((10, 20, 30)), ("nuclei", "actin", "membrane"),
+                                  ((0, 0, 1), (1, 0, 0), (0, 1, 0)))
+    write_channels(stained, tmp_path / "in.nrrd")
+    studio = Studio(tmp_path / "in.nrrd", side="+z", folder=tmp_path)
+    try:
+        studio.wait()
+        names = [box.description for box in all_of(panel(studio, "Channels").box) if isinstance(box, ipw.Checkbox)]
+        assert names == ["nuclei", "actin", "membrane"]
+        picture = studio.session.picture()
+        assert picture.rgb8()[[15, 15, 2], [5, 25, 5]].tolist() == [[0, 0, 255], [255, 0, 0], [0, 255, 255]]
+        (box, colour), (window,) = (part.children for part in panel(studio, "Channels").rows[0].children)
+        colour.value, window.value = "#ff00ff", (0.0, 400.0)
+        assert studio.session.channel_displays[0] == ChannelDisplay((1, 0, 1), (0, 200))  # no more than there is
+        window.value = (100.0, 200.0)
+        panel(studio, "Channels").rows[1].children[0].children[0].value = False
+        studio.wait()
+        assert studio.editor.picture.rgb8()[[15, 15], [5, 25]].tolist() == [[255, 0, 255], [0, 0, 0]]
+        box.value = False
+        studio.wait()
+        assert not studio.editor.picture.rgb8()[15].any()
+        drag(studio, a_drag(studio, 4.0))
+        whole = studio.session.result_channels()
+        field = studio.session.field()
+        for made, given in zip(whole, stained, strict=True):
+            assert_array_equal(made.values, warp(given, field).values)
+        written = read_channels(studio.export(tmp_path / "out.nrrd"))
+        assert_array_equal(written.values, whole.values)
+        assert written.names == stained.names
+    finally:
+        studio.close()
+
+
+def test_colours_of_a_file_are_shown_and_one_volume_has_no_channels(tmp_path: Path) -> None:
+    photo = np.zeros((12, 16, 3), np.uint8)
+    photo[:6] = (200, 100, 0)
+    write_channels(Channels.from_array(photo, kind="rgb"), tmp_path / "photo.png")
+    studio = Studio(tmp_path / "photo.png")
+    try:
+        assert studio.session.picture().rgb8()[[2, 10], 3].tolist() == [[200, 100, 0], [0, 0, 0]]
+        studio.session.method = "shaded"  # which has the colours of the transfer function
+        assert not studio.session.shows_channels
+        with pytest.raises(DeformError, match="ChannelDisplay"):
+            studio.session.channel_displays = ()
+    finally:
+        studio.close()
+    plain = Studio(a_volume())
+    try:
+        assert not any(one.title == "Channels" for one in plain._panels)
+        with pytest.raises(DeformError, match="no channels"):
+            plain.session.result_channels()
+    finally:
+        plain.close()

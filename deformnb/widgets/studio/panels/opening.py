@@ -17,11 +17,13 @@ from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
-from deformnb.io.formats import read_volume, supported
+from deformnb.io.formats import supported
 from deformnb.io.label_names import LABEL_TABLES, is_label_table, read_label_names, read_label_table
 from deformnb.io.landmarks import is_landmarks, landmark_suffixes
 from deformnb.io.transforms import is_transform
+from deformnb.session.inputs import as_volume_and_channels, subject_from
 from deformnb.session.session import Session
+from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume, label_note
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.studio.controls import Guard, Panel
@@ -54,7 +56,7 @@ class OpenPanel(Panel):
     title = "Open"
 
     def __init__(self, session: Session, guard: Guard, points: PointsPanel, shapes: ShapesPanel, fit: FitPanel,
-                 compare: ComparePanel, open_volume: Callable[[Volume], None]) -> None:
+                 compare: ComparePanel, open_volume: Callable[[Volume | Channels], None]) -> None:
         super().__init__(session, guard)
         self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
         self._open_volume = open_volume
@@ -88,14 +90,15 @@ class OpenPanel(Panel):
         self.session.notice = self.session.notice or f"Opened {name}; undo leads back."
 
     def _take_volume(self, path: Path, progress: Progress) -> None:
-        volume, names = read_volume(path, progress=progress), read_label_names(path)
+        subject, names = subject_from(path, progress=progress), read_label_names(path)
+        volume, _ = as_volume_and_channels(subject)
         if names or is_segmentation(volume):
             self._take_labels(path.name, volume, names)
             return
         present = self.session.volume.name or "the volume that is open"
         kept = f" The edits of {present} stay under History." if self.session.history.get("undo") else ""
         self.question.ask(f"Open {path.name} in place of {present}?{kept}", "Open",
-                          lambda: self._open_volume(volume),
+                          lambda: self._open_volume(subject),
                           {"Show beside": lambda: self._show_beside(path.name, volume),
                            "Match to it": lambda: self._take_target(path.name, volume),
                            "Use as labels": lambda: self._take_labels(path.name, volume, names)})
