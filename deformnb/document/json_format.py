@@ -28,6 +28,7 @@ from deformnb.checks import LARGEST_COORDINATE, shown_value
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
+from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
@@ -486,10 +487,18 @@ def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r:
 def _step(r: Reader) -> Step:
     try:
         given = {name: _field(r, name) for name in _STEP_KEYS if name in r.data or name == "maps"}
+        _check_kernel(given.get("kernel"))
         given["maps"] = _with_own(given["maps"], r)
         return Step(**given, extra=r.rest({*_STEP_KEYS, "locked", "radii"}))
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
+
+
+def _check_kernel(name: str | None) -> None:
+    if name is not None and name not in KERNELS:
+        raise DeformError(f"the document was made with the kernel {name!r:.60}, which is not one of deformnb and not "
+                          "registered here; ask its author for the function, give it to deformnb.rbf.register_kernel "
+                          "under this name, and open the document again")
 
 
 def _field(r: Reader, name: str) -> Any:

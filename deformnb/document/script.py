@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import region_to_data, without_surrogates
+from deformnb.rbf.kernels import BUILT_IN
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.rbf.support import ChosenSupport
@@ -75,7 +76,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
     """
     every = [*deformation.steps, *(step for key in deformation.keyframes for step in key.steps)]
     sets = iter(_names(sum(len(step.maps) for step in every)))
-    blocks, steps = ["import deformnb as dn", f"volume = {volume}"], []
+    blocks, steps = [_header(every), f"volume = {volume}"], []
     for step in every:
         names = [next(sets) for _ in step.maps]
         blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
@@ -85,6 +86,13 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
     blocks += [f"{name} = {value}" for value, name in shared.names.items()]
     blocks.append(f"deformation = {made}\ndeformed = deformation.apply(volume)")
     return "\n\n".join(blocks) + "\n"
+
+
+def _header(steps: list[Step]) -> str:
+    """The import, and a comment on kernels that are registered first; without a line break, for volumes stand after."""
+    own = sorted({step.kernel for step in steps} - BUILT_IN)
+    register = f"  # first dn.rbf.register_kernel(...) of your own {', '.join(own)}" if own else ""
+    return f"import deformnb as dn{register}"
 
 
 class _Shared:

@@ -16,6 +16,8 @@ from .fields import compose as compose
 from .fitting import fit_rbf as fit_rbf
 from .interpolant import RBFInterpolant as RBFInterpolant
 from .kernels import KERNELS as KERNELS
+from .kernels import AbstractKernel as AbstractKernel
+from .kernels import register_kernel as register_kernel
 from .points import ControlPoints as ControlPoints
 from .regions import AbstractRegion as AbstractRegion
 from .regions import HalfSpace as HalfSpace

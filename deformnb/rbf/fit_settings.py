@@ -15,7 +15,7 @@ from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.kernels import AbstractKernel, kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, scaled_points
@@ -31,7 +31,9 @@ class AbstractFitSettings:
 
     Parameters
     ----------
-    kernel, trend : names of :data:`~deformnb.rbf.kernels.KERNELS` and :data:`~deformnb.rbf.trends.TRENDS`.
+    kernel, trend : names of :data:`~deformnb.rbf.kernels.KERNELS` and :data:`~deformnb.rbf.trends.TRENDS`. A kernel
+        may be given as a function of the relative distance or as a kernel class too, which are registered
+        (:func:`~deformnb.rbf.kernels.register_kernel`) and kept by their names; or as a kernel with its support.
     support : support radius in physical units; None lets the points choose it (``chosen_support``); "box_diagonal"
         takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
         before 2.0 do.
@@ -57,7 +59,11 @@ class AbstractFitSettings:
     chosen_support: ChosenSupport | None = None
 
     def __post_init__(self) -> None:
-        kernel_named(self.kernel)
+        given, kind = self.kernel, kernel_named(self.kernel)
+        if not isinstance(given, str):
+            object.__setattr__(self, "kernel", kind.name)
+            if isinstance(given, AbstractKernel) and self.support is None:
+                object.__setattr__(self, "support", given.support)
         trend_named(self.trend)
         if not is_finite(self.strength):
             raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")

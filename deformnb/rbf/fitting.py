@@ -6,14 +6,14 @@ from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
 from deformnb.rbf.interpolant import RBFInterpolant, solve_prepared
-from deformnb.rbf.kernels import AbstractKernel, kernel_named
+from deformnb.rbf.kernels import AbstractKernel, Phi, kernel_named
 from deformnb.rbf.partition import LocalFits, fit_locally
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS, Trend, trend_named
 
 
-def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
+def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
             support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
             previous: RBFInterpolant | LocalFits | None = None) -> RBFInterpolant | LocalFits:
     """Fit the displacement of control points.
@@ -24,7 +24,8 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     Parameters
     ----------
     points : control points of dimension 2 or 3; inactive ones are left out.
-    kernel : a name of :data:`deformnb.rbf.kernels.KERNELS`, a kernel class, or a kernel with its support.
+    kernel : a name of :data:`deformnb.rbf.kernels.KERNELS`, a kernel class, a kernel with its support, or a function
+        of the relative distance; see :func:`~deformnb.rbf.kernels.register_kernel`.
     support : support radius R in physical units; default is that of ``previous``, if its kernel and its points are the
         same, or else what :func:`~deformnb.rbf.support.choose_support` finds.
     trend : a name of :data:`deformnb.rbf.trends.TRENDS`.
@@ -68,7 +69,7 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     return solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)
 
 
-def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel = "wendland_c2",
+def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
                    support: float | None = None, trend: str = "affine", smoothing: float = 0.0) -> RBFInterpolant:
     """:func:`fit_rbf` for what needs the whole system of a fit, which has at most 2000 points.
 
@@ -86,11 +87,11 @@ def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] 
                       "switch some off or thin them out.")
 
 
-def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel,
+def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel | Phi,
                     support: float | None) -> tuple[type[AbstractKernel], float | None]:
+    kind = kernel_named(kernel)
     if isinstance(kernel, AbstractKernel):
-        return type(kernel), kernel.support if support is None else support
-    kind = kernel if isinstance(kernel, type) else kernel_named(kernel)
+        return kind, kernel.support if support is None else support
     if support is not None:
         kind(support)  # checks it
     return kind, support

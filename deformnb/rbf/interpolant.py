@@ -213,8 +213,9 @@ class RBFInterpolant(AbstractField):
         if self.kernel.compact and int(self.count) >= CULLED:
             return float(_COMPACT_ERROR * np.sqrt(local_squares(self._leaves(np.float64)).max()))
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
-        # Places far away in units of the support are rounded too; a kernel's slope is about 2.
-        largest = max(np.abs(self.kernel(float(self.support))(np.array([0.0, farthest]))).max(), reach / 6)
+        # Places far away in units of the support are rounded too, and count by the kernel's slope.
+        ends = np.abs(self.kernel(float(self.support))(np.array([0.0, farthest])))
+        largest = max(ends.max(), reach / 12 * self.kernel.steepest)
         trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
         if self.quadratic is not None:
             trend += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * 6e-8

@@ -22,13 +22,17 @@ Comput. Math. 4 (1995) 389-396; the others: Wendland, Scattered Data Approximati
 
 Working on the square keeps every gradient finite at a control point: ``d phi / d x = slope(s) 2 (x - x_i)/support^2``
 needs no division by r, where differentiating through ``sqrt`` gives NaN there.
+
+:func:`register_kernel` adds kernels of your own.
 """
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, ClassVar
 
 import jax
@@ -42,6 +46,10 @@ from deformnb.errors import DeformError
 
 # Stands for s = 0 in a logarithm or under a fraction; its products with x - x_i = 0 are zero, as the limit is.
 TINY = 1e-30
+
+NEAREST = 2.0**-20
+"""Relative distance below which a derivative by JAX is that at this distance: nearer it has no digits, because
+phi'(rho) / rho is divided by rho; times x - x_i the difference is below 1e-6 of phi'."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +73,8 @@ class AbstractKernel(ABC):
     gaps: ClassVar[float] = np.inf
     """The longest support that a fit chooses for points in a row, in gaps between them: longer ones extrapolate wildly
     across the row. Measured with one point dragged by a tenth of rows of 3 to 33."""
+    steepest: ClassVar[float] = 2.0
+    """The largest |d phi / d rho| within the support, about: how errors of a place count beside those of values."""
     of_square: ClassVar[Callable[[Any], Any]]
     """phi as a function of s, with ``slope`` as its derivative: what the solver and the evaluation call."""
 
@@ -75,6 +85,8 @@ class AbstractKernel(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "profile" in cls.__dict__:
+            if "slope" not in cls.__dict__:
+                cls.slope = staticmethod(_derivative(cls.profile, NEAREST**2))  # type: ignore[method-assign,assignment]
             function = jax.custom_jvp(cls.profile)
             function.defjvps(lambda ds, value, s: cls.slope(s) * ds)
             cls.of_square = staticmethod(function)
@@ -87,12 +99,21 @@ class AbstractKernel(ABC):
     @staticmethod
     @abstractmethod
     def slope(s: Any) -> Any:
-        """D phi / d s, finite for s >= 0 (kinks and logarithms cut off next to 0)."""
+        """D phi / d s, finite for s >= 0 (kinks and logarithms cut off next to 0); by JAX where it is not given."""
 
     def __call__(self, distance: ArrayLike) -> NDArray[np.float64]:
         """Phi at distances r in physical units, float64."""
         with float64():
             return np.asarray(type(self).profile(jnp.asarray((np.asarray(distance, float) / self.support) ** 2)))
+
+
+def _derivative(function: Callable[[Any], Any], least: float) -> Callable[[Any], Any]:
+    """The derivative of a function of numbers, element by element; below ``least`` that at ``least``."""
+    def derivative(x: Any) -> Any:
+        x = jnp.maximum(x, least)
+        return jax.jvp(function, (x,), (jnp.ones_like(x),))[1]
+
+    return derivative
 
 
 def _root(s: Any) -> Any:
@@ -285,9 +306,236 @@ KERNELS: dict[str, type[AbstractKernel]] = {
 """All kernels by name; the first is the default."""
 
 
-def kernel_named(name: str) -> type[AbstractKernel]:
-    """The kernel class of a name; DeformError listing the names if there is none."""
+BUILT_IN = frozenset(KERNELS)
+"""Names of the kernels of this package, which others do not take."""
+
+Phi = Callable[[Any], Any]
+"""A radial function of the relative distance rho = r / support, written with ``jax.numpy``."""
+
+
+def kernel_named(kernel: str | type[AbstractKernel] | AbstractKernel | Phi) -> type[AbstractKernel]:
+    """The kernel class of a name, of a kernel, or of a function, which is registered if it is not yet.
+
+    Raises
+    ------
+    DeformError
+        Listing the names if there is none of this name, or as :func:`register_kernel` does.
+    """
+    if isinstance(kernel, AbstractKernel):
+        kernel = type(kernel)
+    if callable(kernel):
+        if isinstance(kernel, type) and KERNELS.get(getattr(kernel, "name", "")) is kernel:
+            return kernel
+        same = next((k for k in KERNELS.values() if getattr(k, "made_of", None) is kernel), None)
+        return same or register_kernel(kernel)
     try:
-        return KERNELS[name]
+        return KERNELS[kernel]
     except (KeyError, TypeError):  # what has no hash is no name either
-        raise DeformError(f"unknown kernel {shown_value(name)}; choose one of {', '.join(KERNELS)}.") from None
+        raise DeformError(f"unknown kernel {shown_value(kernel)}; choose one of {', '.join(KERNELS)}.") from None
+
+
+# ---- kernels of one's own --------------------------------------------------------------------------------------------
+
+_FARTHEST = 2.0**20  # relative distance up to which a kernel must be finite
+_HIGHEST_ORDER = 3  # that a trend is rich enough for
+_KINDS = ("profile", "slope")
+_MOST = 4096  # distances at a time: those between 64 points
+
+
+def register_kernel(kernel: Phi | type[AbstractKernel], *, name: str | None = None, derivative: Phi | None = None,
+                    order: int = 0, compact: bool = False, title: str | None = None,
+                    shares: tuple[float, ...] | None = None, gaps: float | None = None) -> type[AbstractKernel]:
+    """Add a radial function to the kernels that fits, steps, documents, menus and exported pages take by name.
+
+    It is checked here, once: that JAX can compile it, that it and its derivative are finite from the point to a
+    million supports, that it ends at the support if it is compact, and that its matrices are positive definite beside
+    the polynomials of its order, on random and regular points of the plane and of space. That finds wrong orders and
+    signs; it is no proof. The same name again replaces the kernel from then on; fits that were made keep theirs.
+
+    Parameters
+    ----------
+    kernel : phi as a function of the relative distance rho = r / support, element by element, written with
+        ``jax.numpy``; or a subclass of :class:`AbstractKernel` with ``name``, ``title``, ``order``, ``compact`` and
+        ``profile`` of the squared relative distance, for which the other arguments are not taken.
+    name : lower-case letters, digits and "_"; default is the name of the function.
+    derivative : d phi / d rho; default is that by JAX.
+    order : of conditional positive definiteness, 0 to 3; a fit needs a trend of this order.
+    compact : the function ends at rho = 1, where it is 0, and is taken as 0 beyond.
+    title : in menus; default is made of the name.
+    shares : supports among which a fit chooses, in diagonals of the box of its points, the middle one the usual.
+    gaps : the longest support that a fit chooses for points in a row, in gaps between them.
+
+    Returns
+    -------
+    The kernel class, which goes wherever a name goes. May be used as a decorator.
+
+    Raises
+    ------
+    DeformError
+        What is wrong with the function, at which distance, and what to do about it.
+
+    Examples
+    --------
+    >>> def matern_52(rho):  # Rasmussen, Williams, Gaussian Processes (2006), Eq. 4.17; its length R / 3
+    ...     a = 3 * 5**0.5 * rho
+    ...     return (1 + a + a**2 / 3) * jnp.exp(-a)
+    >>> register_kernel(matern_52, title="Matern 5/2").name
+    'matern_52'
+    >>> from deformnb.rbf.fit_settings import FitSettings
+    >>> FitSettings(kernel=matern_52).kernel
+    'matern_52'
+    >>> del KERNELS["matern_52"]
+    """
+    kind: Any = kernel if isinstance(kernel, type) else _kernel_of(kernel, derivative, {
+        "name": _name_of(kernel) if name is None else name, "order": order, "compact": compact, "title": title,
+        "shares": shares, "gaps": gaps})
+    _check_names(kind)
+    with float64():
+        _check_values(kind)
+        _check_order(kind)
+    KERNELS[kind.name] = kind
+    return kind
+
+
+def _name_of(kernel: Phi) -> str:
+    name = getattr(kernel, "__name__", "")
+    if name.isidentifier():
+        return str(name)
+    raise DeformError("a kernel needs a name, by which documents know it: register_kernel(function, name=\"...\").")
+
+
+def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[AbstractKernel]:
+    """The kernel class of a function of rho."""
+    if not callable(phi):
+        raise DeformError(f"a kernel is a function of the relative distance, got {shown_value(phi)}.")
+    own_slope = derivative or _derivative(phi, NEAREST)
+
+    def ends(s: Any, value: Any) -> Any:
+        return jnp.where(s < 1, value, 0.0) if given["compact"] else value
+
+    def distance(s: Any, least: float) -> Any:
+        return jnp.sqrt(jnp.clip(s, least, 1.0) if given["compact"] else jnp.maximum(s, least))
+
+    def profile(s: Any) -> Any:
+        return ends(s, phi(distance(s, TINY)))
+
+    def slope(s: Any) -> Any:
+        rho = distance(s, NEAREST**2)
+        return ends(s, own_slope(rho) / (2 * rho))
+
+    is_wide = given["compact"] or given["order"] in (2, 3)
+    usual = {"title": str(given["name"]).replace("_", " ").capitalize(), "gaps": np.inf if is_wide else 1.0,
+             "shares": (0.25, 0.5, 1.0, 2.0, 4.0) if given["compact"] else (1.0,) if is_wide else
+             (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)}
+    named = {key: usual[key] if value is None else value for key, value in given.items()}
+    return type(str(given["name"]), (AbstractKernel,), {
+        **named, "profile": staticmethod(profile), "slope": staticmethod(slope), "made_of": staticmethod(phi),
+        "__doc__": phi.__doc__ or "A kernel of your own.", "__module__": __name__})
+
+
+def _check_names(kind: type[AbstractKernel]) -> None:
+    name = getattr(kind, "name", None)
+    if not (issubclass(kind, AbstractKernel) and isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name)):
+        raise DeformError("the name of a kernel is up to 40 lower-case letters, digits and \"_\", got "
+                          f"{shown_value(name)}; give name=\"...\", or set it in a subclass of AbstractKernel.")
+    if name in BUILT_IN:
+        raise DeformError(f"{name!r} is a kernel of deformnb, and its documents mean that one; choose another name.")
+    if kind.order not in range(_HIGHEST_ORDER + 1) or isinstance(kind.order, bool):
+        raise DeformError(f"the order of the kernel {name!r} is 0, 1, 2 or 3, got {shown_value(kind.order)}: no trend "
+                          "holds the polynomials of a higher one.")
+    if not isinstance(kind.title, str) or kind.title in [k.title for k in KERNELS.values() if k.name != name]:
+        raise DeformError(f"the title of the kernel {name!r} is a text that no other kernel has, got "
+                          f"{shown_value(kind.title)}.")
+    if not (kind.shares and all(is_finite(v) and v > 0 for v in kind.shares) and kind.gaps > 0):
+        raise DeformError(f"shares and gaps of the kernel {name!r} are positive numbers, got {kind.shares} and "
+                          f"{kind.gaps}.")
+
+
+def _check_values(kind: type[AbstractKernel]) -> None:
+    """Refuse a kernel that JAX cannot compile, that is not finite, jumps or has another derivative than is given."""
+    rho = np.concatenate([[0.0, NEAREST], np.geomspace(1e-5, 0.01, 30), np.linspace(0.02, 1.5, 149),
+                          np.geomspace(1.6, _FARTHEST, 60)])
+    found = {}
+    for what in _KINDS:
+        found[what] = values = _computed(kind, what, rho**2)
+        if not np.isfinite(values).all():
+            raise DeformError(f"the kernel {kind.name!r} {'' if what == 'profile' else 'has a derivative that '}"
+                              f"is not finite at rho = {rho[~np.isfinite(values)][0]:.4g}; a fit needs it from 0 to "
+                              f"{_FARTHEST:.0f}: give its limit there, as by jnp.where.")
+    phi, slope = found["profile"], found["slope"]
+    size = np.abs(phi[rho <= 1]).max()
+    if size == 0 or abs(phi[0] - phi[1]) > 1e-3 * size:
+        raise DeformError(f"the kernel {kind.name!r} jumps next to its point, from {phi[0]:.4g} to {phi[1]:.4g} within "
+                          "a millionth of the support: a displacement would; a kernel is continuous.")
+    if kind.compact:
+        last = float(_computed(kind, "profile", np.array([1 - 1e-9]))[0])
+        if abs(last) > 1e-3 * size or phi[rho > 1].any():
+            raise DeformError(f"the kernel {kind.name!r} is {last:.4g} at rho = 1, where a compact kernel ends at 0; "
+                              "leave compact=True out, or let it end there.")
+    middle, h = rho[(rho > 0.02) & (rho < 1.5)], 1e-5
+    high, low = (_computed(kind, "profile", (middle + step) ** 2) for step in (h, -h))
+    wanted, given = (high - low) / (2 * h), 2 * middle * slope[(rho > 0.02) & (rho < 1.5)]
+    kind.steepest = max(kind.steepest, float(np.abs(given).max()))
+    wrong = np.abs(wanted - given) > 1e-4 * np.abs(given).max() + 1e-6 * size
+    if wrong.sum() > 4:  # a kink within a difference is no fault
+        at = int(np.flatnonzero(wrong)[0])
+        raise DeformError(f"the derivative of the kernel {kind.name!r} is {given[at]:.6g} at rho = {middle[at]:.3g}, "
+                          f"and its values there rise by {wanted[at]:.6g}; leave it out, and JAX finds it.")
+
+
+def _computed(kind: type[AbstractKernel], what: str, s: NDArray[np.float64]) -> NDArray[np.float64]:
+    padded = np.ones(_MOST)  # one size is compiled
+    padded[: s.size] = s
+    try:
+        found = np.asarray(jax.jit(getattr(kind, what))(jnp.asarray(padded)))
+    except FloatingPointError:  # NaN, where JAX is set to look for it
+        return np.full(s.shape, np.nan)
+    except Exception as error:  # a user's function may raise anything
+        first = str(error).strip().split("\n")[0]
+        raise DeformError(f"the {what} of the kernel {kind.name!r} cannot be compiled: {first[:160]} Write it "
+                          "with jax.numpy, element by element: jnp.exp for math.exp and np.exp, jnp.where for "
+                          "if.") from error
+    if found.shape != padded.shape or found.dtype != np.float64:
+        raise DeformError(f"the {what} of the kernel {kind.name!r} gives {found.dtype} of shape {found.shape} for "
+                          f"{padded.size} distances; it is a number for each, element by element.")
+    return found[: s.size]
+
+
+def _check_order(kind: type[AbstractKernel]) -> None:
+    """Refuse a kernel whose matrices are not positive definite beside the polynomials of its order."""
+    if _is_definite(kind, kind.order):
+        return
+    others = [(sign, order) for sign, order in product((1, -1), range(_HIGHEST_ORDER + 1))
+              if _is_definite(kind, order, sign)]
+    remedy = "no fit with it would be well posed; choose another function"
+    if others:
+        sign, order = others[0]
+        remedy = f"{'it' if sign > 0 else 'its negative'} is of order {order}: register that"
+    raise DeformError(f"the kernel {kind.name!r} is not conditionally positive definite of order {kind.order} in the "
+                      f"plane and in space; {remedy}.")
+
+
+def _is_definite(kind: type[AbstractKernel], order: int, sign: int = 1) -> bool:
+    """Check for the smallest eigenvalue beside the polynomials to be positive, and at no scale negative."""
+    rng, largest_share = np.random.default_rng(0), 0.0
+    for dim, count in ((2, 7), (3, 4)):
+        regular = np.stack(np.meshgrid(*[np.linspace(0, 1, count)] * dim), axis=-1).reshape(-1, dim)
+        for x, support in product((regular, rng.uniform(0, 1, regular.shape)), (0.03, 0.15, 0.3, 0.5, 1.0, 2.0, 4.0)):
+            squares = ((x[:, None] - x[None]) ** 2).sum(axis=-1) / support**2
+            phi = sign * _computed(kind, "profile", squares.ravel()).reshape(squares.shape)
+            lowest = float(np.linalg.eigvalsh(_beside_polynomials(phi, x, order))[0])
+            share = lowest / float(np.abs(phi).max())
+            if share < -1e-11:  # of rounding 1e-15 were seen
+                return False
+            largest_share = max(largest_share, share)
+    return largest_share > 1e-8
+
+
+def _beside_polynomials(phi: NDArray[np.float64], x: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+    """Phi on the complement of the polynomials of a degree below ``order``."""
+    if order == 0:
+        return phi
+    pairs = [x[:, a] * x[:, b] for a in range(x.shape[1]) for b in range(a + 1)]
+    columns = np.column_stack([np.ones(len(x)), *(x.T if order > 1 else []), *(pairs if order > 2 else [])])
+    rest = np.linalg.qr(columns, mode="complete")[0][:, columns.shape[1]:]
+    return np.asarray(rest.T @ phi @ rest)

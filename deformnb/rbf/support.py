@@ -110,7 +110,7 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     >>> choose_support([ControlPoints.from_arrays(square)])
     50.0
     """
-    kind = kernel_named(kernel) if isinstance(kernel, str) else kernel
+    kind = kernel_named(kernel)
     used = [points.take(np.flatnonzero(points.active)) for points in sets if points.active.any()]
     sizes = [size for points in used if (size := box_diagonal(points))]
     if not sizes:

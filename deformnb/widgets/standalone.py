@@ -41,6 +41,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.kernel_table import table_for_page
 from deformnb.widgets.messages import StoredFieldMaps
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import as_json
@@ -179,7 +180,9 @@ def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iter
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
         "field": part.field if part else None, "still_background": part.background if part else None,
-        "kernels": {k.name: k.order for k in KERNELS.values()}, "trends": {t.name: t.order for t in TRENDS.values()},
+        "kernels": {k.name: k.order for k in KERNELS.values()},
+        "kernel_tables": {kernel: table for kernel in KERNELS if (table := table_for_page(kernel))},
+        "trends": {t.name: t.order for t in TRENDS.values()},
         "controls": list(controls), "cut_off": part.cut_off if part else None,
         "parameters": as_json(("strength", "kernel", "shows", "density")),
         "picture_shows": PICTURE_SHOWS, "document": _document(editor, part, name),

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json
 from deformnb.imaging.projection import project
 from deformnb.rbf.cuts import Cut
+from deformnb.rbf.kernels import KERNELS, register_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Plane
@@ -314,6 +316,31 @@ def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(opened: Callable[..
     options = "[...document.querySelector('select[name=kernel]').options]"
     off = page.js(f"{options}.filter((o) => o.disabled).map((o) => o.value)")
     assert off == ["thin_plate", "multiquadric", "cubic", "quintic", "linear"]
+
+
+@pytest.mark.nightly
+def test_a_kernel_of_ones_own_works_in_the_page(opened: Callable[..., Opened], monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the scripts of the editor and of the view, chosen from the menu, and in the document; beside the same one."""
+    monkeypatch.setitem(KERNELS, "bell", KERNELS["gaussian"])  # so that it is gone in the end
+    register_kernel(lambda rho: jnp.exp(-4.5 * rho**2), name="bell", title="Bell")
+    editor, view = pair()
+    editor.change(kernel="bell", support=25.0)
+    page = opened(editor, view)
+    page.loaded()
+    page.drag(editor.points.target[4], (30, 20))
+    seen = {}
+    for kernel in ("bell", "gaussian", "wendland_c2", "bell"):
+        page.page.locator("select[name=kernel]").select_option(kernel)
+        page.settled()
+        assert page.js(f"{EDITOR}.fit.kernel") == kernel
+        seen.setdefault(kernel, []).append((page.picture(), page.volume()))
+    for k, least in enumerate((1.0, 0.3)):  # of the picture, and of the volume
+        own, again, built_in, other = (shown[k] for name in ("bell", "gaussian", "wendland_c2") for shown in seen[name])
+        assert np.abs(own - built_in).mean() < 0.02
+        assert (own == again).all()
+        assert np.abs(own - other).mean() > least
+    (step,) = from_json(page.js(f"JSON.stringify({MODELS}.document())")).steps
+    assert (step.kernel, dict(step.extra)) == ("bell", {})
 
 
 NO_WEBGL = """{ const get = HTMLCanvasElement.prototype.getContext;

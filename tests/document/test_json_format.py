@@ -540,7 +540,7 @@ def test_nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept() ->
     (("steps", 0, "maps", 0, "points", 1), [], r"maps\[0\]\.points\[1\] must be an object, got list"),
     (("steps", 0, "maps", 0, "dim"), 4, r"maps\[0\]\.dim must be 2 or 3"),
     (("steps", 0, "maps"), [], r"needs 1 set\(s\) of points, got 0. \(in document.steps\[0\]\)"),
-    (("steps", 0, "kernel"), "eval", r"unknown kernel 'eval'.*\(in document.steps\[0\]\)"),
+    (("steps", 0, "kernel"), "eval", r"made with the kernel 'eval'.*\(in document.steps\[0\]\)"),
     (("steps", 0, "trend"), "x", "unknown trend 'x'"),
     (("steps", 0, "extrusion"), "x", "unknown extrusion 'x'"),
     (("steps", 0, "curve"), "__import__('os')", "the curve"),

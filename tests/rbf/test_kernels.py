@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import mpmath
@@ -10,13 +14,31 @@ import oracle
 import pytest
 
 from deformnb._jax import float64
+from deformnb.document.deformation import Deformation, Step
+from deformnb.document.json_format import from_json, to_json
+from deformnb.document.script import as_python
 from deformnb.errors import DeformError
-from deformnb.rbf.kernels import KERNELS, WendlandC2, kernel_named
+from deformnb.rbf.fit_settings import FitSettings
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.kernels import (
+    BUILT_IN,
+    KERNELS,
+    AbstractKernel,
+    Gaussian,
+    WendlandC2,
+    kernel_named,
+    register_kernel,
+)
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.plane import Plane, Raster
+from deformnb.volume.volume import Grid
+from deformnb.widgets.parameters import Choice
 
 # As published (Wendland 2004, chapter 8): a new kernel needs its row here.
 ORDERS = {"wendland_c0": 0, "wendland_c2": 0, "wendland_c4": 0, "gaussian": 0, "multiquadric": 1, "linear": 1,
           "thin_plate": 2, "cubic": 2, "inverse_multiquadric": 0, "inverse_quadratic": 0, "quintic": 3}
 KINKED = ("wendland_c0", "linear")
+PLANE = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
 
 
 def test_every_kernel_has_its_published_order() -> None:
@@ -127,3 +149,137 @@ def test_metadata_for_menus(name: str) -> None:
     assert len({k.title for k in KERNELS.values()}) == len(KERNELS)
     assert kernel(2.0) == kernel(2.0)
     assert kernel(2.0) != kernel(3.0)
+
+
+# ---- kernels of one's own --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def _registry() -> Iterator[None]:
+    """What a test registers is gone after it."""
+    yield
+    for name in set(KERNELS) - BUILT_IN:
+        del KERNELS[name]
+
+
+def matern(rho: Any) -> Any:
+    """Matern 5/2 with a third of the support as its length."""
+    a = 3 * 5**0.5 * rho
+    return (1 + a + a**2 / 3) * jnp.exp(-a)
+
+
+def some_points() -> ControlPoints:
+    rng = np.random.default_rng(3)
+    source = rng.uniform(0, 100, (9, 2))
+    return ControlPoints.from_arrays(source, source + rng.normal(0, 3, source.shape))
+
+
+@pytest.mark.usefixtures("_registry")
+def test_a_gaussian_of_ones_own_is_the_gaussian() -> None:
+    register_kernel(lambda rho: jnp.exp(-((3 * rho) ** 2) / 2), name="bell", shares=Gaussian.shares, gaps=Gaussian.gaps)
+    own, built_in = (fit_rbf(some_points(), kernel=name) for name in ("bell", "gaussian"))
+    x = np.random.default_rng(4).uniform(-20, 120, (300, 2))
+    x[0] = some_points().target[0]
+    assert own.support == built_in.support
+    # Roundings of values below 10, times the condition of the system (1e3).
+    oracle.assert_close(own.displacement(x), built_in.displacement(x), atol=1e-11)
+    oracle.assert_close(own.jacobian(x), built_in.jacobian(x), atol=1e-11)
+    raster = Raster((20, 20), (5.0, 5.0), (0.0, 0.0))
+    oracle.assert_close(own.on_raster(raster), built_in.on_raster(raster), atol=1e-4)
+
+
+@pytest.mark.usefixtures("_registry")
+def test_a_fit_with_a_new_kernel_is_its_literal_sum() -> None:
+    """Matern 5/2 beside a system that is set up and solved here, in the formula's own words."""
+    points, support = some_points(), 40.0
+    fit = fit_rbf(points, kernel=matern, support=support, trend="none")
+    assert (fit.kernel.name, fit.kernel.title, fit.kernel.order) == ("matern", "Matern", 0)
+    x = np.random.default_rng(5).uniform(0, 100, (50, 2))
+
+    def phi(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        a = np.sqrt(5) * np.linalg.norm(p[:, None] - q[None], axis=2) / (support / 3)
+        return (1 + a + a**2 / 3) * np.exp(-a)
+
+    alpha = np.linalg.solve(phi(points.target, points.target), points.displacement)
+    oracle.assert_close(fit.displacement(x), phi(x, points.target) @ alpha, atol=1e-11)
+    h = 1e-5
+    slopes = [(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(2)]
+    oracle.assert_close(fit.jacobian(x), np.stack(slopes, axis=-1), atol=1e-8)
+    assert np.isfinite(fit.jacobian(points.target)).all()
+
+
+@pytest.mark.usefixtures("_registry")
+def test_a_class_without_a_slope_gets_it_from_jax() -> None:
+    class Bump(AbstractKernel):
+        name, title, compact = "bump", "Bump", True
+
+        @staticmethod
+        def profile(s: Any) -> Any:
+            return WendlandC2.profile(s)
+
+    register_kernel(Bump)
+    s = np.linspace(0.01, 1.5, 50)
+    with float64():
+        oracle.assert_close(np.asarray(Bump.slope(jnp.asarray(s))), np.asarray(WendlandC2.slope(jnp.asarray(s))),
+                            atol=1e-12)
+        assert np.isfinite(float(Bump.slope(jnp.float64(0.0))))
+    assert kernel_named(Bump(3.0)) is kernel_named("bump") is Bump
+    step = Step((some_points(),), PLANE, kernel=Bump(30.0))
+    assert (step.kernel, step.support) == ("bump", 30.0)
+
+
+@pytest.mark.usefixtures("_registry")
+def test_steps_editors_and_edits_take_a_function_and_keep_its_name() -> None:
+    step = Step((some_points(),), PLANE, kernel=matern)
+    assert step.kernel == "matern"
+    assert replace(step, kernel=matern) == step
+    assert kernel_named(matern) is KERNELS["matern"]  # which is not registered twice
+    assert FitSettings(kernel=matern).fit(some_points()).kernel is KERNELS["matern"]
+    assert Choice("", registry=KERNELS).options[-1] == ("matern", "Matern")
+    document = Deformation((step,))
+    assert from_json(to_json(document)) == document
+    assert "dn.rbf.register_kernel" in as_python(document, Grid((4, 4, 4)))
+    del KERNELS["matern"]
+    with pytest.raises(DeformError, match=r"made with the kernel 'matern', .*register_kernel under this.*steps\[0\]"):
+        from_json(to_json(document))
+
+
+REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
+    "sign": (lambda r: -jnp.exp(-r), {}, "its negative is of order 0"),
+    "order": (lambda r: -jnp.sqrt(1 + r * r), {}, "of order 0 .*; it is of order 1"),
+    "order 2": (lambda r: r**3, {"order": 1}, "it is of order 2: register that"),
+    "never": (lambda r: jnp.cos(3 * r), {}, "choose another function"),
+    "polynomial": (lambda r: r * r, {"order": 2}, "choose another function"),
+    "only in one dimension": (lambda r: 1 - r, {"compact": True}, "choose another function"),
+    "no end": (lambda r: jnp.exp(-r), {"compact": True}, "0.3679 at rho = 1, where a compact kernel ends at 0"),
+    "not finite": (jnp.exp, {}, "not finite at rho = "),
+    "singular": (jnp.log, {"order": 1}, "jumps next to its point"),
+    "NumPy": (lambda r: np.exp(-r), {}, "cannot be compiled: .* jnp.exp for math.exp"),
+    "a branch": (lambda r: 1.0 if r < 1 else 0.0, {}, "jnp.where for if"),
+    "one number": (jnp.sum, {}, "a number for each, element by element"),
+    "derivative": (lambda r: jnp.exp(-r * r), {"derivative": lambda r: -r * jnp.exp(-r * r)}, "leave it out, and JAX"),
+    "built in": (matern, {"name": "gaussian"}, "is a kernel of deformnb"),
+    "name": (matern, {"name": "A b"}, "up to 40 lower-case letters"),
+    "no name": (lambda r: r, {"name": None}, "a kernel needs a name"),
+    "fourth order": (matern, {"order": 4}, "is 0, 1, 2 or 3"),
+    "title": (matern, {"title": "Gaussian"}, "a text that no other kernel has"),
+    "no function": (5, {}, "a kernel is a function"),
+}
+
+
+@pytest.mark.allow_nan
+@pytest.mark.usefixtures("_registry")
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_kernel_is_refused_with_the_reason(case: str) -> None:
+    function, options, reason = REFUSED[case]
+    with pytest.raises(DeformError, match=reason):
+        register_kernel(function, **{"name": "own", **options})
+    assert set(KERNELS) == BUILT_IN
+
+
+@pytest.mark.usefixtures("_registry")
+def test_a_trend_below_the_order_is_refused_for_a_kernel_of_ones_own_too() -> None:
+    register_kernel(lambda rho: rho**2 * jnp.log(rho), name="plate", order=2)
+    with pytest.raises(DeformError, match="the plate kernel is not positive definite on its own and needs a trend of"):
+        fit_rbf(some_points(), kernel="plate", trend="rigid")

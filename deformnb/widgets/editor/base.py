@@ -32,6 +32,7 @@ from deformnb.widgets.edit_messages import (
     message_from_page,
     points_to_json,
 )
+from deformnb.widgets.kernel_table import table_for_page
 from deformnb.widgets.messages import EditDone, EditRefused
 from deformnb.widgets.synced import SyncedWidget
 
@@ -124,13 +125,20 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
         return value
 
 
+def _settings_to_json(value: FitSettings, widget: Any) -> dict[str, Any]:
+    table = table_for_page(value.kernel)
+    return {**value.as_dict(), "chosen_support": value.chosen_support and value.chosen_support.radius,
+            **({"kernel_table": table} if table else {})}
+
+
 class SettingsTrait(traitlets.TraitType[FitSettings, FitSettings]):
-    """Settings of a fit; the front end gets them by name, and of the chosen support the radius."""
+    """Settings of a fit; the front end gets them by name, of the chosen support the radius, and the table of a kernel
+    that it has no formula of.
+    """
 
     def __init__(self) -> None:
         super().__init__(FitSettings())
-        self.tag(sync=True, to_json=lambda value, widget: {
-            **value.as_dict(), "chosen_support": value.chosen_support and value.chosen_support.radius})
+        self.tag(sync=True, to_json=_settings_to_json)
 
     def validate(self, obj: Any, value: Any) -> FitSettings:
         if not isinstance(value, FitSettings):

@@ -7,7 +7,7 @@ import { clipOf, isClipped } from "./maths/clipping.js";
 import { PlainModel } from "./sync/host_model.js";
 import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
 
-/** @import { Point } from "./types.d.ts" */
+/** @import { KernelTable, Point } from "./types.d.ts" */
 /** @import { Attributes } from "./ui/dom.js" */
 
 /** @typedef {Record<string, any>} Open values by their names */
@@ -21,6 +21,7 @@ import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
  * @property {{content: Open, buffers: DataView<ArrayBuffer>[]}} field
  * @property {string} still_background
  * @property {Record<string, number>} kernels their orders by their names
+ * @property {Record<string, KernelTable>} kernel_tables those of the kernels that the scripts have no formula of
  * @property {Record<string, number>} trends likewise
  * @property {string[]} picture_shows display modes of the picture
  * @property {string[]} controls names of those that the page has
@@ -314,7 +315,12 @@ export class StandalonePage {
 
   /** @param {Element} bar */
   #kernels(bar) {
-    const { kernels, trends } = this.data, select = this.#menu(bar, setting(this.editor, "kernel"));
+    const { kernels, kernel_tables: tables, trends } = this.data, bound = setting(this.editor, "kernel");
+    const set = (/** @type {string} */ kernel) => {
+      const { kernel_table: _, ...settings } = this.editor.get("settings"), table = tables[kernel];
+      this.editor.update({ settings: { ...settings, kernel, ...(table && { kernel_table: table }) } });
+    };
+    const select = this.#menu(bar, { ...bound, set });
     const order = trends[this.editor.get("settings").trend]; // the page changes no trend
     for (const option of select.options) option.disabled = order < kernels[option.value]; // no fit exists
   }
@@ -371,7 +377,7 @@ export class StandalonePage {
     /** @type {Point[]} */
     const points = this.editor.get("points");
     const next = this.editor.get("next_id");
-    const { chosen_support: radius, ...settings } = this.editor.get("settings");
+    const { chosen_support: radius, kernel_table: _table, ...settings } = this.editor.get("settings");
     if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
     if (!this.data.document) return { points, ...settings };
     const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);

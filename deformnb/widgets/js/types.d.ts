@@ -88,9 +88,24 @@ export interface PartData extends CutData {
 /** A cut or a rigid part. */
 export type ShapeData = CutData | PartData;
 
+/** A kernel that was registered in Python, as deformnb/widgets/kernel_table.py writes it. */
+export interface KernelTable {
+  name: string;
+  title: string;
+  order: number;
+  compact: boolean;
+  share: number;
+  /** null is without a limit. */
+  gaps: number | null;
+  pieces: number;
+  numbers: string;
+}
+
 /** Settings of a fit; each may be left out. */
 export interface FitSettings {
   kernel?: string;
+  /** Of a kernel that is registered in Python. */
+  kernel_table?: KernelTable;
   support?: number | "box_diagonal" | null;
   chosen_support?: number | null;
   trend?: string;

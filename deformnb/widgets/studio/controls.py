@@ -367,7 +367,7 @@ class MapPanel(Panel):
         super().__init__(session, guard)
         bound = {name: self.of_step(widget_of(name), name) for name in OF_THE_FIT
                  if name not in ("support", *_STANDING_ELSEWHERE)}
-        kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
+        self._kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
         self._support = widget_of("support", session.grid.diagonal,
                                   ipw.Layout(flex="1 1 auto", min_width="0", width="auto"))
         self._support.style.description_width = "96px"
@@ -376,7 +376,7 @@ class MapPanel(Panel):
         self._auto = widget_of("automatic_support", layout=ipw.Layout(width="100px"))
         self.add(self._auto, lambda: not isinstance(session.step.support, float),
                  lambda on: session.change(support=None if on else float(self._support.value)))
-        self.box = ipw.VBox([row(kernel, self._trend), row(self._support, self._auto, *bound.values())])
+        self.box = ipw.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
         self.refresh()
 
     def _shown_support(self) -> float:
@@ -385,6 +385,7 @@ class MapPanel(Panel):
         return float(np.clip(support, low, high))
 
     def arrange(self) -> None:
+        fill(self._kernel, PARAMETERS["kernel"].menu)  # type: ignore[attr-defined]  # some are registered later
         least = KERNELS[self.session.step.kernel].order
         choices = PARAMETERS["trend"].menu  # type: ignore[attr-defined]
         fill(self._trend, [(label, name) for label, name in choices if TRENDS[name].order >= least])

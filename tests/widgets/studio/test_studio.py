@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import ipywidgets as ipw
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from driven_studio import a_drag, a_volume, act, all_of, box_of, controls, drag, notice_of, page_says, panel, wait_for
@@ -27,7 +28,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.io.series import read_channels, write_channels
 from deformnb.rbf.extrusion import FRONT_ONLY
-from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.kernels import KERNELS, register_kernel
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.channels import ChannelDisplay, Channels
 from deformnb.volume.plane import SIDES, VIEWS
@@ -63,6 +64,19 @@ def test_an_edit_of_the_page_becomes_a_document(studio: Studio) -> None:
     assert_array_equal(studio.result().values, expected.values)
     assert not np.array_equal(studio.result().values, studio.volume.values)
     assert studio.stats()["edits"] == 1
+
+
+def test_a_kernel_that_is_registered_later_is_in_the_menu(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(KERNELS, "bell", KERNELS["gaussian"])  # so that it is gone in the end
+    register_kernel(lambda rho: jnp.exp(-4.5 * rho**2), name="bell", title="Bell")
+    studio.session.change(kernel="bell")
+    assert controls(studio)["Kernel"].value == studio.editor.kernel == "bell"
+    assert ("Bell", "bell") in controls(studio)["Kernel"].options
+    sent = studio.editor.get_state("settings")["settings"]["kernel_table"]
+    assert (sent["name"], sent["title"], sent["order"]) == ("bell", "Bell", 0)
+    controls(studio)["Kernel"].value = "thin_plate"
+    assert "kernel_table" not in studio.editor.get_state("settings")["settings"]
+    controls(studio)["Kernel"].value = "wendland_c2"  # before it is gone from the menu's names
 
 
 def test_undo_of_the_page_goes_through_the_document(studio: Studio) -> None:

@@ -25,7 +25,7 @@ export function kernelMatrix(centres, profile) {
   const n = centres.nugget.length;
   let best = null, fewest = n / 2;
   for (const matrix of kept) {
-    const moved = matrix.movedIn(centres, fewest);
+    const moved = matrix.profile === profile ? matrix.movedIn(centres, fewest) : null;
     if (moved && (moved.length < fewest || !best)) { best = { matrix, moved }; fewest = moved.length; }
     if (fewest === 0) break;
   }

@@ -6,8 +6,9 @@ import {
   MOST_NEIGHBOURS, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
 } from "./constants.js";
 import { kernelMatrix } from "./kernel_matrix.js";
+import { kernelOfTable } from "./kernel_table.js";
 
-/** @import { FitSettings, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
+/** @import { FitSettings, KernelTable, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
 
 /**
  * share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps;
@@ -758,6 +759,21 @@ export const RBF_KERNELS = {
   },
 };
 
+/** @type {Map<string, KernelTable>} */
+const TABLES = new Map();
+
+/**
+ * The name of the kernel of settings; one that Python has registered comes with its table.
+ * @param {FitSettings} settings
+ */
+export function rbfKernelOf({ kernel = "wendland_c2", kernel_table: table }) {
+  if (table?.name === kernel && TABLES.get(kernel)?.numbers !== table.numbers) {
+    TABLES.set(kernel, table);
+    RBF_KERNELS[kernel] = kernelOfTable(table);
+  }
+  return kernel;
+}
+
 /**
  * order: the largest order of a kernel that the trend can be paired with.
  * @type {Record<string, { title: string, order: number }>}
@@ -780,7 +796,7 @@ export const RBF_TRENDS = {
  * @param {FitSettings & { previous?: RbfFit | null }} [settings]
  */
 export function rbfFit(points, settings = {}) {
-  const kernel = settings.kernel ?? "wendland_c2", trend = settings.trend ?? "affine";
+  const kernel = rbfKernelOf(settings), trend = settings.trend ?? "affine";
   const smoothing = settings.smoothing ?? 0, strength = settings.strength ?? 1;
   rbfCheckSettings(kernel, trend, smoothing, strength, settings.support ?? null);
   rbfCheckPoints(points);
@@ -903,7 +919,7 @@ function rbfUsualSupport(points, kernel) {
  * @param {FitSettings} settings
  */
 export function rbfSupport(points, settings) {
-  const { support, chosen_support: chosen, lone_support: lone, kernel = "wendland_c2" } = settings;
+  const { support, chosen_support: chosen, lone_support: lone } = settings, kernel = rbfKernelOf(settings);
   const own = support === "box_diagonal" ? rbfBoxDiagonal(points)
     : support ?? chosen ?? rbfUsualSupport(points, kernel);
   return own ?? lone ?? null;

@@ -2,7 +2,9 @@
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
 import { MOST_STAGES, SAME_MOTION } from "./constants.js";
-import { rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfLabel, rbfOnRaster, rbfSupport } from "./rbf.js";
+import {
+  rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfKernelOf, rbfLabel, rbfOnRaster, rbfSupport,
+} from "./rbf.js";
 import { regionDistance } from "./regions.js";
 import { sampledAt, sampledOnRaster } from "./sampled_fit.js";
 import { placeMoved } from "./shapes.js";
@@ -198,7 +200,7 @@ function sortedPoints(points, ready) {
 export function rigidFit(points, parts, settings = {}) {
   const strength = settings.strength ?? 1, ready = readyParts(parts, strength);
   if (!ready.length) return rbfFit(points, settings);
-  rbfCheckSettings(settings.kernel ?? "wendland_c2", settings.trend ?? "affine", settings.smoothing ?? 0, strength,
+  rbfCheckSettings(rbfKernelOf(settings), settings.trend ?? "affine", settings.smoothing ?? 0, strength,
     settings.support ?? null);
   rbfCheckPoints(points);
   const { free, notes, refused } = sortedPoints(draggedPoints(points, strength, parts), ready), out = [0, 0, 1];
@@ -309,7 +311,7 @@ export function stagedFit(points, parts, settings = {}) {
   const count = settings.stages ?? 1;
   if (count === 1) return rigidFit(points, parts, settings);
   checkStages(count, parts);
-  rbfCheckSettings(settings.kernel ?? "wendland_c2", settings.trend ?? "affine", settings.smoothing ?? 0,
+  rbfCheckSettings(rbfKernelOf(settings), settings.trend ?? "affine", settings.smoothing ?? 0,
     settings.strength ?? 1, settings.support ?? null);
   rbfCheckPoints(points);
   // The same for all stages: that of the points as dragged, at full strength.

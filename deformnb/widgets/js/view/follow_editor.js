@@ -2,7 +2,7 @@
 // deformnb/widgets/textures.py: one layer for each map of each region, and the distance to each cut.
 
 import { layeredFit, layersOnRaster } from "../maths/cuts.js";
-import { RbfError } from "../maths/rbf.js";
+import { RbfError, rbfKernelOf } from "../maths/rbf.js";
 import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.js";
 import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.js";
 import { bytesOf, floatsOf } from "./volume_loader.js";
@@ -256,6 +256,7 @@ export class FieldLink {
     const start = performance.now();
     let found = null;
     try {
+      rbfKernelOf(settings); // the editor has made the fit; this script evaluates it
       const fits = layered === undefined ? layeredFit(points, settings) : sampled ?? layered;
       found = fits && withLayers(this.base, fits, settings, this.index ?? this.model.get("editor_map") ?? 0);
     } catch (error) {
