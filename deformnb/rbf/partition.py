@@ -40,6 +40,7 @@ _MARGIN = 0.35  # width of the steps across the faces, in sides of the box
 _AROUND = 1.6  # how far around a box its fit takes points, in margins: its rim is a guess without them
 _LEAST = 60  # points of a fit at least, or all: the nearest ones are added to those of a box
 _PROBES = 9  # places where the deviation is measured
+_MISSED = 4.0  # times the deviation found is stated: larger ones lie between the probes
 _WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is compared with
 
 
@@ -205,9 +206,15 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
     field = LocalFits(tuple(fits), low, high, margin, (), ready.ids)
     deviation = _deviation(field, ready, kernel, smoothing, tree)
     note = (f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
-            f"to {max(counts)} points, blended; midway between points they deviate by up to {deviation:.1g} from "
-            f"fits of {_WIDER} times as many points")
+            f"to {max(counts)} points, blended; between points they deviate by up to {_rounded_up(deviation):.2g} from "
+            "the fit of all")
     return replace(field, remarks=(*ready.notes, note))
+
+
+def _rounded_up(value: float) -> float:
+    """A number with two digits that is not below this one."""
+    unit = 10.0 ** (np.floor(np.log10(value)) - 1) if value > 0 else 1.0
+    return float(np.ceil(value / unit) * unit)
 
 
 def _filled(near: NDArray[np.bool_], x: Floats, tree: Any) -> NDArray[np.int64]:
@@ -250,13 +257,27 @@ def _part_of(ready: PreparedPoints, at: NDArray[np.int64]) -> PreparedPoints:
 
 def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
                tree: Any) -> float:
-    """The largest difference, midway between neighbours from the middle to the rim, to fits of more points."""
+    """Four times the largest difference to fits of more points found, in gaps between points all over their hull.
+
+    Every wide fit is compared in the middle of its points, where it is nearly the fit of all. The largest difference
+    beside the places that are looked at is missed: of nine random sets, dragged smoothly and at random, it was 0.9 to
+    3.9 times the one found.
+    """
     x, worst = ready.targets, 0.0
     outwards = np.argsort(np.linalg.norm(x - np.median(x, axis=0), axis=1))
     count = min(_WIDER * int(np.mean([int(fit.count) for fit in field.fits])), len(x))
     for k in outwards[np.linspace(0, len(x) - 1, _PROBES).astype(int)].tolist():
         near = np.asarray(tree.query(x[k], k=count)[1])
-        place = (x[near[0]] + x[near[1]]) / 2
-        wide = solve_prepared(_part_of(ready, np.sort(near)), kernel, smoothing, None).displacement(place)
-        worst = max(worst, float(np.linalg.norm(wide - field.displacement(place))))
-    return worst
+        places = _gaps(x[near[: max(_LEAST, count // _WIDER)]])
+        wide = solve_prepared(_part_of(ready, np.sort(near)), kernel, smoothing, None).displacement(places)
+        worst = max(worst, float(np.linalg.norm(wide - field.displacement(places), axis=1).max()))
+    return _MISSED * worst
+
+
+def _gaps(x: Floats) -> Floats:
+    """Places between points (n, dim): the middles of their triangles; on a line, between neighbours."""
+    try:
+        return np.asarray(x[scipy.spatial.Delaunay(x).simplices].mean(axis=1))
+    except scipy.spatial.QhullError:
+        ordered = x[np.argsort(x[:, np.ptp(x, axis=0).argmax()])]
+        return np.asarray((ordered[1:] + ordered[:-1]) / 2)

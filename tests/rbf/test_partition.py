@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import oracle
 import pytest
+from scipy.spatial import Delaunay
 
 from deformnb.analysis.quality import fit_quality
 from deformnb.document.deformation import Deformation, Step
@@ -111,6 +113,24 @@ def test_local_fits_interpolate_and_are_near_the_fit_of_all(kernel: str, dim: in
     slopes = [(local.displacement(x + h * e) - local.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)]
     oracle.assert_close(local.jacobian(x), np.stack(slopes, axis=-1), atol=1e-5)
     oracle.assert_close(np.asarray(local(jnp.asarray(x))), local.displacement(x), atol=1e-4)
+
+
+@pytest.mark.parametrize(("kernel", "seed"), [
+    ("linear", 0), *(pytest.param(kernel, seed, marks=pytest.mark.nightly) for kernel in ("linear", "thin_plate")
+                     for seed in (1, 2, 3))])
+def test_local_fits_are_as_near_to_the_fit_of_all_as_their_note_says(kernel: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(0, SIZE, (450, 2))
+    points = ControlPoints.from_arrays(x + (rng.normal(0, 1, x.shape) if seed else smooth(x)), x)
+    ready = prepare(points, KERNELS[kernel], 50.0, TRENDS["affine"], 0.0)
+    local = fit_locally(ready, KERNELS[kernel], 0.0)
+    stated = float(re.search(r"deviate by up to (\S+) from the fit of all", local.notes[-1])[1])  # type: ignore[index]
+    places = rng.uniform(0, SIZE, (2000, 2))
+    places = places[Delaunay(x).find_simplex(places) >= 0]
+    whole = fit_rbf(points, kernel=kernel, support=50.0)
+    off = np.linalg.norm(local.displacement(places) - whole.displacement(places), axis=1).max()
+    assert off <= stated
+    assert stated < 20 * off  # and it says something
 
 
 @pytest.mark.nightly
