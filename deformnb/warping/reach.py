@@ -8,7 +8,8 @@ the nodes of a lattice; between nodes at distances h_k it differs from the multi
 
 with K_j a bound of the second derivatives of the kernel around centre j within the box, and G_j one of its slope (the
 error of linear interpolation: de Boor, A Practical Guide to Splines, 2001, chapter III; the second one because an
-interpolated value is a mean of values at nodes that lie |h| / 2 away in the root mean square). Everything that is made
+interpolated value is a mean of values at nodes that lie |h| / 2 away in the root mean square), and a quadratic trend
+x^T H x by at most sum_k |H_kk| h_k^2 / 4. Everything that is made
 of fits follows by interval arithmetic. Beside a cut each side may be seen, so the bounds contain those of all sides.
 """
 
@@ -77,6 +78,26 @@ def _multiquadric(a: Array, b: Array) -> tuple[Array, Array]:
     return 16 * b / np.sqrt(1 + 16 * b**2), 16 / np.sqrt(1 + 16 * a**2)
 
 
+def _inverse_multiquadric(a: Array, b: Array) -> tuple[Array, Array]:
+    # With u = 16 rho^2: |phi'| = 4 sqrt(u) (1 + u)^-1.5, largest at u = 1/2; |phi' / rho| = 16 (1 + u)^-1.5;
+    # |phi''| = 16 |2 u - 1| (1 + u)^-2.5, which is below the one before for u < 2.
+    u, v = 16 * a**2, 16 * b**2
+    top = np.clip(0.5, u, v)
+    return 4 * np.sqrt(top) * (1 + top) ** -1.5, 16 * (1 + u) ** -1.5 * np.maximum(1, (2 * v - 1) / (1 + v))
+
+
+def _inverse_quadratic(a: Array, b: Array) -> tuple[Array, Array]:
+    # Likewise |phi'| = 8 sqrt(u) (1 + u)^-2, largest at u = 1/3; |phi' / rho| = 32 (1 + u)^-2 and
+    # |phi''| = 32 |3 u - 1| (1 + u)^-3.
+    u, v = 16 * a**2, 16 * b**2
+    top = np.clip(1 / 3, u, v)
+    return 8 * np.sqrt(top) * (1 + top) ** -2.0, 32 * (1 + u) ** -2.0 * np.maximum(1, (3 * v - 1) / (1 + v))
+
+
+def _quintic(a: Array, b: Array) -> tuple[Array, Array]:
+    return 5 * b**4, 20 * b**3
+
+
 def _linear(a: Array, b: Array) -> tuple[Array, Array]:
     return np.ones_like(a), 1 / np.maximum(a, 1e-300)
 
@@ -95,7 +116,8 @@ def _cubic(a: Array, b: Array) -> tuple[Array, Array]:
 CURVATURES: dict[type[kernels.AbstractKernel], Callable[[Array, Array], tuple[Array, Array]]] = {
     kernels.WendlandC0: _c0, kernels.WendlandC2: _c2, kernels.WendlandC4: _c4, kernels.Gaussian: _gaussian,
     kernels.Multiquadric: _multiquadric, kernels.Linear: _linear, kernels.ThinPlate: _thin_plate,
-    kernels.Cubic: _cubic,
+    kernels.Cubic: _cubic, kernels.InverseMultiquadric: _inverse_multiquadric,
+    kernels.InverseQuadratic: _inverse_quadratic, kernels.Quintic: _quintic,
 }
 """Bounds of |phi'| and of the second derivatives (the larger of |phi''| and |phi' / rho|) for rho from a to b.
 
@@ -188,10 +210,12 @@ class DisplacementBounds:
         near = np.linalg.norm(np.maximum(np.maximum(first - centers, centers - last), 0), axis=1) * scale
         far = np.linalg.norm(np.maximum(np.abs(first - centers), np.abs(last - centers)), axis=1) * scale
         slope, bend = bound(near, far)
+        bent = (np.zeros((fit.dim, fit.dim)) if fit.quadratic is None
+                else np.abs(np.diagonal(np.asarray(fit.quadratic), axis1=1, axis2=2)))
         for nodes in _NODES:
             h = (last - first) / (nodes - 1)
             between = np.minimum(scale**2 * bend * (h**2).sum() / 8, scale * slope * np.linalg.norm(h) / 2)
-            margin = alpha.T @ between
+            margin = alpha.T @ between + bent @ h**2 / 4  # x^T H x has the second derivatives 2 H_kk
             if margin.max(initial=0.0) <= self._resolution / 2:
                 break
         lines = [np.linspace(a, b, nodes) for a, b in zip(low, high, strict=True)]

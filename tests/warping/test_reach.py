@@ -14,7 +14,7 @@ import pytest
 from deformnb import ControlPoints, Cut, Deformation, HalfSpace, Line, RigidPart, compose, fit_rbf
 from deformnb._jax import float64
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
-from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.kernels import BUILT_IN, KERNELS
 from deformnb.volume.volume import Grid
 from deformnb.warping.reach import CURVATURES, DisplacementBounds, source_part
 
@@ -43,7 +43,9 @@ def made(name: str) -> AbstractField:
     if name in ON_PICTURE:
         return Deformation.on_picture(GRID, "+y", random_points(1, 2), **ON_PICTURE[name]).field(GRID)
     if name in KERNELS:
-        return fit_rbf(random_points(2, 3), kernel=name, support=20.0)
+        quadratic = KERNELS[name].order == 3
+        return fit_rbf(random_points(2, 3, 14 if quadratic else 7), kernel=name, support=20.0,
+                       trend="quadratic" if quadratic else "affine")
     if name == "composed":
         return compose(made("replicated"), made("wendland_c2"))
     if name == "samples":
@@ -66,6 +68,10 @@ def test_no_slope_and_no_second_derivative_is_above_its_bound(kernel) -> None:
     assert (np.abs(first).max(axis=0) <= slope * (1 + 1e-9) + 1e-12).all()
     assert (np.abs(second).max(axis=0) <= bend * (1 + 1e-6) + 1e-9).all()
     assert (np.abs(first / r).max(axis=0) <= bend * (1 + 1e-9) + 1e-12).all()
+
+
+def test_every_built_in_kernel_has_bounds() -> None:
+    assert set(CURVATURES) == {KERNELS[name] for name in BUILT_IN}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -92,6 +98,16 @@ def test_a_bump_between_the_nodes_is_reached() -> None:
     part = source_part(DisplacementBounds(bump, 1.0), bump, Grid((21, 4, 4), origin=(9.0, 9.0, 0.0)), source, "linear")
     assert part is not None
     assert part[2].start <= 20 + 3
+
+
+def test_the_quadratic_trend_counts_between_the_nodes() -> None:
+    """A parabola that is 0 at both ends of the box, and 25 in its middle."""
+    x = np.array([[a, b, c] for a in (0.0, 5.0, 10.0) for b in (0.0, 5.0, 9.0) for c in (0.0, 4.0, 9.0)])
+    bow = np.zeros_like(x)
+    bow[:, 0] = x[:, 0] * (10 - x[:, 0])
+    fit = fit_rbf(ControlPoints.from_arrays(x + bow, x), trend="quadratic", support=5.0)
+    _, high = DisplacementBounds(fit, 1e3).over(np.array([0.0, 2.0, 2.0]), np.array([10.0, 7.0, 7.0]))
+    assert high[0] >= 25
 
 
 def test_beside_a_cut_the_map_of_each_side_counts() -> None:
