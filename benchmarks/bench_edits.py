@@ -1,5 +1,6 @@
 """Whole edits, from control points that have moved to the new volume: E1 beside a cut, E2 beside a rigid part, E3 of
-points in space. Each is what happens when a hand lets go of a point; the previews are what happens while it moves."""
+points in space, E4 of several deformations one after the other. Each is what happens when a hand lets go of a point;
+the previews are what happens while it moves."""
 
 from __future__ import annotations
 
@@ -16,8 +17,9 @@ from scipy.interpolate import RBFInterpolator
 
 from benchmarks import peers, problem
 from benchmarks.timing import Case, Group
-from deformnb.document.deformation import Step
+from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut, sides_of
+from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
@@ -44,6 +46,7 @@ def groups(options: Namespace) -> Iterator[Group]:
     below = RigidPart(HalfSpace((0.0, 0.0, -0.02 * options.size), (0.0, 0.0, 1.0)))
     yield _alone(volume, "E2: rigid part in space", Step((solid,), parts=(below,)))
     yield _in_space(volume, Step((solid,), kernel="thin_plate"))
+    yield _composed(volume, flat, solid, plane, cut)
 
 
 def _edits(volume: Volume, edited: Step, **options: Any) -> Callable[[], NDArray[Any]]:
@@ -63,6 +66,27 @@ def _preview(volume: Volume, edited: Step, **options: Any) -> Case:
     values = np.ascontiguousarray(volume.values[::2, ::2, ::2])
     half = Volume(values, Grid(values.shape, (2.0, 2.0, 2.0)))
     return Case("deformnb, preview of half the resolution", _edits(half, edited, **options), ours=True)
+
+
+def _composed(volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut) -> Group:
+    """Chains of displacements beside one fit in space that is evaluated at every voxel."""
+    side = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    first, then = Step((flat,), front), Step((flat,), side)
+    chains = {"two planes": (first, then), "two planes, one with a cut": (replace(first, cuts=(cut,)), then),
+              "16 stages in space": (Step((solid,), stages=16),), "one fit in space": (Step((solid,)),)}
+    cases = [Case(f"deformnb, {name}", _edits_of_steps(volume, steps), ours=True) for name, steps in chains.items()]
+    return Group(f"E4: composed, {volume.dtype}", cases, 0, "grey levels")
+
+
+def _edits_of_steps(volume: Volume, steps: tuple[Step, ...]) -> Callable[[], NDArray[Any]]:
+    warper, strengths = Warper(volume, fill=FILL), itertools.cycle([1.0, 1.0 + 1e-6])
+
+    def edit() -> NDArray[Any]:
+        strength = next(strengths)
+        moved = Deformation(tuple(replace(step, strength=strength) for step in steps))
+        return warper(moved.field(volume.grid)).values
+
+    return edit
 
 
 def _alone(volume: Volume, name: str, step: Step) -> Group:

@@ -1,9 +1,10 @@
 """Composition of several deformations, evaluated at all voxels of a block.
 
 ``D = D_last(x) + D_before(x + D_last(x)) + ...``: only the last one is evaluated on a lattice, the others at the places
-to which the ones after them lead. Points on a picture are evaluated there a million times a block, so their maps are
-kept as tables and read linearly. A table is as fine as it must be for an error below a five-hundredth of a voxel; where
-that would take too many nodes, or a place lies beyond the table, the field itself is evaluated.
+to which the ones after them lead. Where the composition is smooth it is interpolated between nodes
+(:mod:`deformnb.warping.node_table`). Beside cuts it is evaluated at every voxel; there the maps over a picture are kept
+as tables and read linearly. A table is as fine as it must be for an error below a five-hundredth of a voxel; where that
+would take too many nodes, or a place lies beyond the table, the field itself is evaluated.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from deformnb.rbf.slits import TipBlend
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.cut_tiles import look_up
+from deformnb.warping.node_table import NodeTable, smoothness_of
 from deformnb.warping.planning import seen
 
 # Ten times below what linear interpolation between voxels of a noisy scan changes.
@@ -60,17 +62,32 @@ class ComposedEvaluator:
         start = 0 if self._links[0].has_cuts else 1
         self._first = None if start == 0 else self._links[0]
         self.has_cuts = field.has_cuts
-        # Without cuts the exact way is fast enough to promise exactness.
+        # Without cuts little is left to the exact way, which needs no tables then.
         self._rest = [_evaluator(link, grid) if self.has_cuts else partial(_exactly, link)
                       for link in self._links[start:]]
+        is_long = bool(self._rest) or len(field.steps) > 1
+        known = is_long and smoothness_of(field) is not None
+        self._nodes = NodeTable(field, self._at_places) if known else None
 
     @property
     def is_single(self) -> bool:
         """True if there is nothing that a lattice would not do."""
-        return not self._rest
+        return not self._rest and self._nodes is None
 
     def seen(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
-        """Displacements x, y, z and opacity, each [z, y, x], at the nodes of a lattice; no opacity without cuts."""
+        """Displacements x, y, z and opacity, each [z, y, x], at the nodes of a lattice; no opacity where all is 1."""
+        found = None if self._nodes is None else self._nodes.seen(lattice)
+        return self._at_all(lattice) if found is None else found
+
+    def _at_places(self, places: NDArray[np.float32], origin: NDArray[np.float64]) -> tuple[Any, Any]:
+        first = [] if self._first is None else [partial(_exactly, self._first)]
+        d, opacity = np.zeros_like(places), np.ones(places.shape[1], np.float32)
+        for evaluate in (*first, *self._rest):
+            more, share = evaluate(places + d, origin)
+            d, opacity = d + more, opacity * share
+        return d, opacity
+
+    def _at_all(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
         shape, origin = lattice.shape, np.asarray(lattice.origin)
         (nz, ny, nx), m = shape, lattice.matrix
         lines = [m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx))]

@@ -363,6 +363,15 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
     return [(slice(z, z + planes), slice(y, y + rows)) for z, y in starts]
 
 
+def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
+    """:func:`blocks` for every voxel that are as long along z as along y: few voxels lie at their rims."""
+    nz, ny, nx = shape
+    side = max(1, round((BLOCK_VOXELS / nx) ** 0.5))
+    rows = _length(ny, max(side, BLOCK_VOXELS // (nx * nz)), 1)
+    planes = _length(nz, max(1, BLOCK_VOXELS // (nx * rows)), 1)
+    return [(slice(z, z + planes), slice(y, y + rows)) for z in _starts(nz, planes, 1) for y in _starts(ny, rows, 1)]
+
+
 def chunks(count: int, size: int) -> list[slice]:
     """Parts of ``count`` rows of ``size`` bytes each, all of one length; the last one overlaps."""
     return parts(count, CHUNK_BYTES // max(1, size))

@@ -82,6 +82,8 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
     step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
         linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
         Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
+        Compositions and stages are interpolated where they are smooth, at most a hundredth of a voxel
+        (:data:`deformnb.warping.node_table.ERROR`) from the displacement at every voxel.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
@@ -327,10 +329,11 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     step = 1 if field.has_cuts else warpers[0].step  # no displacement is interpolated across a cut
 
     chain = ComposedEvaluator(field, grid)
+    by_lattice = chain.is_single or step > 1
 
     def work(block: tuple[slice, slice]) -> None:
         nodes = planning.lattice(grid, block, step)
-        d, opacity = planning.seen(field, nodes, step) if chain.is_single else chain.seen(nodes)
+        d, opacity = planning.seen(field, nodes, step) if by_lattice else chain.seen(nodes)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             at = warper._places
             with warper._arithmetic():
@@ -341,7 +344,8 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
 
-    _share(warpers, planning.blocks(grid.shape, step), work, progress)
+    parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
+    _share(warpers, parts, work, progress)
     return outs
 
 

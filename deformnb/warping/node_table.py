@@ -1,0 +1,336 @@
+"""Displacements of a composition as one table of nodes, read by cubic interpolation.
+
+Every deformation of a composition is evaluated at the places to which those after it lead, so that n of them cost n
+sums over control points at every voxel. Nodes a few voxels apart need a sixty-fourth of that. Between nodes at distance
+h cubic interpolation along one axis misses a smooth D by ``3/128 |h^4 D''''|``, which the fourth differences of the
+nodes measure themselves (de Boor, A Practical Guide to Splines, 2001, chapter II); where a derivative jumps the factor
+is larger: 0.049 for the third one (Wendland's C2 kernel at its centre), 0.064 for the second (thin plates), 0.375 for
+the first (the distance to a rigid part). Along the three axes in turn the errors add up to
+
+    c (|d_x| + 5/4 |d_y| + 25/16 |d_z|)
+
+with d the fourth differences and 5/4 the most that cubic interpolation enlarges an error. Cells where that exceeds
+:data:`ERROR` are not interpolated, nor are those near the border of a cut or of a rigid part, or where a curve of
+modulation bends sharply: there the composition is evaluated at every voxel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from deformnb._jax import compiled
+from deformnb.rbf import kernels
+from deformnb.rbf.cuts import Decoupled
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
+from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
+from deformnb.rbf.stages import Staged
+from deformnb.volume.sampling import on_device
+from deformnb.volume.volume import Grid
+
+Floats = NDArray[np.float64]
+
+ERROR = 1e-2
+"""Largest error of an interpolated displacement, in the smallest side of a voxel. Where neighbouring voxels differ by
+100 grey levels, it changes the result by one at most, and by a third of one as a rule."""
+
+SPACINGS = {4: 0.15, 3: 0.2, 2: 1.0}
+"""Distances of nodes in voxels, and the share of voxels that may be left to be evaluated one by one because the field
+bends; the first distance that keeps to it is taken."""
+
+# Where more voxels have to be evaluated one by one, no lattice is worth its nodes.
+_MOST_EXACT = 0.6
+
+# Voxels that are evaluated one by one, at a time; the last ones are filled up, so that one size compiles.
+_TOGETHER = 2**15
+
+# Interpolation reads a node before a cell and one behind it, their fourth differences one more on either side.
+_HALO = 2
+
+_JUMPS = {1: 0.375, 2: 0.065, 3: 0.049}
+"""The factors c by the first derivative that jumps."""
+
+_SMOOTHNESS: dict[type[kernels.AbstractKernel], int] = {
+    kernels.WendlandC0: 1, kernels.Linear: 1, kernels.ThinPlate: 2, kernels.WendlandC2: 3, kernels.WendlandC4: 3,
+    kernels.Gaussian: 3, kernels.Multiquadric: 3, kernels.Cubic: 3,
+}
+
+# A bump of so many diagonals of a cell as support shows in the fourth differences wherever it lies.
+_NARROWEST = 4
+
+# Samples of a curve of modulation between two nodes, at least and at most.
+_SAMPLES = 8, 256
+
+
+def smoothness_of(field: AbstractField) -> int | None:
+    """The first derivative of a field that may jump away from the borders of cuts and parts, at most 3; None if that
+    is not known.
+
+    Examples
+    --------
+    >>> smoothness_of(Identity(3))
+    3
+    """
+    match field:
+        case Identity() | Affine():
+            return 3
+        case RBFInterpolant():
+            return _SMOOTHNESS.get(field.kernel)
+        case RigidInterpolant():  # distances bend where two borders are equally near
+            return None if smoothness_of(field.base) is None else 1
+        case Composed():
+            parts: tuple[AbstractField, ...] = (field.first, field.then)
+        case Staged():
+            parts = field.fits
+        case Extrusion():
+            parts = field.maps
+        case Decoupled():
+            parts = field.fields
+        case _:
+            return None
+    known = [smoothness_of(part) for part in parts]
+    return None if None in known else min((k for k in known if k is not None), default=3)
+
+
+class NodeTable:
+    """Displacements of a field in space on blocks of a grid, from nodes that are as far apart as the error allows.
+
+    Parameters
+    ----------
+    field : any whose smoothness is known (:func:`smoothness_of`).
+    exactly : displacements (3, n) and opacity (n) of the field at places (3, n) relative to an origin, and that origin.
+    """
+
+    def __init__(self, field: AbstractField, exactly: Callable[..., tuple[Any, Any]]) -> None:
+        smoothness = smoothness_of(field)
+        assert smoothness is not None
+        self._field, self._exactly, self._factor = field, exactly, _JUMPS[smoothness]
+
+    def seen(self, block: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None] | None:
+        """Displacements x, y, z and opacity, each [z, y, x], at the voxels of a block; no opacity where all is 1.
+
+        None where the field bends so much that it is to be evaluated at every voxel of the block.
+        """
+        for spacing, most in SPACINGS.items():
+            nodes, near, bent = self._nodes(block, spacing)
+            bad = near | bent
+            if np.mean(bad & ~near) <= most and np.mean(bad) <= _MOST_EXACT:
+                break
+        else:
+            return None
+        shape = block.shape
+        weights = [_weights(n, spacing) for n in shape]
+        d = _between(on_device(nodes), *weights)
+        if not bad.any():
+            return d, None
+        cells = [np.arange(n) // spacing for n in shape]
+        at = np.nonzero(bad[np.ix_(*cells)])
+        values, opacity = self._one_by_one(block, at)
+        parts = []
+        for part, own in zip(d, values, strict=True):
+            filled = np.array(part)
+            filled[at] = own
+            parts.append(on_device(filled))
+        if not self._field.has_cuts:
+            return tuple(parts), None
+        shown = np.ones(shape, np.float32)
+        shown[at] = opacity
+        return tuple(parts), shown
+
+    def _one_by_one(self, block: Grid, at: tuple[NDArray[np.intp], ...]) -> tuple[Any, Any]:
+        """Displacements (3, n) and opacity (n) of the field itself at n voxels, given as indices z, y, x."""
+        count, origin = len(at[0]), np.asarray(block.origin)
+        d, opacity = np.empty((3, count), np.float32), np.empty(count, np.float32)
+        for start in range(0, count, _TOGETHER):
+            part = slice(start, min(start + _TOGETHER, count))
+            some = np.minimum(np.arange(start, start + _TOGETHER), count - 1)
+            places = block.matrix @ np.stack([index[some] for index in reversed(at)]).astype(np.float64)
+            found, share = self._exactly(places.astype(np.float32), origin)
+            d[:, part], opacity[part] = found[:, : part.stop - start], share[: part.stop - start]
+        return d, opacity
+
+    def _nodes(self, block: Grid, spacing: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Values (3, z, y, x) at the nodes that are read, and the cells (z, y, x) near borders and with errors."""
+        cells = tuple(-(-n // spacing) for n in block.shape)
+        shape = tuple(n + 1 + 2 * _HALO for n in cells)
+        z, y, x = (block.matrix[:, [2 - axis]] * (spacing * (np.arange(n) - float(_HALO)))
+                   for axis, n in enumerate(shape))
+        places = (z[:, :, None, None] + y[:, None, :, None]) + x[:, None, None, :]
+        places += np.asarray(block.origin)[:, None, None, None]
+        walk = _Walk(shape)
+        d = walk.through(self._field, places.reshape(3, -1).T).T.reshape(3, *shape)
+        inner = slice(_HALO, -_HALO)
+        error = walk.error.reshape(shape)[inner, inner, inner]
+        for axis, gain in ((0, 25 / 16), (1, 5 / 4), (2, 1.0)):  # the one done first is enlarged most
+            some = tuple(slice(None) if k == axis else inner for k in range(3))
+            bend = np.sqrt(sum(np.diff(part[some], 4, axis=axis) ** 2 for part in d))
+            error = error + self._factor * gain * bend
+        # Borders count at the four nodes that a cell reads along each axis, errors at its own two.
+        near = _within_cells(walk.near.reshape(shape)[1:-1, 1:-1, 1:-1], 4)
+        bent = ~(_within_cells(error, 2) <= ERROR * min(block.spacing))
+        return d[:, 1:-1, 1:-1, 1:-1].astype(np.float32, order="C"), near, bent
+
+
+def _within_cells(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """The largest of ``count`` neighbours along each axis."""
+    for axis in range(3):
+        n = values.shape[axis] - count + 1
+        values = np.maximum.reduce([values.take(np.arange(k, k + n), axis) for k in range(count)])
+    return values
+
+
+@lru_cache(maxsize=32)
+def _weights(count: int, spacing: int) -> NDArray[np.float32]:
+    """Lagrange's cubic weights (count, nodes) of voxels between nodes, the first node one before the first voxel."""
+    at = np.arange(count)
+    cell, t = at // spacing, (at % spacing) / spacing
+    weights = np.zeros((count, -(-count // spacing) + 3), np.float32)
+    for k, w in enumerate(_lagrange(t)):
+        weights[at, cell + k] = w
+    return weights
+
+
+def _lagrange(t: Any) -> tuple[Any, ...]:
+    """Weights of the values at -1, 0, 1 and 2 for a place t from 0 to 1."""
+    return (-t * (t - 1) * (t - 2) / 6, (t + 1) * (t - 1) * (t - 2) / 2, -(t + 1) * t * (t - 2) / 2,
+            (t + 1) * t * (t - 1) / 6)
+
+
+@compiled
+def _between(nodes: Any, along_z: Any, along_y: Any, along_x: Any) -> tuple[Any, ...]:
+    values = jnp.einsum("ai,cijk->cajk", along_z, nodes)
+    values = jnp.einsum("bj,cajk->cabk", along_y, values)
+    return tuple(jnp.einsum("xk,abk->abx", along_x, values[c]) for c in range(3))
+
+
+class _Walk:
+    """The way of nodes through a composition: their displacements, and which lie near something that is not smooth.
+
+    Parameters
+    ----------
+    shape : of the lattice of nodes, whose places come as (n, dim) in its order.
+
+    Attributes
+    ----------
+    near : (n,) whether a border is so near that a cell around the node may hold it.
+    error : (n,) of the interpolation of curves of modulation there.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape, count = shape, int(np.prod(shape))
+        self.near, self.error = np.zeros(count, dtype=bool), np.zeros(count)
+
+    def _sides(self, places: Floats) -> list[float]:
+        """Bounds of the sides of the cells between places (n, dim), along each axis of the lattice."""
+        parts = [part.reshape(self._shape) for part in places.T]
+        return [float(np.linalg.norm([np.abs(np.diff(p, axis=axis)).max(initial=0.0) for p in parts]))
+                for axis in range(3)]
+
+    def _diagonal(self, places: Floats) -> float:
+        """A bound of twice the way from any place in a cell to the nearest node, for cells between these places."""
+        return float(np.linalg.norm(self._sides(places)))
+
+    def through(self, field: AbstractField, x: Floats) -> Floats:
+        """Displacements (n, dim) at places (n, dim), which are those of the nodes somewhere on the way."""
+        match field:
+            case Composed():
+                d = self.through(field.then, x)
+                return d + self.through(field.first, x + d)
+            case Staged():
+                y = x
+                for fit in reversed(field.fits):
+                    y = y + self.through(fit, y)
+                return np.asarray(y - x)
+            case RBFInterpolant():
+                return self._fit(field, x)
+            case RigidInterpolant():
+                return self._beside_parts(field, x)
+            case Extrusion():
+                return self._extruded(field, x)
+            case Decoupled():
+                return self._beside_cuts(field, x)
+            case _:
+                return field.displacement(x)
+
+    def _fit(self, fit: RBFInterpolant, x: Floats) -> Floats:
+        n = int(fit.count)
+        if n:
+            scale = 1.0 if fit.scales is None else float(np.asarray(fit.scales)[:n].max())
+            self.near |= _NARROWEST * self._diagonal(x) * scale > float(fit.support)
+        return fit.displacement(x)
+
+    def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
+        back = [x @ np.asarray(m).T + t for m, t in zip(field.matrices, field.shifts, strict=True)]
+        distances = [region.signed_distance(y) for region, y in zip(field.regions, back, strict=True)]
+        for y, distance in zip(back, distances, strict=True):
+            self.near |= np.abs(distance) <= self._diagonal(y)
+        outside = [np.maximum(distance, 0.0) for distance in distances]
+        moved, weight = drift_and_weight(x, back, outside, field.scales, field.weights, np)
+        return np.asarray(moved + weight[..., None] * self.through(field.base, x))
+
+    def _extruded(self, field: Extrusion, x: Floats) -> Floats:
+        abc = field.plane.to_plane(x)
+        ab, depth = abc[:, :2], abc[:, 2]
+        moves = [self.through(m, ab) for m in field.maps]
+        if not field.is_replication:
+            errors = _curve_errors(field, depth, max(self._sides(abc[:, 2:])))
+            for error, d in zip(errors, moves, strict=True):
+                self.error += error * np.linalg.norm(d, axis=1)
+        total = sum(w[:, None] * d for w, d in zip(field.weights_at(depth), moves, strict=True))
+        return np.asarray(total @ field.plane.frame[:2])
+
+    def _beside_cuts(self, field: Decoupled, x: Floats) -> Floats:
+        """Where a region shows its own tissue, and both places lie deep in it, nothing jumps nearby."""
+        def distances(places: Floats) -> Floats:
+            on = places if field.plane is None else field.plane.to_plane(places)[..., :2]
+            return np.stack([region.signed_distance(on) for region in field.regions])
+
+        here, total = distances(x), np.zeros_like(x)
+        needed = self._diagonal(x) + field.softness
+        smooth, free = np.zeros(len(x), dtype=bool), np.abs(here).min(axis=0) > needed
+        for f, side in zip(field.fields, field.sides, strict=True):
+            d = self.through(f, x)
+            sign = np.where(side, -1.0, 1.0)[:, None]
+            depth = (sign * here).min(axis=0)
+            there = (sign * distances(x + d)).min(axis=0)
+            smooth |= (depth > needed) & (there > self._diagonal(x + d) + field.softness)
+            free &= depth <= 0  # of a region without control points, which stays where it is
+            total = np.where((depth > 0)[:, None], d, total)
+        self.near |= ~(smooth | free)
+        return total
+
+
+def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:
+    """Errors (K, n) of cubic interpolation of the weights around depths (n), between nodes that are ``side`` apart.
+
+    A curve is known in one dimension, so that it is compared at many places with what nodes anywhere make of it.
+    """
+    (c0, c1), knots = field.depth, np.asarray(field.knots, dtype=np.float64)
+    gap = min((b - a for a, b in pairwise(knots)), default=1.0) * (c1 - c0)
+    if not (side > 0 and gap > 0):
+        return np.zeros((len(field.maps), len(depth)))
+    samples = max(_SAMPLES[0], int(np.ceil(2 * side / gap)))
+    if samples > _SAMPLES[1]:
+        return np.full((len(field.maps), len(depth)), np.inf)
+    step = side / samples
+    first = max(float(depth.min()), c0 - side) - 3 * side
+    last = min(float(depth.max()), c1 + side) + 3 * side
+    c = first + step * np.arange(int(np.ceil(max(last - first, 6 * side) / step)) + 1)
+    w = field.weights_at(c)
+    count = w.shape[1] - 3 * samples
+    error = np.zeros_like(w)
+    for j in range(1, samples):  # the place lies j steps behind the second of four nodes
+        read = sum(share * w[:, k * samples : k * samples + count] for k, share in enumerate(_lagrange(j / samples)))
+        at = slice(samples + j, samples + j + count)
+        error[:, at] = np.maximum(error[:, at], np.abs(w[:, at] - read))
+    error = ndimage.maximum_filter1d(error, 2 * samples + 1, axis=1, mode="nearest")
+    return np.stack([np.interp(depth, c, e) for e in error])
