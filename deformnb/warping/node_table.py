@@ -325,7 +325,7 @@ def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:
     first = max(float(depth.min()), c0 - side) - 3 * side
     last = min(float(depth.max()), c1 + side) + 3 * side
     c = first + step * np.arange(int(np.ceil(max(last - first, 6 * side) / step)) + 1)
-    w = field.weights_at(c)
+    w = field.weights_at(np.asarray(c, dtype=np.float64))
     count = w.shape[1] - 3 * samples
     error = np.zeros_like(w)
     for j in range(1, samples):  # the place lies j steps behind the second of four nodes
