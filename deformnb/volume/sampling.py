@@ -29,6 +29,9 @@ WIDE = ("int32", "float64")
 
 LARGEST_INT32 = 2**31 - 1
 
+NEAR = 2**21
+"""Below this many voxels places are split in a quicker way, see :func:`split`."""
+
 # Device memory is shared with NumPy without a copy only where it starts on this boundary (found by trying: 8, 16 and
 # 32 are copied by jaxlib 0.10).
 _ALIGNMENT = 64
@@ -89,10 +92,20 @@ def spline_coefficients(values: NDArray[Any], compute: str, axes: Sequence[int] 
     return result.astype(compute, copy=False)
 
 
-def split(whole: Any, part: Any) -> tuple[Any, Any]:
-    """``whole + part`` with the fraction brought into [0, 1]."""
+def split(whole: Any, part: Any, *, near: bool = False) -> tuple[Any, Any]:
+    """``whole + part`` with the fraction brought into [0, 1].
+
+    near : ``whole`` is below :data:`NEAR` and so is the axis, so that a larger ``part`` leads outside in any case.
+    """
     floor = jnp.floor(part)
-    return whole + floor.astype(jnp.int32), part - floor
+    if near and part.dtype == jnp.float32:
+        # Read off the bits of floor + 1.5 * 2^23, exact up to 2^22. XLA's conversion saturates and tests for NaN on the
+        # way, one voxel at a time: the general warp takes 1.3 times as long with it.
+        shifted = jnp.minimum(jnp.maximum(floor, -(2.0**22)), 2.0**22) + np.float32(1.5 * 2**23)
+        whole_part = lax.bitcast_convert_type(shifted, jnp.int32) - np.int32(0x4B400000)
+    else:
+        whole_part = floor.astype(jnp.int32)
+    return whole + whole_part, part - floor
 
 
 def rounded_index(axis: Axis) -> Any:
@@ -113,16 +126,16 @@ def _cell(axis: Axis) -> tuple[Any, Any]:
     """The lower voxel of the cell and the place in it, clamped to the axis; the upper edge is fraction 1."""
     fraction: Any = axis.fraction
     low = jnp.clip(axis.index, 0, axis.size - 2)
-    return low, jnp.clip((axis.index - low).astype(fraction.dtype) + fraction, 0, 1)
+    return low, jnp.minimum(jnp.maximum((axis.index - low).astype(fraction.dtype) + fraction, 0), 1)
 
 
-Taps = list[tuple[Any, Any | None]]
-"""Voxel indices along one axis and their weights (None: one)."""
+Taps = list[tuple[Any, int, Any | None]]
+"""Voxel indices along one axis as arrays and constant steps to be added, and their weights (None: one)."""
 
 
 def nearest(axis: Axis) -> Taps:
     """The nearest voxel."""
-    return [(jnp.clip(rounded_index(axis), 0, axis.size - 1), None)]
+    return [(jnp.clip(rounded_index(axis), 0, axis.size - 1), 0, None)]
 
 
 def linear(axis: Axis) -> Taps:
@@ -132,7 +145,7 @@ def linear(axis: Axis) -> Taps:
     two ends; the other one misses b by a rounding, so that an identity would change the last plane.
     """
     low, t = _cell(axis)
-    return [(low, 1 - t), (low + 1, t)]
+    return [(low, 0, 1 - t), (low, 1, t)]
 
 
 def cubic(axis: Axis) -> Taps:
@@ -143,7 +156,7 @@ def cubic(axis: Axis) -> Taps:
     low, t = _cell(axis)
     weights = ((1 - t) ** 3 / 6, 2 / 3 - t * t * (1 - t / 2), 2 / 3 - (1 - t) ** 2 * (1 + t) / 2, t**3 / 6)
     last = axis.size - 1
-    return [(last - jnp.abs(last - jnp.abs(low + k)), w) for k, w in zip((-1, 0, 1, 2), weights, strict=True)]
+    return [(last - jnp.abs(last - jnp.abs(low + k)), 0, w) for k, w in zip((-1, 0, 1, 2), weights, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -169,19 +182,19 @@ METHODS: dict[str, Method] = {
 def _axis_taps(method: str, axis: Axis, index: Any) -> Taps:
     """Memory offsets and weights along one axis; a whole place and an axis of one voxel need one tap."""
     if axis.fraction is None or axis.size == 1:
-        taps: Taps = [(jnp.clip(axis.index, 0, axis.size - 1), None)]
+        taps: Taps = [(jnp.clip(axis.index, 0, axis.size - 1), 0, None)]
     else:
         taps = METHODS[method].taps(axis)
-    return [(place.astype(index) * axis.stride, weight) for place, weight in taps]
+    return [(place.astype(index) * axis.stride, step * axis.stride, weight) for place, step, weight in taps]
 
 
-def _nested(read: Callable[[Any], Any], taps: Sequence[Taps], offset: Any = 0) -> Any:
+def _nested(read: Callable[[Any, int], Any], taps: Sequence[Taps], offset: Any = 0, shift: int = 0) -> Any:
     """The weighted sum over all combinations of taps, one axis inside the other."""
     if not taps:
-        return read(offset)
+        return read(offset, shift)
     total: Any = None
-    for place, weight in taps[0]:
-        value = _nested(read, taps[1:], offset + place)
+    for place, step, weight in taps[0]:
+        value = _nested(read, taps[1:], offset + place, shift + step)
         value = value if weight is None else weight * value
         total = value if total is None else total + value
     return total
@@ -189,11 +202,18 @@ def _nested(read: Callable[[Any], Any], taps: Sequence[Taps], offset: Any = 0) -
 
 def _products(taps: Sequence[Taps]) -> Taps:
     """The same combinations as one list of offsets with their products of weights."""
-    result: Taps = [(0, None)]
+    result: Taps = [(0, 0, None)]
     for axis in taps:
-        result = [(offset + place, weight if factor is None else factor if weight is None else factor * weight)
-                  for offset, factor in result for place, weight in axis]
+        result = [(offset + place, shift + step,
+                   weight if factor is None else factor if weight is None else factor * weight)
+                  for offset, shift, factor in result for place, step, weight in axis]
     return result
+
+
+def _stored(taps: Taps) -> Taps:
+    """The same taps, behind a barrier: their arrays are computed once, and not again for every voxel."""
+    places, weights = lax.optimization_barrier(([tap[0] for tap in taps], [tap[2] for tap in taps]))
+    return [(place, tap[1], weight) for place, tap, weight in zip(places, taps, weights, strict=True)]
 
 
 def _finished(value: Any, ok: Any, fill: Any, method: str) -> Any:
@@ -212,9 +232,17 @@ def _finished(value: Any, ok: Any, fill: Any, method: str) -> Any:
     return jnp.where(ok, value, fill)
 
 
-def _reader(flat: Any, method: str, compute: Any) -> Callable[[Any], Any]:
-    def read(index: Any) -> Any:
-        value = flat.at[index].get(mode="promise_in_bounds")
+def _reader(flat: Any, taps: Sequence[Taps], method: str, compute: Any) -> Callable[[Any, int], Any]:
+    """Reads ``flat`` at an index plus a constant, which no combination of ``taps`` exceeds.
+
+    Every constant is the start of a part of the array, and all parts have one length: the index and its test, which
+    XLA always makes, are then the same for all taps, and the compiler does them once (1.6 times faster in space).
+    """
+    length = flat.shape[0] - sum(max(step for _, step, _ in axis) for axis in taps)
+
+    def read(index: Any, shift: int) -> Any:
+        part = lax.slice_in_dim(flat, shift, shift + length)
+        value = part.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
         return value.astype(compute) if METHODS[method].blends else value
 
     return read
@@ -224,13 +252,13 @@ def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[1] * shape[2], shape[2], 1
 
 
-def _moved(whole: Sequence[Any], part: Sequence[Any], move: Any) -> tuple[Any, Any]:
+def _moved(whole: Sequence[Any], part: Sequence[Any], move: Any, near: bool) -> tuple[Any, Any]:
     """Place along one input axis: what each output axis contributes, plus the displacement in voxels."""
-    return split(sum(whole), sum(part) + move)
+    return split(sum(whole), sum(part) + move, near=near)
 
 
 def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int, int],
-             method: str, step: int, compute: str, index: str) -> Any:
+             method: str, step: int, compute: str, index: str, near: bool = False) -> Any:
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
     flat : the input's voxels (or spline coefficients), one row; ``shape`` is its shape.
@@ -264,15 +292,16 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
             w = (whole[0][a, q], whole[1][a, :, None], whole[2][a])
             p = (part[0][a, q], part[1][a, :, None], part[2][a])
             move = matrix[a, 0] * d[0] + matrix[a, 1] * d[1] + matrix[a, 2] * d[2]
-            axes.append(Axis(shape[a], stride, *_moved(w, p, move)))
-        value = _nested(_reader(flat, method, compute), [_axis_taps(method, a, index) for a in axes])
-        return _finished(value, inside(axes), fill, method)
+            axes.append(Axis(shape[a], stride, *_moved(w, p, move, near)))
+        taps = [_axis_taps(method, a, index) for a in axes]
+        return _finished(_nested(_reader(flat, taps, method, compute), taps), inside(axes), fill, method)
 
     return lax.map(plane, jnp.arange(whole[0].shape[1]))
 
 
 def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,
-              shape: tuple[int, int, int], normal: int, method: str, compute: str, index: str) -> Any:
+              shape: tuple[int, int, int], normal: int, method: str, compute: str, index: str,
+              near: bool = False) -> Any:
     """A block of the output under a field that moves nothing along the array axis ``normal``.
 
     maps : K maps (2, z, y, x) of displacement along the plane's (u, v), of extent 1 along ``normal``.
@@ -288,18 +317,18 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
             axes.append(Axis(shape[a], stride, whole[a][a].reshape(along[a]), None))
             continue
         w, p = ([table[o][a].reshape(along[o]) for o in range(3) if o != normal] for table in (whole, part))
-        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
+        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1], near)))
     taps = [_axis_taps(method, a, index) for a in axes]
     fixed = taps.pop(normal)
     ok = inside(axes)
     if weights is None:
         # These are as small as the map: compute them once. With weights they are as large as the output: never store.
-        taps, ok = lax.optimization_barrier((taps, ok))
-    return _finished(_nested(_reader(flat, method, compute), [fixed, *taps]), ok, fill, method)
+        taps, ok = [_stored(axis) for axis in taps], lax.optimization_barrier(ok)
+    return _finished(_nested(_reader(flat, [fixed, *taps], method, compute), [fixed, *taps]), ok, fill, method)
 
 
 def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int],
-          method: str, compute: str, index: str) -> Any:
+          method: str, compute: str, index: str, near: bool = False) -> Any:
     """A chunk of output rows that move as a whole: one replicated map, the axis of replication last in memory.
 
     table : (shape[0] * shape[1], n), one row of voxels per place on the picture.
@@ -311,15 +340,17 @@ def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, 
     axes = []
     for a, stride in ((0, shape[1]), (1, 1)):
         w, p = ((t[0][a, :, None], t[1][a]) for t in (whole, part))
-        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
+        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1], near)))
     # The barrier makes offsets and weights small arrays of their own; without it they are computed again for every
     # voxel and the rows are not read as vectors (2.5 times slower).
-    taps, ok = lax.optimization_barrier((_products([_axis_taps(method, a, index) for a in axes]), inside(axes)))
-    taps = [(offset, None if weight is None else weight[..., None]) for offset, weight in taps]
-    return _finished(_nested(_reader(table, method, compute), [taps]), ok[..., None], fill, method)
+    products = [(offset + shift, 0, weight) for offset, shift, weight in _products([_axis_taps(method, a, index)
+                                                                                   for a in axes])]
+    taps, ok = _stored(products), lax.optimization_barrier(inside(axes))  # so few that each may have its own index
+    taps = [(offset, shift, None if weight is None else weight[..., None]) for offset, shift, weight in taps]
+    return _finished(_nested(_reader(table, [taps], method, compute), [taps]), ok[..., None], fill, method)
 
 
-_STATIC = ("shape", "method", "compute", "index")
+_STATIC = ("shape", "method", "compute", "index", "near")
 general = compiled(_general, static_argnames=(*_STATIC, "step"))
 extruded = compiled(_extruded, static_argnames=(*_STATIC, "normal"))
 rows = compiled(_rows, static_argnames=_STATIC)

@@ -23,7 +23,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.sampling import METHODS, on_device
+from deformnb.volume.sampling import METHODS, NEAR, on_device
 from deformnb.volume.volume import Grid
 
 _Part = TypeVar("_Part")
@@ -99,6 +99,11 @@ class Places:
         every = (*slices, *[slice(None)] * (len(self.whole) - len(slices)))
         whole = tuple(_cut(table, s) for table, s in zip(self.whole, every, strict=True))
         return whole, tuple(_cut(table, s) for table, s in zip(self.part, every, strict=True))
+
+    def near(self, shape: Sequence[int]) -> bool:
+        """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
+        farthest = sum(np.abs(table).max(axis=1, initial=0).astype(np.int64) for table in self.whole)
+        return bool(max(*shape, np.max(farthest)) < NEAR - len(self.whole))
 
     def along(self, axes: list[int], matrix: NDArray[Any]) -> Places:
         """The same for some array axes only, with the rows of another matrix."""

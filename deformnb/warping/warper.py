@@ -163,6 +163,7 @@ class Warper:
         self._compute = sampling.compute_type(volume.dtype)
         self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
         self._places = planning.places(volume.grid, self.output, self._compute)
+        self._near = self._places.near(volume.shape)
         self._tables: dict[int, Any] = {}
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
@@ -219,7 +220,8 @@ class Warper:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
     def _settings(self) -> dict[str, Any]:
-        return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index}
+        return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index,
+                "near": self._near}
 
     def _extruded(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
@@ -472,7 +474,6 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
         raise DeformError(f"pixels of type {values.dtype} cannot be sampled; use one of {', '.join(DTYPES)}.")
     method = planning.checked_method(method, discrete=values.dtype == np.bool_)
     compute = sampling.compute_type(values.dtype)
-    settings = {"shape": raster.shape, "method": method, "compute": compute, "index": "int32"}
     output = output or raster
     pixels, background = _finite_pixels(values)
     lowest = planning.as_voxel(background if fill is None else fill, values.dtype)
@@ -482,6 +483,8 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
         # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
         table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
     at = planning.picture_places(raster, output, compute)
+    settings = {"shape": raster.shape, "method": method, "compute": compute, "index": "int32",
+                "near": at.near(raster.shape)}
     d, opacity = planning.seen_on_raster(field, output)
     result = _moved_rows(table, d, at, lowest, settings)
     if opacity is not None:

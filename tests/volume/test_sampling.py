@@ -23,7 +23,8 @@ def _value(method: str, row: np.ndarray, place: float) -> float:
         axis = Axis(len(row), 1, jnp.asarray(whole, jnp.int32), jnp.asarray(place - whole))
         source = sampling.spline_coefficients(row, "float64", axes=(0,)) if METHODS[method].is_spline else row
         taps = METHODS[method].taps(axis)
-        return float(sum(source[int(index)] * (1.0 if weight is None else float(weight)) for index, weight in taps))
+        return float(sum(source[int(index) + step] * (1.0 if weight is None else float(weight))
+                         for index, step, weight in taps))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -40,8 +41,8 @@ def test_weights_sum_to_one_and_indices_are_voxels(method: str, place: float, n:
     whole = int(np.floor(place))
     with float64():
         taps = METHODS[method].taps(Axis(n, 1, jnp.asarray(whole, jnp.int32), jnp.asarray(place - whole)))
-        assert all(0 <= int(index) < n for index, _ in taps)
-        assert sum(1.0 if weight is None else float(weight) for _, weight in taps) == pytest.approx(1.0, abs=1e-15)
+        assert all(0 <= int(index) + step < n for index, step, _ in taps)
+        assert sum(1.0 if weight is None else float(weight) for *_, weight in taps) == pytest.approx(1.0, abs=1e-15)
 
 
 @pytest.mark.parametrize(("method", "order"), [("linear", 1), ("cubic", 3)])
@@ -65,12 +66,26 @@ def test_outside_begins_half_a_voxel_beyond_the_outermost_centres() -> None:
     assert np.asarray(sampling.inside([axis])).tolist() == [False, True, True, True, False, False, False]
 
 
-@given(whole=st.integers(-(2**29), 2**29), move=st.floats(-1e4, 1e4, width=32))
-def test_split_keeps_the_place(whole: int, move: float) -> None:
-    index, fraction = sampling.split(jnp.asarray(whole, jnp.int32), jnp.asarray(move, jnp.float32))
+@given(whole=st.integers(-(2**29), 2**29), move=st.floats(-1e4, 1e4, width=32), near=st.booleans())
+def test_split_keeps_the_place(whole: int, move: float, near: bool) -> None:
+    index, fraction = sampling.split(jnp.asarray(whole, jnp.int32), jnp.asarray(move, jnp.float32), near=near)
     assert 0 <= float(fraction) <= 1
     # 2^-24: a fraction rounded to float32, once
     assert int(index) - whole + float(fraction) == pytest.approx(move, abs=2**-24)
+
+
+@given(move=st.floats(-(2.0**22), 2.0**22, width=32))
+def test_near_places_are_split_as_others_are(move: float) -> None:
+    quick, plain = (sampling.split(jnp.asarray(7, jnp.int32), jnp.asarray(move, jnp.float32), near=near)
+                    for near in (True, False))
+    assert quick == plain
+
+
+@pytest.mark.parametrize("move", [2.0**22, -(2.0**22), 2.0**23, -1e9, 3e38, -3e38])
+def test_a_place_beyond_the_near_ones_stays_outside(move: float) -> None:
+    index, fraction = sampling.split(jnp.asarray(-np.sign(move) * sampling.NEAR, jnp.int32),
+                                     jnp.asarray(move, jnp.float32), near=True)
+    assert not sampling.inside([Axis(sampling.NEAR, 1, index, fraction)])
 
 
 def _round(values: np.ndarray, dtype: str, method: str = "linear") -> np.ndarray:
@@ -122,6 +137,7 @@ def test_a_large_index_does_not_blur_the_fraction() -> None:
 def test_products_are_the_nested_sum() -> None:
     rng = np.random.default_rng(2)
     table = rng.random(50)
-    taps: list[Any] = [list(zip(rng.integers(0, 9, 3).tolist(), rng.random(3).tolist(), strict=True)) for _ in range(2)]
-    nested = sampling._nested(lambda k: table[k], taps)
-    assert sum(w * table[k] for k, w in sampling._products(taps)) == pytest.approx(nested, abs=1e-14)
+    taps: list[Any] = [list(zip(rng.integers(0, 9, 3).tolist(), [0, 1, 2], rng.random(3).tolist(), strict=True))
+                       for _ in range(2)]
+    nested = sampling._nested(lambda k, shift: table[k + shift], taps)
+    assert sum(w * table[k + shift] for k, shift, w in sampling._products(taps)) == pytest.approx(nested, abs=1e-14)
