@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from benchmarks import peers, problem
+from benchmarks import c_loops, peers, problem
 from benchmarks.timing import Case, Group
 from deformnb.rbf.extrusion import extrude, modulate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
@@ -33,7 +33,7 @@ def groups(options: Namespace) -> Iterator[Group]:
     for view, axis in (("+y", 1), ("+x", 2), ("+z", 0)):
         plane = Plane.along(volume.grid, view)
         yield _replicated(volume, extrude(plane, volume.grid, [stored], replicate()), view, axis, options)
-    plane = Plane.along(volume.grid, "+y")
+    plane = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     yield _modulated(volume, extrude(plane, volume.grid, [stored], modulate("sin(pi*z)")), options)
     solid = fit_rbf(problem.control_points(options.points, 3, options.size), support=support)
     yield _general(volume, solid, options)
@@ -49,13 +49,17 @@ def _replicated(volume: Volume, field: AbstractField, view: str, axis: int, opti
         Case("deformnb, in place", lambda: plain(field).values, error, ours=True),
         Case("deformnb, one call from scratch", lambda: Warper(volume, fill=FILL)(field).values, error, ours=True),
     ]
+    rest = [2 - a for a in range(3) if a != axis]  # component x, y, z of rows and columns
+    flat = displacement.take(0, axis)
+    given = volume.values, flat[..., rest[0]], flat[..., rest[1]], FILL, axis
+    if not c_loops.why_absent():  # both have the layout of the prepared one
+        cases.append(Case("C loop", c_loops.rows(*given), error))
     if _there("numba"):
         from benchmarks import loops
 
-        rest = [2 - a for a in range(3) if a != axis]  # component x, y, z of rows and columns
-        flat = displacement.take(0, axis)
-        loop = loops.rows(volume.values, flat[..., rest[0]], flat[..., rest[1]], FILL, axis)
-        cases.append(Case("numba loop, same layout", loop, error))
+        cases.append(Case("numba loop", loops.rows(*given), error))
+    if options.loops:
+        return Group(name, cases, *_tolerance(volume))
     cases.append(Case("scipy map_coordinates by slice", peers.scipy_slices(volume.values, lookup, FILL, axis), error))
     return Group(name, cases + _rivals(volume, displacement, lookup, error, options), *_tolerance(volume))
 
@@ -64,8 +68,17 @@ def _modulated(volume: Volume, field: AbstractField, options: Namespace) -> Grou
     displacement, lookup, error = _truth(volume, field)
     warper = Warper(volume, fill=FILL)
     cases = [Case("deformnb", lambda: warper(field).values, error, ours=True)]
-    cases += _loops(volume, displacement, error) + _rivals(volume, displacement, lookup, error, options)[:2]
-    return Group(f"W2: map times sin(pi z) along y, {volume.dtype}, map given", cases, *_tolerance(volume))
+    if not c_loops.why_absent():
+        middle = displacement[volume.shape[0] // 2]
+        weights = np.abs(displacement).max(axis=(1, 2, 3)) / np.abs(middle).max()
+        loop = c_loops.modulated(volume.values, middle[..., 1], middle[..., 0], weights, FILL)
+        cases.append(Case("C loop", loop, error))
+    if _there("numba"):
+        from benchmarks import loops
+
+        cases.append(Case("numba loop", loops.general(volume.values, displacement, FILL), error))
+    cases += _rivals(volume, displacement, lookup, error, options)[:2]
+    return Group(f"W2: map times sin(pi z) along z, {volume.dtype}, map given", cases, *_tolerance(volume))
 
 
 def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
@@ -73,8 +86,14 @@ def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
     displacement, lookup, error = _truth(volume, stored)
     warper = Warper(volume, fill=FILL)
     cases = [Case("deformnb, field given", lambda: warper(stored).values, error, ours=True)]
-    cases += _loops(volume, displacement, error) + _rivals(volume, displacement, lookup, error, options)
-    if _there("skimage"):
+    if not c_loops.why_absent():
+        cases.append(Case("C loop", c_loops.general(volume.values, displacement, FILL), error))
+    if _there("numba"):
+        from benchmarks import loops
+
+        cases.append(Case("numba loop", loops.general(volume.values, displacement, FILL), error))
+    cases += _rivals(volume, displacement, lookup, error, options)
+    if _there("skimage") and not options.loops:
         cases.append(Case("scikit-image warp", peers.skimage_warp(volume.values, lookup, FILL), error))
     for step in (1, 2, 4):
         coarse = Warper(volume, fill=FILL, step=step)
@@ -83,17 +102,11 @@ def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
     return Group(f"W3: general field in space, {volume.dtype}", cases, *_tolerance(volume))
 
 
-def _loops(volume: Volume, displacement: NDArray[Any], error: Error) -> list[Case]:
-    if not _there("numba"):
-        return []
-    from benchmarks import loops
-
-    return [Case("numba loop", loops.general(volume.values, displacement, FILL), error)]
-
-
 def _rivals(volume: Volume, displacement: NDArray[Any], lookup: NDArray[np.float64], error: Error,
             options: Namespace) -> list[Case]:
     """The libraries that take any field."""
+    if options.loops:
+        return []
     cases = [Case("scipy map_coordinates", peers.scipy_warp(volume.values, lookup, FILL), error)]
     if _there("SimpleITK"):
         warp = peers.sitk_warp(volume.values, displacement, FILL, options.threads)

@@ -8,20 +8,32 @@ from argparse import Namespace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from benchmarks import bench_edits, bench_maps, bench_quality, bench_rbf, bench_warp
+from benchmarks import bench_edits, bench_maps, bench_quality, bench_rbf, bench_warp, c_loops, ratios
 from benchmarks.timing import Measured, measure
 
 _LEGEND = """Median and least of interleaved rounds; ratio to the first row of each table; peak memory over the inputs,
 result included; largest and mean difference from the right result.
 """
+_MODULES = {"R": bench_rbf, "W": bench_warp, "E": bench_edits, "M": bench_maps, "Q": bench_quality}
+"""By the initial of their groups' names."""
+
+_SUMMARY = """### Summary
+
+Milliseconds are medians; the ratios to the loops are those of the least times (of one thread: of the processor).
+
+| | ms | C | numba | best library | / C | / numba |
+|---|---|---|---|---|---|---|"""
 _PACKAGES = ("jax", "numpy", "scipy", "SimpleITK", "vtk", "scikit-image", "numba")
 
 
 def run(options: Namespace) -> int:
     print(f"{machine()}; {options.threads or 'all'} thread(s)\n")
     print(", ".join(_versions()) + "\n")
-    print(_LEGEND, flush=True)
-    for module in (bench_rbf, bench_warp, bench_edits, bench_maps, bench_quality):
+    print(_LEGEND + (f"{c_loops.why_absent()}\n" if c_loops.why_absent() else ""), flush=True)
+    summary, kept = [_SUMMARY], dict[str, float]()
+    for initial, module in _MODULES.items():
+        if options.groups and all(part[:1] in _MODULES and part[:1] != initial for part in options.groups):
+            continue  # their problems take long to make
         for group in module.groups(options):
             if options.groups and not any(part in group.name for part in options.groups):
                 continue
@@ -31,7 +43,38 @@ def run(options: Namespace) -> int:
             for result in results:
                 print(_row(result, results[0]))
             print(flush=True)
-    return 0
+            for result in filter(lambda result: result.case.ours, results):
+                beside = _beside(result, results, one_thread=options.threads == 1)
+                summary.append(_line(group.name, result, results, beside))
+                kept |= {f"{group.name} | {result.case.name} / {peer}": ratio for peer, ratio in beside.items()}
+    print("\n".join(summary), flush=True)
+    if options.ratios is None:
+        return 0
+    settings = f"{machine()}; {options.threads} thread(s), {options.size} voxels, {options.dtype}"
+    for line in (found := ratios.compare(options.ratios, settings, kept)):
+        print(f"- WORSE: {line}")
+    return 1 if found else 0
+
+
+def _beside(result: Measured, results: list[Measured], *, one_thread: bool) -> dict[str, float]:
+    """How many times as long as the loops one of ours takes: of one thread in processor time, which others that use
+    the machine change least."""
+    def least(measured: Measured) -> float:
+        return min(measured.processor if one_thread else measured.seconds)
+
+    return {other.case.name: least(result) / least(other) for other in results if other.case.name in ratios.PEERS}
+
+
+def _line(group: str, result: Measured, results: list[Measured], beside: dict[str, float]) -> str:
+    """A row of the summary."""
+    by_name = {other.case.name: other for other in results}
+    times = [f"{1e3 * by_name[peer].median:.3g}" if peer in by_name else "-" for peer in ratios.PEERS]
+    rest = [other for other in results if not other.case.ours and other.case.name not in ratios.PEERS]
+    best = min(rest, key=lambda other: other.median, default=None)
+    library = f"{best.case.name} {1e3 * best.median:.3g}" if best else "-"
+    shares = [f"{beside[peer]:.2f}" if peer in beside else "-" for peer in ratios.PEERS]
+    cells = [f"{group.partition(',')[0]}: {result.case.name}", f"{1e3 * result.median:.3g}", *times, library, *shares]
+    return f"| {' | '.join(cells)} |"
 
 
 def _row(result: Measured, first: Measured) -> str:

@@ -41,10 +41,12 @@ class Group:
 
 @dataclass(frozen=True)
 class Measured:
-    """Seconds of every round, peak memory over the inputs in bytes, differences from the right result."""
+    """Seconds of every round, and those of the processor; peak memory over the inputs in bytes, differences from the
+    right result."""
 
     case: Case
     seconds: list[float]
+    processor: list[float]
     peak: int | None
     largest: float
     mean: float
@@ -62,16 +64,19 @@ def measure(group: Group, rounds: int) -> list[Measured]:
     """Check every case, then run all of them in turns."""
     checked = [(case, *_check(group, case)) for case in group.cases]
     times: dict[str, list[float]] = {case.name: [] for case in group.cases}
+    processor: dict[str, list[float]] = {case.name: [] for case in group.cases}
     for k in range(rounds):
         first = k % len(group.cases)  # nobody always comes after the one that leaves the caches cold
         for case in group.cases[first:] + group.cases[:first]:
             taken = times[case.name]
             if len(taken) >= 3 and sum(taken) > _BUDGET:
                 continue
-            start = time.perf_counter()
+            start, work = time.perf_counter(), time.process_time()
             case.run()
             taken.append(time.perf_counter() - start)
-    return [Measured(case, times[case.name], peak, largest, mean) for case, peak, largest, mean in checked]
+            processor[case.name].append(time.process_time() - work)
+    return [Measured(case, times[case.name], processor[case.name], peak, largest, mean)
+            for case, peak, largest, mean in checked]
 
 
 def _check(group: Group, case: Case) -> tuple[int | None, float, float]:

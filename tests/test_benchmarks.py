@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scripts import chromium
 
-from benchmarks import latency, prediction
+from benchmarks import latency, prediction, ratios
 from benchmarks.latency_cells import CASES
 from benchmarks.latency_page import HOOKS, Seat, Seen
 from benchmarks.latency_report import Results, Verdict, table, verdicts
@@ -181,3 +181,24 @@ def test_left_out_nodes_of_thompsons_grids_are_predicted_as_the_documentation_sa
         assert error["affine"] == pytest.approx(float(row[-3]), abs=0.06)
     medians = {method: np.median([error[method] for _, _, error in found]) for method in prediction.METHODS}
     assert medians["deformnb"] < medians["thin plate"] < medians["affine"]
+
+
+@pytest.mark.parametrize(("past", "now", "is_named"), [
+    ([], 9.0, False), ([1.0], 1.34, False), ([1.0], 1.36, True), ([1.0, 1.0, 1.25, 1.25], 1.19, False),
+    ([1.0, 1.0, 1.25, 1.25], 1.21, True), ([1.0, 1.0, 1.0, 1.25], 1.25, False), ([1.4, 1.0, 1.0], 1.3, False),
+])
+def test_a_ratio_is_named_that_is_much_worse_or_worse_three_times(past: list[float], now: float,
+                                                                  is_named: bool) -> None:
+    named = ratios.worse([{"warp / C loop": ratio} for ratio in past], {"warp / C loop": now})
+    assert [line.partition(":")[0] for line in named] == ["warp / C loop"] * is_named
+
+
+def test_ratios_are_kept_for_each_machine(tmp_path: Path) -> None:
+    file = tmp_path / "ratios.json"
+    assert ratios.compare(file, "slow", {"a / C loop": 1.0}) == []
+    assert ratios.compare(file, "fast", {"a / C loop": 2.0}) == []
+    assert len(ratios.compare(file, "slow", {"a / C loop": 2.0})) == 1
+    file.write_text("[]")
+    with pytest.raises(SystemExit, match="no file of ratios"):
+        ratios.compare(file, "slow", {})
+    assert file.read_text() == "[]"
