@@ -44,6 +44,7 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         monkeypatch.setenv(name, str(tmp_path / name.lower()))
     monkeypatch.setenv("JUPYTER_PATH", str(tmp_path / "share"))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "data"))  # what the user has downloaded is not wanted here
     monkeypatch.delenv("XLA_FLAGS", raising=False)  # compiled as for users: it computes for longer than it compiles
     startup = tmp_path / "ipythondir" / "profile_default" / "startup"
     startup.mkdir(parents=True)
@@ -148,6 +149,34 @@ def test_its_lines_fit_a_narrow_window(path: Path) -> None:
 
 
 # ---- with real volumes, where they are -------------------------------------------------------------------------------
+
+
+REAL = {
+    "03_darcy_thompson_carp": ("carp.nii.gz", [r"the real carp: ", r"largest miss of a node: \d\.\de-\d\d mm"]),
+    "04_bend_a_knee": ("knee_labels.nrrd", [r"the real knee_labels: "]),
+    "05_swim_a_lobster": ("lobster.nrrd", [r"the real lobster: ", r"midway between two frames: 0\.[01]\d+ voxels",
+                                           r"the body moves by 0\.00 mm"]),
+    "06_cut_an_abdomen": ("abdomen_ct.nii.gz", [r"the real abdomen_ct: ",
+                                                r"the real body opens by 1[0-6]\d\.\d mm at half height"]),
+    "07_heads_and_horses": ("horse.ply", [r"the real head_ct: ", r"9\d{4} triangles",
+                                          r"nothing folds: True[^$]*nothing folds: True"]),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("name", REAL)
+def test_a_figure_is_of_the_real_volume_where_it_is_there(name: str, kernel: str, tmp_path: Path,
+                                                          monkeypatch: pytest.MonkeyPatch,
+                                                          real_data: Callable[[str], Path]) -> None:
+    file, said = REAL[name]
+    monkeypatch.setenv("DEFORMNB_DATA", str(real_data(file).parent))
+    outputs = executed(ROOT / "notebooks" / f"{name}.ipynb", kernel, tmp_path)
+    texts = "".join(output.get("text", "") for cell in outputs for output in cell)
+    assert not re.search(r"\b(nan|inf)\b", texts), texts
+    for wanted in said:
+        assert re.search(wanted, texts), texts
+    assert any(kind.startswith("image/") for output in outputs[-1] for kind in output.get("data", {}))
 
 
 @pytest.mark.nightly

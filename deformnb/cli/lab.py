@@ -9,6 +9,7 @@ import argparse
 import importlib.util
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +42,16 @@ def add_lab_options(parser: argparse.ArgumentParser) -> None:
                         help="let the administrator run it, which Lab advises against")
 
 
-def copy_and_open(sources: list[Path], folder: Path, options: argparse.Namespace) -> None:
-    """Copy notebooks into a folder, say which are new, and open the first of them."""
+def copy_and_open(sources: list[Path], folder: Path, options: argparse.Namespace,
+                  opener: Callable[..., None] | None = None) -> None:
+    """Copy notebooks into a folder, say which are new, and open the first of them, in JupyterLab by default."""
     new, kept = copy_files(sources, folder)
     for what, paths in (("new", new), ("kept as it is", kept)):
         for path in paths:
             print(f"{what:14} {path}")
     sys.stdout.flush()  # Lab prints next, past our buffer
     chosen = {"--no-browser": options.no_browser, "--allow-root": options.allow_root}
-    open_lab(folder / sources[0].name, *(name for name, given in chosen.items() if given))
+    (opener or open_lab)(folder / sources[0].name, *(name for name, given in chosen.items() if given))
 
 
 def shipped_notebooks() -> list[Path]:
@@ -132,9 +134,20 @@ def open_lab(notebook: Path, *options: str) -> None:
                             f"--LabApp.default_url=/lab/tree/{notebook.name}", *options])
 
 
-def check_lab() -> None:
-    """Raise if JupyterLab is missing, before anything is copied."""
-    for name in ("jupyterlab", "ipykernel"):
+def open_voila(notebook: Path, *options: str) -> None:
+    """Show a notebook without its code, by Voila, and stay until it ends; parameters and errors as :func:`open_lab`."""
+    check_lab("voila")
+    from voila.app import Voila  # type: ignore[import-untyped]
+
+    # Voila is no Jupyter server by itself: it knows no administrator, and loads no server extension.
+    chosen = [option for option in options if option != "--allow-root"]
+    quick = "deformnb.server_extension.PromptConnection"
+    Voila.launch_instance([str(notebook), *chosen, f"--Voila.kernel_websocket_connection_class={quick}"])
+
+
+def check_lab(*more: str) -> None:
+    """Raise if JupyterLab, or one of the other packages that are named, is missing, before anything is copied."""
+    for name in ("jupyterlab", "ipykernel", *more):
         if importlib.util.find_spec(name) is None:
             raise MissingPackageError(f"{name} is not installed, and the notebooks need it; "
                                       "pip install 'deformnb[notebook]'.")

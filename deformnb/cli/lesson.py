@@ -9,7 +9,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from deformnb.cli.lab import add_lab_options, check_lab, copy_and_open, shipped_notebooks
+from deformnb.cli.lab import (
+    add_lab_options,
+    check_lab,
+    copy_and_open,
+    open_lab,
+    open_voila,
+    shipped_notebooks,
+)
 from deformnb.errors import DeformError
 
 
@@ -20,6 +27,8 @@ def add_lesson(commands: Any) -> None:
         a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""")
     p.add_argument("name", nargs="?", help="the lesson; without a name all are listed")
     p.add_argument("folder", nargs="?", default=".", help="where the lesson goes (default: the working directory)")
+    p.add_argument("--voila", action="store_true",
+                   help="show the lesson without its code, by Voila instead of JupyterLab")
     add_lab_options(p)
     p.set_defaults(run=_lesson)
 
@@ -34,8 +43,9 @@ def _lesson(options: argparse.Namespace) -> None:
         print(f"open one with: deformnb lesson {next(iter(LESSONS))}")
         return
     one_of(options.name, LESSONS, "lesson")
-    check_lab()
-    copy_and_open([lesson_notebook(options.name)], Path(options.folder), options)
+    check_lab(*(["voila"] if options.voila else []))
+    copy_and_open([lesson_notebook(options.name)], Path(options.folder), options,
+                  open_voila if options.voila else open_lab)
 
 
 def lesson_notebook(name: str) -> Path:

@@ -1,7 +1,8 @@
 """Sample data: procedural phantoms, downloads of real volumes, and D'Arcy Thompson's grids.
 
 - :data:`PHANTOMS` work without a network.
-- :data:`DATASETS`, :func:`fetch` and :func:`load` get real volumes of the paper once and keep them.
+- :data:`DATASETS`, :func:`fetch` and :func:`load` get real volumes of the paper once and keep them; :func:`find` takes
+  the phantom where that fails.
 - :func:`thompson_map` has the points that turn the fish into other fishes, and :func:`thompson_score` says how near a
   deformation comes to them.
 """
@@ -17,7 +18,7 @@ from deformnb.datasets.darcy import (
 )
 from deformnb.datasets.grid_score import GridScore, thompson_score
 from deformnb.datasets.phantoms import PHANTOMS, Phantom
-from deformnb.datasets.registry import DATASETS, Dataset, credits, fetch, load  # noqa: A004 (see there)
+from deformnb.datasets.registry import DATASETS, Dataset, credits, fetch, find, load  # noqa: A004 (see there)
 
 __all__ = [
     "DATASETS",
@@ -29,6 +30,7 @@ __all__ = [
     "ThompsonMap",
     "credits",
     "fetch",
+    "find",
     "load",
     "own_grid",
     "thompson_grid",

@@ -33,7 +33,8 @@ class Dataset:
     title : what it is.
     file : its name in the folder; the address may end otherwise.
     address : where it is downloaded from; None if it has to be put into the folder by hand, see ``source``.
-    sha256, size : checksum and bytes of exactly that file; None where several versions are in circulation.
+    sha256, size : checksum and bytes of exactly that file, or of the download where ``variable`` is given; None where
+        several versions are in circulation.
     credit : whom to name.
     licence : what is known about the terms.
     source : where it comes from, in words.
@@ -41,6 +42,8 @@ class Dataset:
     spacing : (x, y, z) of the voxels, where files may come without one; None is what :func:`read_volume` finds.
     is_labels : voxels are numbers of structures.
     remark : what else a user should know.
+    variable : name of the array [x, y, z] in the MATLAB file that is downloaded; ``file`` is written from it.
+    is_mesh : the file is a mesh, for :func:`deformnb.read_mesh`.
     """
 
     title: str
@@ -55,11 +58,28 @@ class Dataset:
     spacing: Float3 | None = None
     is_labels: bool = False
     remark: str = ""
+    variable: str = ""
+    is_mesh: bool = False
 
 
 _MRICROGL = "https://raw.githubusercontent.com/neurolabusc/MRIcroGL/e1392fd1a260f3dfd4dc8906376b3370f5ed352e/Distro/"
 _TOTALSEGMENTATOR = ("https://raw.githubusercontent.com/wasserth/TotalSegmentator/"
                      "0e65a448d557382b1e925276212b3bec7f5aff83/tests/reference_files/")
+_FAIR = "https://raw.githubusercontent.com/C4IR/FAIR.m/975edebd37b833ae76696792870de5c05efcb9cb/kernel/data/"
+_HORSE = "https://raw.githubusercontent.com/pyvista/vtk-data/126ee906165a8b2f984f08259a4a2d32cf3b3409/Data/horse.ply"
+_KNEE_ATLAS = "https://raw.githubusercontent.com/mhalle/spl-knee-atlas/b8cb94143b88775671737e5bcad7783120ea5066/Data/"
+
+
+def _knee_mr(pose: str, variable: str) -> Dataset:
+    """One of the two scans of a knee in the MATLAB file of the FAIR toolbox."""
+    return Dataset(
+        f"MR of a knee, {pose}, 128 x 64 x 128; the same knee was scanned straight and bent", f"knee_mr_{pose}.nrrd",
+        _FAIR + "knee3D.mat",
+        "6a7833dcefbbeb962ebc1ec7da57e2d549b9d156eb9ff3cb1c6b2da6cce55ba9", 1050710,
+        "Thomas Netsch, Philips Medical Solutions, Hamburg", "see the licence of the FAIR toolbox",
+        "the FAIR toolbox of Jan Modersitzki", "knee", spacing=(1.0, 0.96875, 1.0), variable=variable,
+        remark="Both scans are in one MATLAB file, which is downloaded once.")
+
 
 DATASETS: dict[str, Dataset] = {
     "carp": Dataset(
@@ -85,20 +105,31 @@ DATASETS: dict[str, Dataset] = {
     "lobster": Dataset(
         "CT of a lobster, the paper's own (figure 5), 301 x 324 x 56", "lobster.nrrd", None, None, None,
         "VolVis distribution of SUNY Stony Brook, New York", "no licence is stated",
-        "the Open SciVis Datasets offer lobster_301x324x56_uint8.raw, bytes without a header; save as NRRD with the "
-        "spacing 1, 1, 1.4", "lobster", spacing=(1.0, 1.0, 1.4),
+        "the Open SciVis Datasets, by hand: save lobster_301x324x56_uint8.raw, bytes without a header; then "
+        "np.fromfile('lobster_301x324x56_uint8.raw', 'uint8').reshape(56, 324, 301) is the array for "
+        "Volume.from_array, with the spacing (1, 1, 1.4), and write_volume saves it as NRRD", "lobster",
+        spacing=(1.0, 1.0, 1.4),
     ),
     "knee_labels": Dataset(
         "Labels of the SPL knee atlas, 512 x 512 x 119: femur 95, tibia 96, fibula 97, patella 98", "knee_labels.nrrd",
-        None, "7b1eba4d06a24d8d769fe0342bf57042d6a6d3afb67da04f2749f62007670091", 466251,
+        _KNEE_ATLAS + "seg.nrrd", "7b1eba4d06a24d8d769fe0342bf57042d6a6d3afb67da04f2749f62007670091", 466251,
         "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston", "3D Slicer licence",
         "the SPL knee atlas", "knee", is_labels=True,
+    ),
+    "knee_mr_straight": _knee_mr("straight", "dataR"),
+    "knee_mr_bent": _knee_mr("bent", "dataT"),
+    "horse": Dataset(
+        "Surface of a horse, the paper's own (figure 6), 48,485 vertices", "horse.ply", _HORSE,
+        "dfadaea01775943a75f9bf0560e6ad55aab39694af3003d9976a46e58226c4d7", 2182101,
+        "Georgia Institute of Technology, Large Geometric Models Archive", "the copy's repository states no licence",
+        "example data of PyVista", "horse", is_mesh=True,
     ),
     "abdomen_labels": Dataset(
         "Labels of the SPL abdominal atlas, 256 x 256 x 113: liver 3, spleen 4, aorta 7, kidneys 51 and 52",
         "abdomen_labels.nrrd", None, "f6ccae59157948bd790c0783ca672ba1bfb719239bb5ac1a9f023f63357ea02f", 232498,
         "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston", "3D Slicer licence",
-        "the SPL abdominal atlas", "abdomen", is_labels=True,
+        "the SPL abdominal atlas, by hand: save the labels (a 256 x 256 x 113 NRRD of the atlas's data)", "abdomen",
+        is_labels=True,
     ),
 }
 """Real volumes by name. Only those whose exact file has a permanent address and a checksum can be downloaded."""
@@ -141,17 +172,34 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
     place = data_folder(folder)
     path = place / data.file
     if path.is_file():
-        _check_present(path, data)
+        if not data.variable:  # a file that was converted here has no published checksum
+            _check_present(path, data)
         return path
     if data.address is None:
         raise DeformError(f"{name} has no download: get it from {data.source}, put it at {path}, or use "
                           f"{_alternative(data)}.")
-    _make_room(place, data)
-    try:
-        _download(data, place, progress)
-    except OSError as error:  # requests' errors are OSErrors, as are a full disk and a refused permission
-        raise VolumeFileError(_offline_message(name, data, path, error)) from error
+    download = place / data.address.rsplit("/", 1)[-1] if data.variable else path
+    if download.is_file():
+        _check_present(download, data)
+    else:
+        _make_room(place, data)
+        try:
+            _download(data, download, progress)
+        except OSError as error:  # requests' errors are OSErrors, as are a full disk and a refused permission
+            raise VolumeFileError(_offline_message(name, data, download, error)) from error
+    if data.variable:
+        _convert(data, download, path)
     return path
+
+
+def _convert(data: Dataset, source: Path, path: Path) -> None:
+    """Write one array of a MATLAB file as a volume; the file appears whole or not at all."""
+    from scipy.io import loadmat
+
+    from deformnb.io import write_volume
+
+    values = loadmat(source, variable_names=[data.variable])[data.variable]
+    write_volume(Volume.from_array(values.transpose(2, 1, 0), spacing=data.spacing or (1.0, 1.0, 1.0)), path)
 
 
 def load(name: str, *, progress: bool | Progress | None = None,
@@ -160,9 +208,62 @@ def load(name: str, *, progress: bool | Progress | None = None,
     from deformnb.io import read_volume
 
     data = _row(name)
+    if data.is_mesh:
+        raise DeformError(f"{name} is a mesh and no volume; use deformnb.read_mesh(deformnb.datasets.fetch({name!r})).")
     path = fetch(name, progress=progress, folder=folder)
     volume: Volume = read_volume(path, spacing=data.spacing, is_labels=data.is_labels)
     return replace(volume, name=name)
+
+
+def find(name: str, shape: tuple[int, int, int] | None = None, *,
+         folder: str | os.PathLike[str] | None = None) -> tuple[Volume, bool]:
+    """A real volume where it can be had, else its phantom, and one printed line that says which.
+
+    The file in the folder is taken, else it is downloaded (with a bar in a terminal and in a notebook). Without a
+    network, and for a row without an address, it is the phantom.
+
+    Parameters
+    ----------
+    name : a key of :data:`DATASETS`.
+    shape : of the phantom, voxels along z, y, x; default is its own.
+    folder : where to look and to keep it; default see :func:`data_folder`.
+
+    Returns
+    -------
+    Volume
+    bool
+        True for the real volume.
+
+    Raises
+    ------
+    DeformError
+        If there is no such name, or it is a mesh.
+
+    Examples
+    --------
+    >>> volume, real = find("lobster", (12, 33, 31), folder="nowhere")
+    no real lobster: it has to be put into the folder by hand (deformnb datasets); the phantom is used
+    >>> real
+    False
+    """
+    from deformnb.datasets.phantoms import PHANTOMS
+
+    data = _row(name)
+    try:
+        volume = load(name, progress=True if "ipykernel" in sys.modules else None, folder=folder)
+    except VolumeFileError as error:
+        print(f"no real {name}: {str(error).split(';')[0]}; the phantom is used")  # noqa: T201 (what it is for)
+    except DeformError:
+        if data.is_mesh or data.address is not None:
+            raise
+        print(f"no real {name}: it has to be put into the folder by hand (deformnb datasets); "  # noqa: T201
+              "the phantom is used")
+    else:
+        print(f"the real {name}: {data.title}. Credit: {data.credit}")  # noqa: T201
+        return volume, True
+    phantom = PHANTOMS[data.phantom]
+    make = phantom.labels if data.is_labels else phantom.make
+    return (make() if shape is None else make(shape)), False
 
 
 def credits() -> str:  # noqa: A001 (the word users look for; the module never needs the builtin of the same name)
@@ -217,7 +318,7 @@ def _make_room(place: Path, data: Dataset) -> None:
                               "or name another folder in the environment variable DEFORMNB_DATA.")
 
 
-def _download(data: Dataset, place: Path, progress: bool | Progress | None) -> None:
+def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> None:
     """Through pooch: into a temporary file beside the target, checked, then renamed; removed on any failure."""
     import pooch
 
@@ -228,7 +329,7 @@ def _download(data: Dataset, place: Path, progress: bool | Progress | None) -> N
     downloader = pooch.HTTPDownloader(progressbar=meter, chunk_size=CHUNK, timeout=30, hooks={
         "response": lambda response, **_: opened.append(response)})
     try:
-        pooch.retrieve(data.address, known_hash=f"sha256:{data.sha256}", fname=data.file, path=place,
+        pooch.retrieve(data.address, known_hash=f"sha256:{data.sha256}", fname=path.name, path=path.parent,
                        downloader=downloader)
     except ValueError as error:  # raised by pooch where the checksum differs
         raise OSError("what came is not the published file, its checksum differs") from error
@@ -255,19 +356,21 @@ class _Meter:
     def __init__(self, data: Dataset, progress: bool | Progress | None) -> None:
         self.total = 0  # set by pooch
         self._size = data.size or 0
+        self._name = data.file
         self._seen = 0
         self._tell = progress if callable(progress) else None
         self._bar: Any = None
-        if sys.stderr.isatty() if progress is None else progress is True:
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=data.size, desc=data.file, unit="B", unit_scale=True, leave=False)
+        self._shown = sys.stderr.isatty() if progress is None else progress is True
 
     def update(self, count: int) -> None:
         self._seen += count
         if self._seen >= self._size + CHUNK:
             raise OSError(f"the server sends more than the published {self._size:,} bytes")
-        if self._bar is not None:
+        if self._shown:
+            if self._bar is None:  # at the first bytes: without a network there is none
+                from tqdm.auto import tqdm
+
+                self._bar = tqdm(total=self._size, desc=self._name, unit="B", unit_scale=True, leave=False)
             self._bar.update(count)
         if self._tell is not None:
             self._tell(min(1.0, self._seen / self._size))

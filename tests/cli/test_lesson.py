@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 from command_line import refused, run
 
-from deformnb.cli import lab
 from deformnb.cli.lesson import lesson_notebook
 from deformnb.lessons import LESSONS
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_without_a_name_the_lessons_are_listed(
@@ -27,8 +32,8 @@ def test_a_lesson_is_copied_once_and_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     opened: list[tuple[Path, ...]] = []
-    monkeypatch.setattr(lab, "open_lab", lambda *given: opened.append(given))
-    monkeypatch.setattr("deformnb.cli.lesson.check_lab", lambda: None)
+    monkeypatch.setattr("deformnb.cli.lesson.open_lab", lambda *given: opened.append(given))
+    monkeypatch.setattr("deformnb.cli.lesson.check_lab", lambda *more: None)
     for word in ("new", "kept as it is"):
         assert run(tmp_path, "lesson kernels mine --no-browser", monkeypatch) == 0
         assert capsys.readouterr().out.startswith(word)
@@ -44,3 +49,20 @@ def test_an_unknown_lesson_names_the_known(
     code = run(tmp_path, "lesson kernel", monkeypatch)
     assert "choose one of coordinates, kernels, affine, folding" in refused(capsys.readouterr(), code)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.nightly
+def test_voila_shows_a_lesson_without_its_code(tmp_path: Path) -> None:
+    pytest.importorskip("voila")
+    command = [sys.executable, "-m", "deformnb", "lesson", "coordinates", str(tmp_path), "--voila", "--no-browser"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          text=True) as server:
+        try:
+            address = next(found[0] for line in server.stdout or () if (found := re.search(r"http://[^\s]+/", line)))
+            with urlopen(address, timeout=300) as answer:  # Voila runs the lesson before it answers in full
+                page = answer.read().decode()
+        finally:
+            server.terminate()
+    assert "Lesson 1: coordinates and grids" in page
+    assert "lesson.check(" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL), "the code is hidden"

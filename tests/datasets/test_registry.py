@@ -14,10 +14,12 @@ from collections import Counter
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import numpy as np
 import pytest
 
-from deformnb.datasets import DATASETS, PHANTOMS, fetch, registry
+from deformnb.datasets import DATASETS, PHANTOMS, fetch, find, load, registry
 from deformnb.errors import Cancelled, DeformError, VolumeFileError
+from deformnb.io import write_volume
 
 BODY = bytes(range(256)) * 300  # 76,800 bytes: several chunks
 
@@ -30,7 +32,7 @@ class Files(BaseHTTPRequestHandler):
         if self.path == "/missing":
             self.send_error(404)
             return
-        body = {"/other": BODY[:-1] + b"!", "/endless": BODY * 40}.get(self.path, BODY)
+        body = {"/other": BODY[:-1] + b"!", "/endless": BODY * 40, **self.server.bodies}.get(self.path, BODY)
         self.send_response(200)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
@@ -46,6 +48,7 @@ class Files(BaseHTTPRequestHandler):
 def server():
     with ThreadingHTTPServer(("127.0.0.1", 0), Files) as running:
         running.asked = Counter()
+        running.bodies = {}
         thread = threading.Thread(target=running.serve_forever, daemon=True)
         thread.start()
         yield running
@@ -188,8 +191,8 @@ def test_what_has_no_download_says_where_to_get_it(isolated_folders, tmp_path):
             with pytest.raises(DeformError, match="has no download: get it from") as caught:
                 fetch(name, folder=tmp_path)
             assert str(tmp_path / row.file) in str(caught.value)
-    with pytest.raises(DeformError, match="knee_labels"):
-        fetch("knee_labels", folder=tmp_path)
+    with pytest.raises(DeformError, match="lobster has no download"):
+        fetch("lobster", folder=tmp_path)
 
 
 def test_rows_are_complete():
@@ -208,7 +211,7 @@ def test_rows_are_complete():
 
 @pytest.mark.parametrize(("name", "local"), [("carp", "carp.nii.gz"), ("head_ct", "head_ct.nii.gz"),
                                              ("abdomen_ct", "abdomen_ct.nii.gz"), ("knee_labels", "knee_labels.nrrd"),
-                                             ("abdomen_labels", "abdomen_labels.nrrd")])
+                                             ("abdomen_labels", "abdomen_labels.nrrd"), ("horse", "horse.ply")])
 def test_checksums_and_sizes_are_those_of_the_real_files(real_data, name, local):
     data = real_data(local).read_bytes()
     assert hashlib.sha256(data).hexdigest() == DATASETS[name].sha256
@@ -233,8 +236,6 @@ def test_importing_asks_nobody_and_loads_no_downloader():
 
 
 def test_load_corrects_the_spacing(real_data, isolated_folders, monkeypatch):
-    from deformnb.datasets import load
-
     monkeypatch.setenv("DEFORMNB_DATA", str(real_data("carp.nii.gz").parent))
     carp = load("carp")
     assert carp.name == "carp"
@@ -243,3 +244,44 @@ def test_load_corrects_the_spacing(real_data, isolated_folders, monkeypatch):
     assert carp.grid.lengths == pytest.approx(phantom.lengths)
     assert carp.grid.direction == phantom.direction, "the same view shows the same side of both"
     assert carp.shape == (256, 512, 256)
+
+
+def test_both_scans_of_the_knee_come_from_one_matlab_file(server, serve, monkeypatch, tmp_path):
+    from scipy.io import savemat
+
+    straight, bent = (np.arange(24, dtype=np.uint8).reshape(2, 3, 4) + k for k in (0, 100))
+    savemat(tmp_path / "two.mat", {"dataR": straight, "dataT": bent})
+    body = (tmp_path / "two.mat").read_bytes()
+    server.bodies["/knee3D.mat"] = body
+    folder = serve("/right")
+    for name in ("knee_mr_straight", "knee_mr_bent"):
+        row = replace(DATASETS[name], address=f"http://127.0.0.1:{server.server_port}/knee3D.mat", size=len(body),
+                      sha256=hashlib.sha256(body).hexdigest())
+        monkeypatch.setitem(registry.DATASETS, name, row)
+    found = [load(name, progress=False) for name in ("knee_mr_straight", "knee_mr_bent")]
+    assert server.asked["/knee3D.mat"] == 1
+    assert sorted(path.name for path in folder.iterdir()) == ["knee3D.mat", "knee_mr_bent.nrrd",
+                                                              "knee_mr_straight.nrrd"]
+    for volume, values in zip(found, (straight, bent), strict=True):
+        np.testing.assert_array_equal(volume.values, values.transpose(2, 1, 0))  # MATLAB's is [x, y, z]
+        assert volume.grid.spacing == (1.0, 0.96875, 1.0)
+
+
+def test_find_says_whether_it_is_real(serve, capsys):
+    folder = serve("/missing")
+    volume, real = find("carp", (8, 16, 8))
+    assert (volume.shape, real) == ((8, 16, 8), False)
+    assert re.search("no real carp: .*404.*; the phantom is used\n", capsys.readouterr().out)
+    assert nothing_left(folder)
+    assert not find("lobster", (8, 16, 8))[1]
+    assert "by hand" in capsys.readouterr().out
+    write_volume(PHANTOMS["lobster"].make((8, 16, 4)), folder / "lobster.nrrd")
+    volume, real = find("lobster")
+    assert (volume.shape, real, volume.name) == ((8, 16, 4), True, "lobster")
+    assert "VolVis" in capsys.readouterr().out
+
+
+def test_a_mesh_is_fetched_and_not_loaded(isolated_folders):
+    for function in (load, find):
+        with pytest.raises(DeformError, match="is a mesh"):
+            function("horse")
