@@ -1,8 +1,13 @@
 """Volumes larger than memory: voxels per second and memory of the chunked warp, beside scipy over the same blocks.
 
-``python -m benchmarks chunked --size 512``. The source is made on the fly in Zarr. Both are given the field: samples
+``python -m benchmarks chunked --size 512``. The source is made on the fly in Zarr. Both are given the field: samples on
 a coarse lattice in space, or on the picture's plane for a replicated map; both read the source block by block,
-deform it and write the result to Zarr. Memory is that of this process and all of its children, above nothing.
+deform it and write the result to Zarr. They take turns, and medians are printed. "cpu" is processor time, which is what
+to compare on a busy machine. Memory is the resident memory of this process and all of its children together; the
+seconds in which JAX compiled are part of the time and stated beside it.
+
+``--workers`` measures instead how much two workers of dask with one thread each gain over one, beside two processes of
+plain C over one, each process on a processor of its own.
 """
 
 from __future__ import annotations
@@ -11,10 +16,15 @@ import argparse
 import os
 import resource
 import shutil
+import statistics
+import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,40 +38,118 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--memory", default="1 GB", help='of all blocks in work (default "1 GB")')
     parser.add_argument("--fields", nargs="*", default=["replicated", "general"])
     parser.add_argument("--without-scipy", action="store_true", help="measure this package alone")
+    parser.add_argument("--rounds", type=int, default=1, help="turns of each (default 1)")
+    parser.add_argument("--workers", action="store_true", help="what two workers gain, beside two processes of C")
     options = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chunked-"))
     try:
-        _run(folder, options)
+        (_run_workers if options.workers else _run)(folder, options)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return 0
 
 
 def _run(folder: Path, options: argparse.Namespace) -> None:
+    import jax
+
     from deformnb import chunked
     from deformnb.io import ome_zarr
     from deformnb.volume.volume import Grid
 
     n, block = options.size, ome_zarr.CHUNK
     source = _make_source(folder / "source.zarr", n)
-    print(f"{n}^3 uint8, blocks {block}, {options.threads} threads")
+    compiling: list[float] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, seconds, **_: compiling.append(seconds) if event.startswith("/jax/core/compile/") else None)
+    print(f"{n}^3 uint8, blocks {block}, {options.threads} threads, load {os.getloadavg()[0]:.1f}")
     for name in options.fields:
         field = _field(name, Grid((n, n, n)))
-        times = {}
-        with _PeakMemory() as peak:
-            start = time.perf_counter()
-            chunked.warp(source, field, folder / "ours.zarr", fill=0, levels=1, workers=options.threads,
-                         memory=options.memory, overwrite=True)
-            times["deformnb"] = time.perf_counter() - start
-        print(f"{name:11} deformnb {n**3 / times['deformnb'] / 1e6:8.1f} Mvoxel/s  peak {peak.bytes / 1e9:.2f} GB",
-              flush=True)
+        cases: dict[str, Callable[[], Any]] = {"deformnb": partial(
+            chunked.warp, source, field, folder / "ours.zarr", fill=0, levels=1, workers=options.threads,
+            memory=options.memory, overwrite=True)}
         if not options.without_scipy:
-            start = time.perf_counter()
-            _with_scipy(source, field, name, folder / "scipy.zarr", n, block, options.threads)
-            times["scipy"] = time.perf_counter() - start
+            cases["scipy"] = partial(_with_scipy, source, field, name, folder / "scipy.zarr", n, block, options.threads)
+        compiling.clear()
+        times = _in_turns(cases, options.rounds)
+        for case, (wall, cpu, peak) in times.items():
+            print(f"{name:11} {case:9}{n**3 / wall / 1e6:8.1f} Mvoxel/s  {cpu / n**3 * 1e9:6.1f} ns cpu/voxel  "
+                  f"peak {peak / 1e9:.2f} GB")
+        print(f"{'':11} compiled for {sum(compiling) / options.rounds:.1f} s a round", end="")
+        if not options.without_scipy:
             _compare(folder, n)
-            print(f"{'':11} scipy    {n**3 / times['scipy'] / 1e6:8.1f} Mvoxel/s  "
-                  f"{times['scipy'] / times['deformnb']:.1f} times as long", flush=True)
+            (wall, cpu, _), (wall_scipy, cpu_scipy, _) = times["deformnb"], times["scipy"]
+            print(f"; scipy takes {wall_scipy / wall:.1f} times as long, {cpu_scipy / cpu:.1f} times the cpu", end="")
+        print(flush=True)
+
+
+def _in_turns(cases: dict[str, Callable[[], Any]], rounds: int) -> dict[str, tuple[float, float, int]]:
+    """Medians of seconds and of processor seconds, and the largest memory of each."""
+    measured: dict[str, list[tuple[float, float, int]]] = {name: [] for name in cases}
+    for _ in range(rounds):
+        for name, run in cases.items():
+            with _PeakMemory() as peak:
+                start, cpu = time.perf_counter(), time.process_time()
+                run()
+                taken = time.perf_counter() - start, time.process_time() - cpu
+            measured[name].append((*taken, peak.bytes))
+    return {name: (statistics.median(r[0] for r in rows), statistics.median(r[1] for r in rows),
+                   max(r[2] for r in rows)) for name, rows in measured.items()}
+
+
+def _run_workers(folder: Path, options: argparse.Namespace) -> None:
+    from distributed import Client, LocalCluster
+
+    from deformnb import chunked
+    from deformnb.volume.volume import Grid
+
+    n, processors = options.size, sorted(os.sched_getaffinity(0))[:2]
+    if len(processors) < 2:
+        raise SystemExit("two workers need two processors.")
+    source, loops = _make_source(folder / "source.zarr", n), _compiled_loops(folder)
+    for name in options.fields:
+        field, rounds = _field(name, Grid((n, n, n))), {"replicated": 300, "general": 20}[name]
+        with ExitStack() as stack:
+            cases: dict[str, Callable[[], Any]] = {}
+            for count in (1, 2):
+                cluster = stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1,
+                                                           dashboard_address=None))
+                client = stack.enter_context(Client(cluster))
+                client.wait_for_workers(count)
+                for worker, processor in zip(client.scheduler_info()["workers"], processors, strict=False):
+                    client.run(_pin, processor, workers=[worker])
+                cases[f"deformnb {count}"] = partial(chunked.warp, source, field, folder / f"{count}.zarr", fill=0,
+                                                     levels=1, memory=options.memory, overwrite=True, client=client)
+                cases[f"C {count}"] = partial(_in_processes, [str(loops), name, "256", str(rounds)],
+                                              processors[:count])
+            for count in (1, 2):
+                cases[f"deformnb {count}"]()  # compiles
+            times = _in_turns(cases, options.rounds)
+        one, two = (n**3 / times[f"deformnb {count}"][0] / 1e6 for count in (1, 2))
+        gain_of_c = 2 * times["C 1"][0] / times["C 2"][0]
+        print(f"{name:11} {n}^3: one worker {one:.1f}, two workers {two:.1f} Mvoxel/s, gain {two / one:.2f}; two "
+              f"processes of C gain {gain_of_c:.2f}; peak of all processes, both clusters included "
+              f"{times['deformnb 2'][2] / 1e9:.2f} GB; load {os.getloadavg()[0]:.1f}", flush=True)
+
+
+def _pin(processor: int) -> None:
+    """Run in a worker before JAX starts there: its pool of threads has as many as the process has processors."""
+    for thread in Path("/proc/self/task").iterdir():
+        os.sched_setaffinity(int(thread.name), {processor})
+
+
+def _compiled_loops(folder: Path) -> Path:
+    program = folder / "loops"
+    source = Path(__file__).with_name("chunked_loops.c")
+    subprocess.run(["cc", "-O3", "-march=native", "-o", program, source, "-lm"], check=True)
+    return program
+
+
+def _in_processes(command: list[str], processors: list[int]) -> None:
+    running = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in processors]
+    for process, processor in zip(running, processors, strict=True):
+        os.sched_setaffinity(process.pid, {processor})
+    if any(process.wait() for process in running):
+        raise SystemExit("the program in C failed")
 
 
 def _make_source(path: Path, n: int) -> Path:
@@ -168,7 +256,8 @@ class _PeakMemory:
 def _resident(process: int) -> int:
     try:
         own = int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize()
-        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+        children = [child for thread in Path(f"/proc/{process}/task").iterdir()
+                    for child in (thread / "children").read_text().split()]
     except (OSError, IndexError):
         return 0
     return own + sum(_resident(int(child)) for child in children)

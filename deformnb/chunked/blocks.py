@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.chunked.sources import LargeVolume, Part
+from deformnb.chunked.sources import ChunkCache, LargeVolume, Part
 from deformnb.errors import DeformError
 from deformnb.io.headers import human_bytes
+from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.sampling import METHODS, aligned_empty
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.planning import shared_axis
 from deformnb.warping.reach import DisplacementBounds, source_part
 from deformnb.warping.warper import Warper
 
@@ -76,6 +78,7 @@ class BlockWarp:
     blocks : of the result.
     parts : of the source that each block needs, None where it shows nothing of it.
     window : the shape of the largest of them along each axis.
+    cache : of chunks of the source.
     """
 
     source: LargeVolume
@@ -87,6 +90,7 @@ class BlockWarp:
     blocks: Blocks
     parts: tuple[Part | None, ...]
     window: Shape
+    cache: ChunkCache
 
     def __call__(self, number: int) -> NDArray[Any]:
         """The voxels of one block of the result."""
@@ -95,9 +99,13 @@ class BlockWarp:
             return np.full(shape_of(wanted), self.fill, self.source.dtype)
         start = [min(s.start, n - b) for s, n, b in zip(wanted, self.output.shape, self.blocks.block, strict=True)]
         grid = self.output.crop((start[0], start[1], start[2]), self.blocks.block)
-        warped = Warper(self._window(part), output=grid, fill=self.fill, method=self.method)(self.field)
+        warper = Warper(self._window(part), output=grid, fill=self.fill, method=self.method)
+        if isinstance(self.field, Extrusion) and self.field.is_replication:
+            axis = shared_axis(self.field.plane, warper.volume.grid, grid)
+            if axis is not None:  # two copies in another order, and still half the time
+                warper.prepare(axis)
         inner = tuple(slice(s.start - first, s.stop - first) for s, first in zip(wanted, start, strict=True))
-        return warped.values[inner]
+        return np.ascontiguousarray(warper(self.field).values[inner])
 
     def _window(self, part: Part) -> Volume:
         """A part of the source in an array as large as all have; it touches the source's border where that does."""
@@ -106,7 +114,7 @@ class BlockWarp:
         inner = tuple(slice(s.start - first, s.stop - first) for s, first in zip(part, (z, y, x), strict=True))
         if shape_of(part) != self.window:
             values[...] = 0  # never sampled
-        values[inner] = self.source.read(part)
+        self.cache.read_into(part, values[inner])
         if values.dtype.kind == "f":
             np.copyto(values, self.background, where=~np.isfinite(values))
         return Volume(values, self.source.grid.crop((z, y, x), self.window), is_labels=self.source.is_labels)
@@ -130,14 +138,17 @@ def _bytes(source: LargeVolume, method: str, block: Shape, window: Shape) -> int
 
 
 def planned(source: LargeVolume, field: AbstractField, output: Grid, *, method: str, fill: float, background: float,
-            block: Shape, memory: int, workers: int, progress: Progress | None = None) -> tuple[BlockWarp, int]:
+            block: Shape, memory: int, workers: int, processes: int = 1,
+            progress: Progress | None = None) -> tuple[BlockWarp, int]:
     """The blocks of a warp, and how many may be computed at once within the memory.
 
     Parameters
     ----------
     block : the largest shape of a block; halved until one at a time fits.
-    memory : bytes that all blocks in work may take together.
+    memory : bytes that all blocks in work may take together; what these leave is for chunks of the source that are
+        read again for other blocks.
     workers : blocks at once at most.
+    processes : that share the work and the memory.
 
     Raises
     ------
@@ -154,8 +165,10 @@ def planned(source: LargeVolume, field: AbstractField, output: Grid, *, method: 
         window: Shape = tuple(int(n) for n in sizes.max(axis=0))  # type: ignore[assignment]
         needed = _bytes(source, method, block, window)
         if needed <= memory:
-            job = BlockWarp(source, field, output, method, fill, background, blocks, tuple(found), window)
-            return job, max(1, min(workers, memory // needed))
+            at_once = max(1, min(workers, memory // needed))
+            cache = ChunkCache(source, (memory - at_once * needed) // processes)
+            return BlockWarp(source, field, output, method, fill, background, blocks, tuple(found), window,
+                             cache), at_once
         if math.prod(block) <= _FEWEST_VOXELS:
             raise DeformError(f"a block of {' x '.join(map(str, block[::-1]))} voxels needs {human_bytes(needed)}, as "
                               f"its displacements lead far apart, and memory allows {human_bytes(memory)}; allow more.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from itertools import islice
 from typing import Any
 
 from deformnb.errors import DeformError, MissingPackageError
@@ -37,11 +38,13 @@ def on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int)
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], carried: int) -> Iterator[int]:
+def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int,
+               carried: int) -> Iterator[int]:
     """The same on the workers of a ``dask.distributed.Client``; a block whose worker dies is done by another one.
 
     Parameters
     ----------
+    at_once : so many are in work at a time, if the memory suffices for fewer than the workers have threads.
     carried : bytes of the arrays that the work holds.
     """
     from distributed import as_completed
@@ -52,15 +55,25 @@ def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], 
     # What is computed on a worker can be computed again if that dies; what is scattered lies on each of them.
     shared = client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(
         _same, work, pure=False)
-    futures = {client.submit(_call, shared, number, pure=False, retries=_RETRIES): number for number in numbers}
+    following = iter(numbers)
+
+    def submitted(count: int | None) -> dict[Any, int]:
+        return {client.submit(_call, shared, number, pure=False, retries=_RETRIES): number
+                for number in islice(following, count)}
+
+    futures = submitted(at_once if at_once < threads_of(client) else None)
+    finished = as_completed(list(futures))
     try:
-        for future in as_completed(list(futures)):
+        for future in finished:
             try:
                 future.result()
             except KilledWorker as error:
                 raise DeformError(f"the workers died over block {futures[future]} again and again, most likely for "
                                   "want of memory; give memory=... a smaller value.") from error
-            yield futures[future]
+            yield futures.pop(future)
+            more = submitted(1)
+            finished.update(more)
+            futures |= more
     finally:
         client.cancel(list(futures))
 

@@ -8,8 +8,12 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import threading
+from collections import OrderedDict
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -48,6 +52,10 @@ class Reader(Protocol):
     def dtype(self) -> np.dtype[Any]:
         """The type as stored."""
 
+    @property
+    def chunks(self) -> tuple[int, ...] | None:
+        """Voxels (z, y, x) that are stored and unpacked together; None if every part is read as quickly."""
+
     def read(self, part: Part) -> NDArray[Any]:
         """Voxels of a part."""
 
@@ -68,6 +76,10 @@ class _Array:
     @property
     def dtype(self) -> np.dtype[Any]:
         return np.dtype(self.array.dtype)
+
+    @property
+    def chunks(self) -> None:
+        return None
 
     def read(self, part: Part) -> NDArray[Any]:
         found = self.array[part]
@@ -91,6 +103,7 @@ class _Mapped:
     shape: tuple[int, ...]
     offset: int
     order: Any
+    chunks: None = None
 
     def read(self, part: Part) -> NDArray[Any]:
         return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.shape, self.order)[part])
@@ -113,6 +126,10 @@ class _Zarr:
     def dtype(self) -> np.dtype[Any]:
         return np.dtype(self.level.array.dtype)
 
+    @property
+    def chunks(self) -> tuple[int, ...]:
+        return (1, *self.level.array.chunks)[-3:]
+
     def read(self, part: Part) -> NDArray[Any]:
         return self.level.read(part)
 
@@ -130,6 +147,7 @@ class _Hdf5:
     name: str
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
+    chunks: tuple[int, ...] | None
 
     def read(self, part: Part) -> NDArray[Any]:
         with optional_package("h5py").File(self.path, "r") as file:
@@ -146,6 +164,7 @@ class _Tiff:
     path: str
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
+    chunks: tuple[int, ...]
 
     def read(self, part: Part) -> NDArray[Any]:
         tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
@@ -274,6 +293,76 @@ class LargeVolume:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+class ChunkCache:
+    """Chunks of a source that were unpacked lately. Blocks of a result overlap in what they read, so that each chunk
+    would be unpacked many times. May be read from several threads; another process begins with an empty one.
+
+    Parameters
+    ----------
+    source : the volume to read.
+    limit : bytes of all chunks that are kept.
+
+    Examples
+    --------
+    >>> cache = ChunkCache(open_volume(np.arange(8).reshape(2, 2, 2)), 1000)
+    >>> out = np.empty((1, 2, 2), np.int32)
+    >>> cache.read_into((slice(1, 2), slice(0, 2), slice(0, 2)), out)
+    >>> out.tolist()
+    [[[4, 5], [6, 7]]]
+    """
+
+    def __init__(self, source: LargeVolume, limit: int) -> None:
+        self.source, self.limit = source, limit
+        self._kept: OrderedDict[tuple[int, ...], tuple[Future[NDArray[Any]], int]] = OrderedDict()
+        self._bytes, self._lock = 0, threading.Lock()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ChunkCache, (self.source, self.limit)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of the chunks that are kept now."""
+        return self._bytes
+
+    def read_into(self, part: Part, out: NDArray[Any]) -> None:
+        """Copy the voxels of a part into an array of its shape."""
+        chunks = self.source.reader.chunks
+        if chunks is None:
+            out[...] = self.source.read(part)
+            return
+        numbers = [range(s.start // n, -(-s.stop // n)) for s, n in zip(part, chunks, strict=True)]
+        if math.prod(len(some) * n for some, n in zip(numbers, chunks, strict=True)) * out.itemsize > self.limit:
+            out[...] = self.source.read(part)
+            return
+        for number in product(*numbers):
+            whole = [slice(k * n, min((k + 1) * n, end)) for k, n, end in zip(number, chunks, self.source.shape,
+                                                                               strict=True)]
+            both = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(part, whole, strict=True)]
+            out[tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, part, strict=True))] = self._chunk(
+                number, (whole[0], whole[1], whole[2]))[
+                    tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, whole, strict=True))]
+
+    def _chunk(self, number: tuple[int, ...], whole: Part) -> NDArray[Any]:
+        """A chunk; one thread unpacks it, and others that need it at the same time wait for that."""
+        with self._lock:
+            found = self._kept.pop(number, None)
+            mine, size = found or (Future(), math.prod(s.stop - s.start for s in whole) * self.source.dtype.itemsize)
+            self._kept[number] = mine, size  # the one used last is at the end
+            if found is None:
+                self._bytes += size
+                while self._bytes > self.limit:
+                    self._bytes -= self._kept.popitem(last=False)[1][1]
+        if found is None:
+            try:
+                mine.set_result(self.source.read(whole))
+            except BaseException as error:
+                with self._lock:
+                    self._bytes -= self._kept.pop(number, (mine, 0))[1]
+                mine.set_exception(error)
+                raise
+        return mine.result()
+
+
 def open_volume(source: Any, *, grid: Grid | None = None, spacing: Float3 | None = None, name: str | None = None,
                 is_labels: bool | None = None, level: int = 0) -> LargeVolume:
     """A volume that is read in parts.
@@ -333,7 +422,7 @@ def _reader_of(array: Any) -> Reader:
         grid = Grid((int(array.shape[0]), int(array.shape[1]), int(array.shape[2])))
         return _Zarr(ome_zarr.Level(array, (slice(None),) * 3, grid))
     if kind == "h5py":
-        return _Hdf5(array.file.filename, array.name, tuple(array.shape), np.dtype(array.dtype))
+        return _Hdf5(array.file.filename, array.name, tuple(array.shape), np.dtype(array.dtype), array.chunks)
     return _Array(array)
 
 
@@ -400,7 +489,7 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
             raise fail(path, f"voxels of type {item.dtype} are no numbers that can be deformed.")
         shape, _ = volume_shape(path, [int(n) for n in item.shape[::-1]], item.dtype.itemsize)
         _check_chunk(path, math.prod(item.chunks or (1,)) * item.dtype.itemsize)
-        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype), _hdf5_grid(path, item, shape),
+        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype, item.chunks), _hdf5_grid(path, item, shape),
                            path.stem, path=path)
 
 
@@ -421,8 +510,8 @@ def _of_tiff(path: Path) -> LargeVolume:
             raise fail(path, f"its pages make an array of shape {array.shape}, and its header says "
                              f"{about.grid.shape}.")
         _check_chunk(path, math.prod(array.chunks) * array.dtype.itemsize)
-        stored = np.dtype(array.dtype)
-    return LargeVolume(_Tiff(str(path), about.grid.shape, stored), about.grid, path.stem, about.is_labels, "",
+        stored, chunks = np.dtype(array.dtype), (1, *array.chunks)[-3:]
+    return LargeVolume(_Tiff(str(path), about.grid.shape, stored, chunks), about.grid, path.stem, about.is_labels, "",
                        about.notes, path=path)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from deformnb._typing import Progress
 from deformnb.checks import is_finite, shown_value
 from deformnb.chunked import execution
 from deformnb.chunked.blocks import Blocks, BlockWarp, planned, shape_of
-from deformnb.chunked.sources import LargeVolume, open_volume
+from deformnb.chunked.sources import ChunkCache, LargeVolume, open_volume
 from deformnb.chunked.store import UnfinishedStore, fingerprint, unfinished_store
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io import ome_zarr
@@ -50,8 +50,9 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     fill : value of places outside the source; default is the smallest value of the source, which is read once to find
         it, until a zero turns up in a type without negative values.
     method : "nearest", "linear" or "cubic"; default is linear, and nearest for labels and bool.
-    memory : bytes, or text such as "2 GB", that all blocks in work take at most together, beside what the process has
-        anyway; default is 1 GiB, or 60 % of what is free if that is less.
+    memory : bytes, or text such as "2 GB", that all blocks in work and the chunks of the source kept for the next ones
+        take at most together, beside what the process has anyway; default is 1 GiB, or 60 % of what is free if that is
+        less.
     client : a ``dask.distributed.Client``, whose workers compute the blocks; they need the files of the source and the
         target under the same paths. Default is threads of this process.
     workers : blocks at once at most; default is the number of processors.
@@ -111,8 +112,9 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     checked = None if progress is None else lambda _share: progress(0.0)  # it may end the search
     background = volume.smallest(checked) if fill is None else float(fill)
     voxel = as_voxel(background if fill is None else fill, volume.dtype)
+    processes = len(client.nthreads()) if client is not None else 1
     job, at_once = planned(volume, field, grid, method=method, fill=float(voxel), background=background, block=block,
-                           memory=limit, workers=allowed, progress=progress)
+                           memory=limit, workers=allowed, processes=processes, progress=progress)
     if target is None:
         return _lazy(job)
     if target is Volume:
@@ -160,7 +162,8 @@ def _lazy(job: BlockWarp) -> Any:
     except ImportError as error:
         raise MissingPackageError('arrays of dask need the package dask, which is not installed: pip install '
                                   '"deformnb[large]"; or name a target') from error
-    shared = delayed(job, traverse=False)
+    # The array may live long after it was computed: it keeps no chunks of the source.
+    shared = delayed(replace(job, cache=ChunkCache(job.source, 0)), traverse=False)
     made = [dask.array.from_delayed(delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)
             for k in range(len(job.blocks))]
     nz, ny, nx = job.blocks.counts
@@ -228,7 +231,7 @@ def _write(job: BlockWarp, at_once: int, target: Path, client: Any, progress: Pr
         for level, (work, blocks) in enumerate(steps):
             missing = [k for k in range(len(blocks)) if (level, k) not in store.done]
             for number in (execution.on_threads(work, missing, at_once) if client is None else
-                           execution.on_cluster(client, work, missing, 0 if level else job.carried)):
+                           execution.on_cluster(client, work, missing, at_once, 0 if level else job.carried)):
                 store.finished(level, number)
                 if progress is not None:
                     progress(len(store.done) / total)

@@ -37,7 +37,7 @@ def add_transform(commands: Any) -> None:
 
 def _transform(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
-    from deformnb.io.transforms import is_transform, read_transform, write_transform
+    from deformnb.io.transforms import check_transform_target, is_transform, read_transform, write_transform
     from deformnb.session.inputs import grid_of_file
     from deformnb.warping.inverse import invert
 
@@ -55,13 +55,17 @@ def _transform(options: argparse.Namespace) -> None:
                               "fit what other programs read in its file; state the session's with --spacing.")
         field = document.scaled(options.strength).field(grid)
     lattice = _every(grid, options.every)
+    check_transform_target(options.output, overwrite=options.force)
+    beside = options.inverse
+    if beside is not None:
+        beside = Path(beside) if beside else _forward_name(Path(options.output))
+        check_transform_target(beside, overwrite=options.force)
     with stages() as stage:
         write_transform(field, options.output, lattice, overwrite=options.force,
                         progress=stage(f"write {Path(options.output).name}"))
         note("it maps backward, from places of the result to places of the input")
         print(options.output)
-        if options.inverse is not None:
-            beside = options.inverse or _forward_name(Path(options.output))
+        if beside is not None:
             inverse = invert(field, lattice, progress=stage("invert"))
             note(f"the inverse maps forward, and reaches {100 * inverse.share:.4g} % of the voxels within "
                  f"{inverse.tolerance:.3g}")

@@ -139,6 +139,21 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | Volume | None = No
         return row.read(place, None if grid is None else as_grid(grid))
 
 
+def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Refuse a place where :func:`write_transform` could not write, before any work.
+
+    Raises
+    ------
+    VolumeFileError
+        If the file is there or cannot be written, or its name ends otherwise.
+    """
+    place = as_path(path)
+    row = _row(place)
+    if row is None or row.write is None:
+        raise fail(place, f"a transform is written to a file that ends with one of {transform_suffixes(writing=True)}.")
+    check_target(place, overwrite=overwrite, folder_marks=("zarr.json", ".zgroup") if row.is_folder else ())
+
+
 def write_transform(transform: AbstractField | HasField, path: str | os.PathLike[str], grid: Grid | Volume, *,
                     inverse: str | os.PathLike[str] | None = None, overwrite: bool = False,
                     progress: Progress | None = None) -> None:
@@ -166,12 +181,7 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
     lattice = as_grid(grid)
     places = [as_path(name) for name in (path, inverse) if name is not None]
     for place in places:
-        row = _row(place)
-        if row is None or row.write is None:
-            raise fail(place, "a transform is written to a file that ends with one of "
-                              f"{transform_suffixes(writing=True)}.")
-        if not row.is_folder:
-            check_target(place, overwrite=overwrite)
+        check_transform_target(place, overwrite=overwrite)
     field = as_transform_field(transform, lattice)
     if inverse is None:
         _write(transform, field, places[0], lattice, overwrite, progress)

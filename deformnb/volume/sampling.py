@@ -257,8 +257,8 @@ def _moved(whole: Sequence[Any], part: Sequence[Any], move: Any, near: bool) -> 
     return split(sum(whole), sum(part) + move, near=near)
 
 
-def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int, int],
-             method: str, step: int, compute: str, index: str, near: bool = False) -> Any:
+def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: Any, nodes: Any = None, *,
+             shape: tuple[int, int, int], method: str, step: int, compute: str, index: str, near: bool = False) -> Any:
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
     flat : the input's voxels (or spline coefficients), one row; ``shape`` is its shape.
@@ -266,20 +266,29 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
         one with the components last.
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
+    nodes : None, or where planes and rows of the field lie instead of at every ``step``-th: for z and y the node
+        before each voxel (n,), and the place of the voxel from there to the next node, in [0, 1].
     """
     low = np.arange(whole[1].shape[1]) // step
     tail = () if isinstance(field, tuple) else (1,)
     within = jnp.asarray(np.arange(whole[1].shape[1]) % step / step, jnp.float32).reshape(-1, 1, *tail)
 
+    def between(values: Any, below: Any, t: Any) -> Any:
+        # Two slices, a barrier, then rows: one slice of two planes costs 4 to 7 times more.
+        first = lax.dynamic_index_in_dim(values, below, keepdims=False)
+        second = lax.dynamic_index_in_dim(values, below + 1, keepdims=False)
+        return lax.optimization_barrier((1 - t) * first + t * second)
+
     def component(values: Any, q: Any) -> Any:
+        if nodes is not None:
+            (below, z), (before, y) = nodes
+            rows = [between(values, below[q], z[q]).at[before + k].get(mode="promise_in_bounds") for k in (0, 1)]
+            s = y.reshape(-1, 1, *tail)
+            return lax.optimization_barrier((1 - s) * rows[0] + s * rows[1])
         if step == 1:
             return lax.dynamic_index_in_dim(values, q, keepdims=False)
-        # Two slices, a barrier, then rows by constant numbers: one slice of two planes costs 4 to 7 times more.
-        first = lax.dynamic_index_in_dim(values, q // step, keepdims=False)
-        second = lax.dynamic_index_in_dim(values, q // step + 1, keepdims=False)
-        t = (q % step).astype(jnp.float32) / step
-        nodes = lax.optimization_barrier((1 - t) * first + t * second)
-        return lax.optimization_barrier((1 - within) * nodes[low] + within * nodes[low + 1])
+        plane = between(values, q // step, (q % step).astype(jnp.float32) / step)
+        return lax.optimization_barrier((1 - within) * plane[low] + within * plane[low + 1])
 
     def plane(q: Any) -> Any:
         if isinstance(field, tuple):

@@ -36,9 +36,6 @@ _WHOLE = 1e-7
 # map is looked up at most 1e-3 voxels beside.
 _PARALLEL = 1e-6
 
-# Up to so many samples a product with zeros in it is quicker than two look-ups.
-_FEW_NODES = 48
-
 # What that amounts to over a whole volume, in voxels.
 _SKEW = 1e-3
 
@@ -264,6 +261,53 @@ def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
     return Grid(shape, (sx, sy * step, sz * step), (origin[0], origin[1], origin[2]), grid.direction)
 
 
+Tables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
+"""Along z and y: the node before each voxel, and the place of the voxel from there to the next node, in [0, 1]."""
+
+
+def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], Tables] | None:
+    """A field stored on a coarser grid with parallel axes, interpolated along x; None if it is no such field.
+
+    Returns
+    -------
+    displacements (nodes z, nodes y, nx) along x, y, z, and the nodes beside each voxel. The warp's kernel interpolates
+    between these plane by plane, in the cache: displacements of all voxels would take twelve bytes for each. Blocks of
+    one shape have equally many nodes, so that one compilation serves all.
+    """
+    if not (isinstance(field, DisplacementField) and isinstance(field.lattice, Grid)):
+        return None
+    at = places(field.lattice, grid, "float64")
+    if not _is_parallel(at):
+        return None
+    parts, tables = [], []
+    for axis, (n, count) in enumerate(zip(grid.shape, field.lattice.shape, strict=True)):
+        low, t = _cells(at, axis, count)
+        apart = abs(field.lattice.spacing[2 - axis])
+        most = min(count, int((n - 1) * grid.spacing[2 - axis] / apart + _WHOLE) + 3)
+        if count < 2 or (axis < 2 and most >= n):
+            return None
+        first = min(int(low.min()), count - most)
+        parts.append(slice(first, first + most))
+        tables.append(((low - first).astype(np.int32), t.astype(np.float32)))
+    some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
+    before, within = tables.pop()
+    d = checked((1 - within) * some[..., before] + within * some[..., before + 1])
+    return tuple(on_device(component) for component in d), tuple(tables)
+
+
+def _is_parallel(at: Places) -> bool:
+    """Whether each output axis runs along the input axis of its number."""
+    axes = range(len(at.whole))
+    return not any(at.whole[o][axis].any() or at.part[o][axis].any() for axis in axes for o in axes if o != axis)
+
+
+def _cells(at: Places, axis: int, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Along an axis of ``count`` samples: the sample before each place, with one after it, and the place in between."""
+    place = np.clip(at.whole[axis][axis] + at.part[axis][axis].astype(np.float64), 0, count - 1)
+    low = np.minimum(place.astype(np.int64), max(count - 2, 0))
+    return low, place - low
+
+
 def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     """The field on a lattice: (nz, ny, nx, 3), or components x, y, z as three arrays on JAX's side.
 
@@ -309,13 +353,13 @@ def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.flo
 def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
     """Stored samples read linearly, one axis after the other; None if the axes are not parallel.
 
-    Where the places are samples themselves this is a view, so a field stored on the output's grid costs nothing.
+    Where the places are samples themselves this is a view, so a field stored on the output's grid costs nothing. No
+    products of matrices: the threads of BLAS wait for each other, on a loaded machine longer than they compute.
     """
-    axes = range(samples.ndim - 1)
-    if any(at.whole[o][axis].any() or at.part[o][axis].any() for axis in axes for o in axes if o != axis):
+    if not _is_parallel(at):
         return None
     samples = samples.astype(np.result_type(samples, np.float32), copy=False)  # whole numbers lie between none
-    for axis in reversed(axes):  # the longest array comes last, as one product with a matrix
+    for axis in reversed(range(samples.ndim - 1)):  # the longest array comes last
         n = samples.shape[axis]
         place = np.clip(at.whole[axis][axis] + at.part[axis][axis], 0, n - 1)
         low = place.astype(np.int64)
@@ -323,25 +367,9 @@ def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
         if not t.any() and (np.diff(low) == 1).all():
             samples = samples[(slice(None),) * axis + (slice(low[0], low[-1] + 1),)]
             continue
-        first, count = int(low[0]), int(low[-1] - low[0]) + 2
-        if (np.diff(low) >= 0).all() and count <= _FEW_NODES:
-            samples = _between_few(samples, axis, low - first, t, slice(first, first + count))
-            continue
         t = t.reshape([-1 if k == axis else 1 for k in range(samples.ndim)])
         samples = (1 - t) * samples.take(low, axis) + t * samples.take(np.minimum(low + 1, n - 1), axis)
     return samples
-
-
-def _between_few(samples: NDArray[Any], axis: int, low: NDArray[np.int64], t: NDArray[Any],
-                 part: slice) -> NDArray[Any]:
-    """Linear interpolation along an axis with few samples as a product with the matrix of weights."""
-    some = np.ascontiguousarray(samples[(slice(None),) * axis + (part,)])
-    rows, count = np.arange(len(low)), some.shape[axis]
-    weights = np.zeros((len(low), count), samples.dtype)
-    weights[rows, low] = 1 - t
-    weights[rows, np.minimum(low + 1, count - 1)] += t
-    shape = (*some.shape[:axis], len(low), *some.shape[axis + 1:])
-    return np.matmul(weights, some.reshape(int(np.prod(some.shape[:axis])), count, -1)).reshape(shape)
 
 
 def checked(values: Any) -> NDArray[np.float32]:

@@ -334,13 +334,17 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     by_lattice = chain.is_single or step > 1
 
     def work(block: tuple[slice, slice]) -> None:
-        nodes = planning.lattice(grid, block, step)
-        d, opacity = planning.seen(field, nodes, step) if by_lattice else chain.seen(nodes)
+        lattice, opacity, nodes = planning.lattice(grid, block, step), None, None
+        stored = planning.between_samples(field, lattice) if step == 1 else None
+        if stored is not None:
+            d, nodes = stored
+        else:
+            d, opacity = planning.seen(field, lattice, step) if by_lattice else chain.seen(lattice)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             at = warper._places
             with warper._arithmetic():
-                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), warper._fill, step=step,
-                                                     **warper._settings()))
+                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), warper._fill, nodes,
+                                                     step=step, **warper._settings()))
             if opacity is not None:
                 result = warper._faded(result, opacity)
             target = out[block]

@@ -154,6 +154,50 @@ def test_a_cancelled_job_goes_on_with_what_is_missing(volume: Volume, tmp_path: 
         chunked.warp(volume, SPACE, target, chunks=CHUNKS)
 
 
+class Counted:
+    """A source in chunks of 4 x 5 x 6 voxels that notes what is read of it."""
+
+    shape, dtype, chunks = (11, 13, 17), np.dtype(np.uint8), (4, 5, 6)
+
+    def __init__(self) -> None:
+        self.values = np.random.default_rng(3).integers(0, 255, self.shape).astype(np.uint8)
+        self.parts: list[tuple[slice, slice, slice]] = []
+
+    def read(self, part: tuple[slice, slice, slice]) -> Any:
+        self.parts.append(part)
+        return self.values[part]
+
+    def identity(self) -> str:
+        return "counted"
+
+
+@pytest.mark.parametrize(("limit", "most"), [(12 * 15 * 18, 27), (500, 10**9), (0, 10**9)])
+def test_a_chunk_is_unpacked_once_while_it_is_kept(limit: int, most: int) -> None:
+    reader, rng = Counted(), np.random.default_rng(4)
+    cache = sources.ChunkCache(sources.LargeVolume(reader, Grid(reader.shape)), limit)
+    for _ in range(60):
+        ends = [np.sort(rng.choice(n + 1, 2, replace=False)) for n in reader.shape]
+        part = tuple(slice(int(a), int(b)) for a, b in ends)
+        out = np.empty(blocks.shape_of(part), np.uint8)
+        cache.read_into(part, out)
+        np.testing.assert_array_equal(out, reader.values[part])
+        assert cache.bytes <= limit
+    assert len(reader.parts) <= most
+
+
+def test_a_chunk_that_cannot_be_read_is_tried_again() -> None:
+    reader = Counted()
+    cache, whole = sources.ChunkCache(sources.LargeVolume(reader, Grid(reader.shape)), 10**6), (slice(0, 4),) * 3
+    values, reader.values = reader.values, None  # type: ignore[assignment]
+    with pytest.raises(TypeError):
+        cache.read_into(whole, np.empty((4, 4, 4), np.uint8))
+    assert cache.bytes == 0
+    reader.values = values
+    out = np.empty((4, 4, 4), np.uint8)
+    cache.read_into(whole, out)
+    np.testing.assert_array_equal(out, values[whole])
+
+
 def test_all_blocks_have_one_compiled_shape(volume: Volume) -> None:
     field = SPACE.field(volume)
     job, _ = blocks.planned(sources.open_volume(volume), field, volume.grid, method="linear", fill=0, background=0,

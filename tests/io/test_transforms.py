@@ -274,6 +274,8 @@ def test_the_command_writes_a_transform_and_its_inverse_and_warp_applies_it(tmp_
     assert main(["warp", out, volume, warped]) == 0
     assert np.abs(dn.read_volume(warped).values - document.apply(VOLUME).values).max() < 0.05
     assert main(["transform", session, volume, out]) == 2  # it is there
+    assert main(["transform", session, volume, str(tmp_path / "new.tfm"), "--inverse", back]) == 2
+    assert not (tmp_path / "new.tfm").exists()  # refused before any work
     assert main(["transform", session, volume, str(tmp_path / "w.nii.gz"), "--every", "2", "--inverse"]) == 0
     coarse = read_transform(tmp_path / "w.nii.gz")
     assert isinstance(coarse, DisplacementField)

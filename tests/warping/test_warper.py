@@ -516,6 +516,26 @@ def test_parts_of_any_size_give_the_same_voxels(threads: int, step: int, monkeyp
             assert (warp(volume, f, step=step).values == expected).all()
 
 
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_field_on_a_coarse_grid_is_that_of_its_samples_at_every_voxel(turn: int) -> None:
+    output = Grid((13, 17, 11), (1.0, 1.1, 0.9), (3.0, 2.0, 1.0), ((turn, 0, 0), (0, turn, 0), (0, 0, 1)))
+    values = np.random.default_rng(5).normal(size=(5, 4, 6, 3))
+    coarse = DisplacementField(values, Grid((5, 4, 6), (3.0, 4.5, 3.5), (-1.0, -2.0, -1.0)))
+    stored = planning.between_samples(coarse, output)
+    assert stored is not None
+    (x, y, z), tables = stored
+    assert x.shape[0] < 13
+    assert x.shape[1] < 17
+    (below, s), (before, t) = tables
+    for found, wanted in zip((x, y, z), coarse.components_on_grid(output), strict=True):
+        planes = (1 - s)[:, None, None] * found[below] + s[:, None, None] * found[below + 1]
+        rows = (1 - t)[:, None] * planes[:, before] + t[:, None] * planes[:, before + 1]
+        np.testing.assert_allclose(rows, wanted, atol=1e-5)
+    volume = noise(output)
+    every = DisplacementField(np.moveaxis(coarse.components_on_grid(output), 0, -1), output)
+    np.testing.assert_allclose(warp(volume, coarse).values, warp(volume, every).values, atol=2e-2)
+
+
 @given(shape=st.tuples(*[st.integers(1, 40)] * 3), step=st.integers(1, 5), most=st.integers(1, 999))
 def test_parts_cover_the_output_and_have_one_size(shape: tuple[int, int, int], step: int, most: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
