@@ -112,7 +112,7 @@ def _run_workers(folder: Path, options: argparse.Namespace) -> None:
             cases: dict[str, Callable[[], Any]] = {}
             for count in (1, 2):
                 cluster = stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1,
-                                                           dashboard_address=None))
+                                                           dashboard_address=":0"))
                 client = stack.enter_context(Client(cluster))
                 client.wait_for_workers(count)
                 for worker, processor in zip(client.scheduler_info()["workers"], processors, strict=False):
