@@ -279,7 +279,9 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     except OSError as error:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
             raise
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        # NumPy's tofile, which tifffile uses, counts what it wrote and gives no number of an error.
+        is_short = error.errno is None and "requested and" in str(error)
+        full = is_short or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         why = "the disk (or your share of it) is full" if full else f"the system reports: {error.strerror or error}"
         raise fail(target, f"was not written, {why}; an older file of this name is untouched.") from error
     finally:

@@ -140,8 +140,8 @@ class Tab:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Of the picture of the volume in pixels."""
-        return tuple(self.page.evaluate("['width', 'height'].map((n) => document.querySelector('.dnb-canvas')[n])"))
+        """Of the full picture of the volume in pixels; a quick one, which the canvas may show, has fewer."""
+        return tuple(self.page.evaluate("document.querySelector('.dnb-view').deformnb.caster.size"))
 
     @property
     def camera(self) -> dict[str, Any]:

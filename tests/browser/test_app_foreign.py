@@ -28,6 +28,7 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
         before = tab.volume()
         assert ask_for_sockets(browser, origin, app.name) == _REFUSED
         tab.drag(0, 40, 0)
+        tab.has(4, 1)
         tab.follows(before)
         tab.close()
     app.application.thread.call(app.session.reset).result(30)

@@ -251,7 +251,7 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(opene
     page.page.get_by_role("button", name="Make rigid part").click()
     page.settled()
     assert [m.what for m in asked[-1:]] == ["part"]
-    assert page.page.locator(".dnb-ed-wand-bar").is_visible()  # for the next one
+    assert page.page.get_by_role("group", name="Wand").is_visible()  # for the next one
     page.page.mouse.click(x + 3, y)
     page.settled()
     assert asked[-1].what == "preview"

@@ -129,7 +129,7 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     ("warp pull.json cut.nrrd out.nrrd", "cut.nrrd"),
     ("warp pull.json tiny.nrrd tiny.nrrd", "already there; choose another name, or --force"),
     ("warp pull.json tiny.nrrd out.docx", "out.docx: .*write .nii"),
-    ("warp pull.json tiny.nrrd out.tif", "read but not written"),
+    ("warp pull.json tiny.nrrd out.dcm", "read but not written"),
     ("warp pull.json tiny.nrrd missing/out.nrrd", "no folder .*missing"),
     ("warp pull.json tiny.nrrd tiny.nrrd/out.nrrd", "no folder"),
     ("warp pull.json tiny.nrrd folder.nrrd", "is a folder"),

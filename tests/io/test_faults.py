@@ -92,7 +92,7 @@ def test_a_file_cut_anywhere_is_refused(suffix: str, tmp_path: Path) -> None:
     assert read_volume(path).shape == (4, 5, 6)
 
 
-@pytest.mark.parametrize("suffix", [s for s in FILES if s not in (".vti", ".nii.gz", ".nrrd")])
+@pytest.mark.parametrize("suffix", [s for s in FILES if not s.endswith((".vti", ".nii.gz", ".nrrd", ".tif", ".tiff"))])
 def test_both_numbers_are_in_the_message(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
     write_volume(made(), path)

@@ -11,7 +11,7 @@ from deformnb.widgets.editor.base import FRONT_END_TRAITS
 from deformnb.widgets.editor.editor import Editor
 
 GOOD = {"mirror": {"on": True, "axis": "b", "at": 3.5}, "snap": 7.5, "brush_radius": 12, "stop_at_folds": True,
-        "window": [-40.0, 250.0], "slice": 12}
+        "front_only": True, "window": [-40.0, 250.0], "slice": 12}
 
 
 def test_the_page_sets_what_is_right() -> None:

@@ -15,7 +15,7 @@ export class CutBar {
   /** @param {EditorView} editor */
   constructor(editor) {
     this.editor = editor;
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-wand-bar dnb-ed-cut-bar", editor.stage,
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage,
       { hidden: "", role: "group", "aria-label": "Chosen cut" });
     this.stops = this.#box("Stop at the ends", "The cut stops at both ends; else it goes on straight to the border",
       (isOn) => editor.shapeTools.stopAtEnds(isOn));

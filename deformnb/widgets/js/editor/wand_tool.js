@@ -33,7 +33,7 @@ export class Wand {
     this.fill = svgElement("path", { class: "dnb-ed-wand-fill" }, this.path);
     this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-wand-${name}` }, this.path));
     this.cross = svgElement("path", { class: "dnb-ed-wand-cross" }, this.path);
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-wand-bar", editor.stage, { hidden: "", role: "group", "aria-label": "Wand" });
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-wand-bar", editor.stage, { hidden: "", role: "group", "aria-label": "Wand" });
     this.rule = pageElement("select", "", this.bar, { "aria-label": "values to select", ...OWN_KEYS });
     for (const [value, words] of RULES) pageElement("option", "", this.rule, { value }).textContent = words;
     this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100, value: START,
