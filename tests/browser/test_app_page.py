@@ -323,6 +323,16 @@ def test_everything_is_reached_by_tab_and_has_a_name(tab: Tab) -> None:
         assert not [role for role, name in operated if not name], title
 
 
+def test_keys_fold_a_section(tab: Tab) -> None:
+    tab.page.get_by_role("tab", name="Shape", exact=True).click()
+    heading = tab.page.get_by_role("button", name="Points", exact=True)
+    for key, opens in (("Enter", "true"), (" ", "false")):
+        heading.focus()
+        tab.page.keyboard.press(key)
+        tab.page.wait_for_function("(wanted) => document.activeElement.ariaExpanded === wanted", arg=opens)
+        assert tab.page.locator(".dnb-pt-bar").is_visible() == (opens == "true")
+
+
 def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> None:
     tab = Tab(browser, fresh)
     tab.close()

@@ -11,7 +11,7 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { RestingTrait, } from "../sync/edits.js";
 import { CompareControls } from "../ui/compare_controls.js";
-import { OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
+import { isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
 import { HelpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
@@ -340,8 +340,7 @@ export class EditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  /** Whether wheel and fingers are the editor's, and not the page's around it. An application has nothing to scroll. */
-  get isWorkedIn() { return Boolean(this.model.get("fill")) || this.root.matches(":focus-within"); }
+  get isWorkedIn() { return isWorkedIn(this.root); }
 
   /** What is known of the slices, one of which is seen; null for another projection. */
   get slices() {

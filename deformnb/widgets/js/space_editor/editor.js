@@ -12,7 +12,7 @@ import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
+import { isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { SpacePane } from "./pane.js";
@@ -562,7 +562,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.layout();
   }
 
-  get isWorkedIn() { return this.root.matches(":focus-within"); }
+  get isWorkedIn() { return isWorkedIn(this.root); }
 
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 

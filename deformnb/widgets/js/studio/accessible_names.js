@@ -1,7 +1,10 @@
 // Accessible names of ipywidgets' controls where they have none: a screen reader stops at the handles of noUiSlider,
-// which no label names, and at fields with an empty label, whose tooltip says what they are.
+// which no label names, at the number beside them, and at fields with an empty label, whose tooltip says what they are.
+
+import { setAttributes } from "../ui/dom.js";
 
 const HANDLES = ".widget-slider .noUi-handle:not([aria-label])";
+const READOUTS = ".widget-readout[contenteditable]:not([aria-label])";
 const FIELDS = ".jupyter-widgets :is(input, select, textarea)[title]:not([aria-label])";
 
 /** @param {Element} root */
@@ -12,6 +15,10 @@ function nameAll(root) {
     const isRange = slider.querySelectorAll(".noUi-handle").length > 1;
     const end = handle.classList.contains("noUi-handle-lower") ? "from" : "to";
     handle.setAttribute("aria-label", isRange ? `${label}, ${end}` : label);
+  }
+  for (const readout of root.querySelectorAll(READOUTS)) {
+    const label = readout.closest(".jupyter-widgets")?.querySelector(".widget-label")?.textContent?.trim();
+    if (label) setAttributes(readout, { role: "textbox", "aria-label": label });
   }
   for (const field of root.querySelectorAll(FIELDS)) {
     const { labels } = /** @type {HTMLInputElement} */ (field), title = field.getAttribute("title") ?? "";

@@ -1,5 +1,5 @@
 // The panel beside the panes: the splitter that sets its width, and what this browser remembers of it: the width, the
-// tab, and which sections are open.
+// tab, and which sections are open. Also the keys of the sections' headings, which ipywidgets leaves to the pointer.
 //
 // Tab and sections are ipywidgets', whose state all pages of a studio share. So what is remembered is applied only to
 // what is still as the studio was made (class dnb-section-open): a second page changes nothing for the first.
@@ -62,6 +62,7 @@ export class SidePanel {
     this.splitter.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
     this.splitter.addEventListener("keydown", (event) => this.#key(event), { signal });
     this.splitter.addEventListener("dblclick", () => this.setWidth(FIRST), { signal });
+    panel.addEventListener("keydown", fold, { signal });
     this.changes = new MutationObserver(() => {
       cancelAnimationFrame(this.frame);
       this.frame = requestAnimationFrame(() => this.#follow());
@@ -140,6 +141,7 @@ export class SidePanel {
       const before = this.sections.get(section), wanted = open[title], isFirst = section.classList.contains("dnb-section-open");
       if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section)) heading.click();
       const is = isOpen(section);
+      setAttributes(heading, { role: "button", tabindex: 0, "aria-expanded": is, ...OWN_KEYS });
       if (before === false && is) this.#scrollTo(section);
       if (before === undefined) this.sizes.observe(section);
       this.sections.set(section, is);
@@ -173,6 +175,16 @@ export class SidePanel {
     const outer = group.getBoundingClientRect(), { top, bottom } = section.getBoundingClientRect();
     if (bottom > outer.bottom) group.scrollTop += Math.min(bottom - outer.bottom, top - outer.top);
   }
+}
+
+/** Enter and space on the heading of a section fold it, as a click does. @param {KeyboardEvent} event */
+function fold(event) {
+  const { key, target } = event;
+  if ((key !== "Enter" && key !== " ") || !(target instanceof HTMLElement)) return;
+  if (!target.matches(".jupyter-widget-Collapse-header")) return;
+  event.preventDefault(); // space would scroll
+  event.stopPropagation();
+  target.click();
 }
 
 /** Lumino's tabs look where a pointer is pressed. @param {Element} tab */

@@ -80,3 +80,29 @@ export function treeOf(node) { return /** @type {Tree} */ (/** @type {unknown} *
 
 /** The element to which an event was sent. @param {Event} event */
 export function targetOf(event) { return /** @type {Element} */ (event.target); }
+
+/**
+ * Whether wheel and fingers are an element's own, and not the page's around it: someone works in it, or nothing scrolls.
+ * @param {HTMLElement} root
+ */
+export function isWorkedIn(root) { return root.matches(":focus-within") || !scrollsAround(root); }
+
+/** @param {Element} element */
+function scrollsAround(element) {
+  for (let box = parentOf(element); box; box = parentOf(box)) {
+    const { overflowY } = getComputedStyle(box), isPage = box === document.scrollingElement;
+    const scrolls = isPage ? overflowY !== "hidden" : overflowY === "auto" || overflowY === "scroll";
+    if (scrolls && box.scrollHeight > box.clientHeight + 1) return true;
+  }
+  return false;
+}
+
+/**
+ * The element around one, also out of a shadow tree.
+ * @param {Element} element
+ */
+function parentOf(element) {
+  if (element.parentElement) return element.parentElement;
+  const tree = element.getRootNode();
+  return tree instanceof ShadowRoot ? tree.host : null;
+}

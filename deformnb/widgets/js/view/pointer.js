@@ -1,5 +1,7 @@
 // Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
 
+import { isWorkedIn } from "../ui/dom.js";
+
 /** @import { Vector2 } from "../types.d.ts" */
 /** @import { VolumeViewLike } from "./types.d.ts" */
 /** @typedef {{left: number, top: number, width: number, height: number}} ScreenBox in CSS pixels */
@@ -126,6 +128,7 @@ export class PointerControls {
 
   /** @param {WheelEvent} event */
   wheel(event) {
+    if (!event.ctrlKey && !event.metaKey && !isWorkedIn(this.view.canvas)) return;
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);
     this.zoom(Math.exp(-Math.max(-300, Math.min(300, pixels)) * 0.0016), event);

@@ -83,7 +83,8 @@ class AnimationPanel(Panel):
                      "one second after the last", lambda: self.guard(self._add))
         self._here = self._button("Edit this moment", "The document becomes what the player shows, to be edited",
                                   "go to a moment", self._at_moment)
-        self.box = ipw.VBox([self.items, row(add, self._update, self._time, self._here), self.player,
+        # Above the list, which grows: what is pressed again stays where it is.
+        self.box = ipw.VBox([row(add, self._update), self.items, row(self._time, self._here), self.player,
                              row(self._easing, self.movie.box)], layout=ipw.Layout(grid_gap="6px"))
         self.refresh()
 

@@ -81,7 +81,7 @@ class ThompsonPanel(Panel):
         self._pictures = ipw.HBox([_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
                                   layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
         self._nowhere = ipw.Label(_IN_SPACE)
-        self.box = ipw.VBox([self._settings(), self._pictures, self._nowhere, row(*self._grid_settings()),
+        self.box = ipw.VBox([row(*self._grid_settings()), self._settings(), self._pictures, self._nowhere,
                              row(*self._export()), self.file_transfer])
         if self.is_alone:
             self._listen()
