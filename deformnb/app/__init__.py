@@ -30,6 +30,7 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
     p.add_argument("session", nargs="?", metavar="SESSION", help="a saved session to go on with")
     p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
                    help="true voxel size of the input, where its file is wrong")
+    p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
     p.add_argument("--level", type=int, metavar="N", help="level of a pyramid (OME-Zarr) that is shown and edited, 0 "
                    "for the finest (default: the finest that fits into memory)")
     p.add_argument("--side", help="side of the first picture: +x -x +y -y +z -z (default: the one that shows most)")

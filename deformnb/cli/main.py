@@ -179,7 +179,8 @@ def _app(options: argparse.Namespace) -> None:
     check_app(options.host, options.port, options.side, options.idle)
     deformation = as_deformation(options.session)
     with stages() as stage:
-        volume = (subject_from(options.file, spacing=options.spacing, level=options.level,
+        volume = (subject_from(options.file, spacing=options.spacing, is_labels=options.labels or None,
+                               level=options.level,
                                progress=stage(f"read {Path(options.file).name}")) if options.file
                   else made_up_carp(stage("make the carp")))
     note(*(() if isinstance(volume, Channels) else volume.notes))

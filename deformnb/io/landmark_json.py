@@ -174,11 +174,14 @@ def _unknown_unit(path: Path, given: Any) -> VolumeFileError:
     return fail(path, f"its unit {shown(given, 40)} is not known; known are {', '.join(UNITS)}.")
 
 
+_ORIENTATION = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]  # the axes of RAS in LPS, which Morpho's reader needs
+
+
 def write_markups(landmarks: Landmarks) -> str:
     """One list of points of Slicer, LPS."""
     assert landmarks.active is not None
-    points = [{"id": str(k + 1), "label": name, "position": place.tolist(), "selected": bool(on),
-               "positionStatus": "defined"}
+    points = [{"id": str(k + 1), "label": name, "position": place.tolist(), "orientation": _ORIENTATION,
+               "selected": bool(on), "positionStatus": "defined"}
               for k, (name, on, place) in enumerate(zip(landmarks.names, landmarks.active, landmarks.points,
                                                         strict=True))]
     schema = ("https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"

@@ -99,7 +99,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
             rows = lines[at:at + count]
             if len(rows) < count or (count and not all(row.strip() for row in rows)):
                 raise fail(path, f"line {at} announces {count} landmarks, and fewer lines follow.")
-            places = _number_rows(path, list(enumerate(rows, at + 1)), (3,) if name.endswith("3") else (2,))
+            places = _number_rows(path, list(enumerate(rows, at + 1)), (3,) if name.endswith("3") else (2, 3))
             at += count
             if name.startswith("LM"):
                 specimens.append(places)
@@ -214,6 +214,15 @@ def _read_morphologika(path: Path, text: str) -> Landmarks:
                  [*(line for _, line in sections.get("names", [])), ""])
 
 
+def write_morphologika(landmarks: Landmarks) -> str:
+    """One individual, or two where there are fixed places."""
+    titled, (count, dim) = _titled(landmarks), landmarks.points.shape
+    names = "".join(f"{title}\n" for title, _ in titled)
+    points = "".join(f"'{title}\n{_rows(places)}" for title, places in titled)
+    return (f"[individuals]\n{len(titled)}\n[landmarks]\n{count}\n[dimensions]\n{dim}\n[names]\n{names}"
+            f"[rawpoints]\n{points}")
+
+
 def _read_elastix(path: Path, text: str) -> Landmarks:
     lines = _numbered(text)
     kind = lines[0][1].strip() if len(lines) > 1 else ""
@@ -286,9 +295,12 @@ def read_prm(path: Path, text: str) -> Landmarks:
 
 
 def write_prm(landmarks: Landmarks) -> str:
-    """Parameters of PyGeM for radial basis functions: places and fixed places, a thin-plate spline of radius 1."""
+    """Parameters of PyGeM for radial basis functions: places and fixed places, a thin-plate spline of radius 1.
+
+    PyGeM takes lines that do not begin with a space for keys of their own.
+    """
     fixed = landmarks.points if landmarks.fixed is None else landmarks.fixed
     both = zip(_PRM_KEYS, (landmarks.points, fixed), strict=True)
-    lists = "".join(f"\n{key}: {_rows(places)}" for key, places in both)
-    return ("[Radial Basis Functions]\nbasis function: thin_plate_spline\nradius: 1.0\npower: 2\n\n[Control points]"
+    lists = "".join(f"\n{key}: {_rows(places).rstrip().replace(chr(10), f'{chr(10)}    ')}\n" for key, places in both)
+    return ("[Radial Basis Functions]\nbasis function: thin_plate_spline\nradius: 1.0\n\n[Control points]"
             + lists)

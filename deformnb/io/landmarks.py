@@ -39,6 +39,7 @@ from deformnb.io.landmark_texts import (
     read_tps,
     read_txt,
     read_xyz,
+    write_morphologika,
     write_nts,
     write_prm,
     write_tps,
@@ -63,6 +64,7 @@ class LandmarkFormat:
     write : text of landmarks.
     description : for people.
     dimensions : of the places that it can hold; has_names, has_fixed : whether it holds names, and fixed places too.
+    has_open : whether a fixed place may be open.
     """
 
     suffix: str
@@ -72,6 +74,7 @@ class LandmarkFormat:
     dimensions: tuple[int, ...] = (3,)
     has_names: bool = False
     has_fixed: bool = False
+    has_open: bool = False
 
 
 def is_landmarks(path: str | os.PathLike[str]) -> bool:
@@ -133,6 +136,11 @@ def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overw
     row = check_landmark_target(place)
     if landmarks.points.shape[1] not in row.dimensions:
         raise fail(place, f"a {row.description} holds places in space, and these landmarks have two coordinates.")
+    if row.has_fixed and not row.has_open and landmarks.fixed is not None:
+        is_open = ~np.isfinite(landmarks.fixed).all(axis=1)
+        if is_open.any():
+            raise fail(place, f"landmark {int(np.argmax(is_open)) + 1} has no fixed place, and a {row.description} has "
+                              "no room for an open one; leave it out, or write a .csv.")
     with atomic_write(place, overwrite=overwrite) as file:
         file.write(row.write(landmarks).encode("utf-8"))
 
@@ -197,15 +205,17 @@ def _write_fcsv(landmarks: Landmarks) -> str:
 LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
     "markups": LandmarkFormat(".mrk.json", read_json, write_markups, "file of Slicer's markups", has_names=True),
     "bigwarp json": LandmarkFormat(".bigwarp.json", read_json, write_bigwarp_json, "JSON of BigWarp's landmarks",
-                                   (2, 3), has_names=True, has_fixed=True),
+                                   (2, 3), has_names=True, has_fixed=True, has_open=True),
     "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True),
     "table": LandmarkFormat(".points.csv", read_csv, write_table, "table with a line of names (OpenSim Creator)",
-                            (2, 3), has_names=True, has_fixed=True),
+                            (2, 3), has_names=True, has_fixed=True, has_open=True),
     "bigwarp": LandmarkFormat(".csv", read_csv, write_bigwarp, "file of BigWarp's landmarks, or a table", (2, 3),
-                              has_names=True, has_fixed=True),
+                              has_names=True, has_fixed=True, has_open=True),
     "points": LandmarkFormat(".xyz", read_xyz, write_xyz, "list of points of vedo or VTK"),
     "tps": LandmarkFormat(".tps", read_tps, write_tps, "TPS file", (2, 3), has_fixed=True),
     "nts": LandmarkFormat(".nts", read_nts, write_nts, "NTS file", (2, 3), has_fixed=True),
+    "morphologika": LandmarkFormat(".morphologika.txt", read_txt, write_morphologika, "Morphologika file", (2, 3),
+                                   has_fixed=True),
     "elastix": LandmarkFormat(".txt", read_txt, write_txt, "list of points of elastix, or Morphologika's", (2, 3)),
     "pygem": LandmarkFormat(".prm", read_prm, write_prm, "parameter file of PyGeM", has_fixed=True),
 }

@@ -104,6 +104,17 @@ def source_of(given: Any) -> str:
     return f"dn.warping.filled(dn.warping.signed_distance(dn.read_mesh({path})))"
 
 
+def source_of_labels(source: str) -> str:
+    """The expression that reads the same file as labels.
+
+    Examples
+    --------
+    >>> source_of_labels('dn.read_volume("bones.nrrd")')
+    'dn.read_volume("bones.nrrd", is_labels=True)'
+    """
+    return f"{source.removesuffix(')')}, is_labels=True)" if source.startswith("dn.read_volume(") else source
+
+
 def as_deformation(given: Any) -> Deformation | None:
     """A document from a document or the path of a file; None for none."""
     return given if given is None or isinstance(given, Deformation) else read_deformation(given)

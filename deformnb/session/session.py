@@ -161,7 +161,8 @@ class Session(traitlets.HasTraits):
         first = self._checked(deformation)
         self.first = first
         self._show(_State(first, len(first.steps) - 1, 0))
-        self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in (*volume.notes, laid) if note)
+        notes = (*volume.decided(volume.is_labels).notes, laid)  # whether voxels are labels is asked by the front end
+        self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
         self._restore_view_state(view_state, besides=traits,
                                  is_other=made_on is not None and made_on.shape != self.grid.shape)

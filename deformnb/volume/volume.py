@@ -171,6 +171,7 @@ def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
 # of labels from 0.78 on, up to 0.43; CT and MR below 0.08; CT in only 16 grey values up to 0.57, from 0.81 on.
 _LEAST_EQUAL, _MOST_UNIT_STEPS = 0.6, 0.6
 _MOST_LABELS = 1000
+_LIKE_LABELS = "the voxels look like labels"  # the first words of the note
 _FEWEST_PAIRS = 1000  # fewer are no evidence
 _SAMPLED_VOXELS = 2**18
 
@@ -201,7 +202,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     steps = np.abs(right[~is_equal].astype(np.float64) - left[~is_equal])
     if equal.mean() < _LEAST_EQUAL or not steps.size or np.mean(steps == 1) > _MOST_UNIT_STEPS:
         return ()
-    note = (f"the voxels look like labels ({len(values)} whole numbers in regions of one value each) but are not "
+    note = (f"{_LIKE_LABELS} ({len(values)} whole numbers in regions of one value each) but are not "
             "declared as such: deforming makes up values between them; set is_labels=True (--labels in a command) to "
             "keep each as it is, or is_labels=False if they are amounts")
     return (note,)
@@ -479,6 +480,11 @@ class Grid:
         bits = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
         return self.index_to_point(np.where(bits == 1, high, low))
 
+    def overlaps(self, other: Grid) -> bool:
+        """Check whether the upright boxes around two grids have places in common."""
+        own, others = self.corners(), other.corners()
+        return not ((own.max(axis=0) < others.min(axis=0)).any() or (own.min(axis=0) > others.max(axis=0)).any())
+
     @property
     def center(self) -> Float3:
         """The middle of the box."""
@@ -642,6 +648,23 @@ class Volume:
             raise DeformError(f"the array has shape {self.values.shape} but the grid has {self.grid.shape}.")
         if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
             raise DeformError(f"voxel type {self.values.dtype} is not kept as it is; use Volume.from_array to cast it.")
+
+    @property
+    def is_undecided(self) -> bool:
+        """True where a note asks whether the voxels, which look like labels, are some."""
+        return any(note.startswith(_LIKE_LABELS) for note in self.notes)
+
+    def decided(self, is_labels: bool) -> Volume:
+        """The same voxels as labels or as amounts, without the note that asks.
+
+        Examples
+        --------
+        >>> bones = np.repeat(np.arange(0, 90, 9, dtype=np.int16), 400).reshape(10, 20, 20)
+        >>> Volume.from_array(np.tile(bones, (1, 1, 2))).decided(True).is_labels
+        True
+        """
+        notes = tuple(note for note in self.notes if not note.startswith(_LIKE_LABELS))
+        return replace(self, is_labels=is_labels, notes=notes)
 
     def __repr__(self) -> str:
         (nz, ny, nx), spacing = self.shape, self.grid.spacing

@@ -31,7 +31,7 @@ def test_two_specimens_are_pairs(name: str, tmp_path: Path) -> None:
     assert (found.points.tolist(), found.fixed.tolist(), found.notes) == (*PAIR, ())
 
 
-@pytest.mark.parametrize("suffix", [".tps", ".nts", ".prm", ".txt", ".xyz", ".points.csv"])
+@pytest.mark.parametrize("suffix", [".tps", ".nts", ".prm", ".txt", ".morphologika.txt", ".xyz", ".points.csv"])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_round_trip(suffix: str, dim: int, tmp_path: Path) -> None:
     places, fixed = (np.random.default_rng(k).normal(size=(5, dim)) * 1e3 for k in (0, 1))
@@ -72,8 +72,8 @@ def test_points_of_elastix(tmp_path: Path) -> None:
 
 
 BAD = {
-    "a.tps": [("LM=2\n1 2\n", "announces 2"), ("LM=1\n1 2 3\n", "line 2 has 3"), ("LM=x\n", "'x'"),
-              ("hello\n", "a key"),
+    "a.tps": [("LM=2\n1 2\n", "announces 2"), ("LM=1\n1 2 3 4\n", "line 2 has 4"), ("LM=x\n", "'x'"),
+              ("LM=2\n1 2 3\n1 2\n", "line 3 has 2"), ("hello\n", "a key"),
               ("LM=1\n1 nan\n", "not finite"), ("ID=1\n", "no landmark"), ("LM=1\n1 2\nLM=2\n1 2\n3 4\n", "1 and 2")],
     "a.nts": [("1 2 6 0\n", "first line"), ("1 1 6 0 dim=3\n1 2 3\n", "and 3 follow"),
               ("1 1 6 1 9999 dim=3\n1 2 3\n9999 9999 9999\n", "landmark 2 of specimen 1 is missing"),

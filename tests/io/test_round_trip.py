@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -239,6 +241,27 @@ def test_files_of_simpleitk(suffix: str, dtype: str, compressed: bool, tmp_path:
     np.testing.assert_array_equal(read.values.ravel(), np.arange(60))
     assert read.dtype.name == {"uint32": "int32", "int64": "int32"}.get(dtype, dtype)
     np.testing.assert_allclose(read.grid.corners(), grid.corners(), atol=1e-5 if suffix.startswith(".nii") else 1e-11)
+
+
+def test_simpleitk_reads_and_writes_the_same_raw_voxels(tmp_path: Path) -> None:
+    """By a header of MetaImage beside them, which is text that anybody can write."""
+    sitk = pytest.importorskip("SimpleITK")
+    volume = make()
+    write_volume(volume, tmp_path / "ours.raw")
+    text = json.loads((tmp_path / "ours.raw.json").read_text())
+    assert (text["byte_order"], text["dtype"]) == ("little", "int16")
+    size, spacing, origin = (" ".join(map(repr, row)) for row in (text["shape"][::-1], text["spacing"], text["origin"]))
+    axes = " ".join(repr(c) for c in np.transpose(text["direction"]).ravel().tolist())
+    (tmp_path / "ours.mhd").write_text(
+        f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nTransformMatrix = {axes}\n"
+        f"Offset = {origin}\nElementSpacing = {spacing}\nDimSize = {size}\nElementType = MET_SHORT\n"
+        "ElementDataFile = ours.raw\n")
+    image = sitk.ReadImage(str(tmp_path / "ours.mhd"))
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(image), volume.values)
+    assert_same(Volume.from_sitk(image), replace(volume, name=""), ".raw")
+    sitk.WriteImage(image, str(tmp_path / "theirs.mhd"))
+    (tmp_path / "theirs.raw.json").write_text(json.dumps({key: value for key, value in text.items() if key != "crc32"}))
+    assert_same(read_volume(tmp_path / "theirs.raw"), volume, ".raw")
 
 
 @pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2"])

@@ -68,6 +68,7 @@ class PanelParts:
     target : what the volume shall look like, to be chosen in the panel of fitting.
     preview : shows a step that is on its way and no edit yet; None gives it up.
     open_volume : opens a volume in place of the session's.
+    decide_labels : takes the voxels of the session's for labels, or for amounts.
     """
 
     session: Session
@@ -84,6 +85,7 @@ class PanelParts:
     target: Volume | None
     preview: Preview
     open_volume: Callable[[Volume | Channels], None]
+    decide_labels: Callable[[bool], None]
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,8 @@ def make_panels(s: PanelParts) -> StudioPanels:
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
                         VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
                         ExamplesPanel(s.session, s.guard, is_start=True),
-                        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume), [result_box], wand)
+                        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels),
+                        [result_box], wand)
 
 
 def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,

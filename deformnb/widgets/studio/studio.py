@@ -32,6 +32,7 @@ from deformnb.session.inputs import (
     as_volume_and_channels,
     best_view,
     source_of,
+    source_of_labels,
     subject_from,
     volume_from,
 )
@@ -343,7 +344,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
                                       self._slices, self._opacity, folder, self.export_html, labels, names, target,
-                                      self._link.preview, self._weakly(Studio.open_volume)))
+                                      self._link.preview, self._weakly(Studio.open_volume),
+                                      self._weakly(Studio._decide_labels)))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
@@ -538,6 +540,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if isinstance(deformation, (str, PathLike)):
             session.files.remember(deformation)
         self._open_session(session)
+
+    def _decide_labels(self, is_labels: bool) -> None:
+        """Go on with the voxels as labels, with all edits; or with them as amounts, which they are so far."""
+        session = self.session
+        if is_labels:
+            self._open_session(Session(session.volume.decided(True), session.view_state.added_to(session.deformation),
+                                       view=session.plane, source=source_of_labels(session.source)))
+        self.session.notice = ("The voxels are labels: each keeps its number." if is_labels else
+                               "The voxels are amounts: values between them are blended.")
 
     def _open_session(self, session: Session) -> None:
         before = self.session

@@ -112,8 +112,7 @@ class LabelChooser(Panel):
         DeformError
             If it lies elsewhere in space, or is no label volume; what was shown stays.
         """
-        box, own = labels.grid.corners(), self.session.volume.grid.corners()
-        if (box.max(axis=0) < own.min(axis=0)).any() or (box.min(axis=0) > own.max(axis=0)).any():
+        if not labels.grid.overlaps(self.session.volume.grid):
             raise DeformError(f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
                               "open the labels of this scan.")
         self._show(labels, names or self._table)

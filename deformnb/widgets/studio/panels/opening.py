@@ -2,7 +2,8 @@
 
 Landmarks become points, a session replaces the one that is open, a label volume shows its labels under "Rigid parts and
 cuts", and a table of names becomes those of the labels. Any other volume can take the place of the one that is open,
-stand beside it, or be the target under "Match to another picture": that is asked.
+stand beside it, or be the target under "Match to another picture": that is asked. So is whether whole numbers that look
+like labels are some, where the file does not say so.
 """
 
 from __future__ import annotations
@@ -46,17 +47,20 @@ class OpenPanel(Panel):
     ----------
     points : takes landmarks; shapes : takes labels; fit : takes targets; compare : shows a second volume.
     open_volume : opens a volume in place of the one that is open.
+    decide_labels : takes the voxels of the one that is open for labels, or for amounts.
 
     Attributes
     ----------
     box : takes what is dropped on the studio.
-    warning : the question what becomes of a volume, and whether a session of another volume is opened.
+    warning : the question what becomes of a volume, whether a session of another volume is opened, and whether the
+        voxels of the volume that is open are labels.
     """
 
     title = "Open"
 
     def __init__(self, session: Session, guard: Guard, points: PointsPanel, shapes: ShapesPanel, fit: FitPanel,
-                 compare: ComparePanel, open_volume: Callable[[Volume | Channels], None]) -> None:
+                 compare: ComparePanel, open_volume: Callable[[Volume | Channels], None],
+                 decide_labels: Callable[[bool], None]) -> None:
         super().__init__(session, guard)
         self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
         self._open_volume = open_volume
@@ -64,6 +68,11 @@ class OpenPanel(Panel):
         self.warning = self.question.box
         self.box = FileInput(self._take, guard, _check_name, drops=True,
                              tip="Open a volume, labels and their names, landmarks, or a session")
+        if session.volume.is_undecided:
+            name = session.volume.name or "this volume"
+            self.question.ask(f"The voxels of {name} look like labels. Keep each number as it is, or blend them as "
+                              "amounts?", "They are labels", lambda: decide_labels(True),
+                              {"They are amounts": lambda: decide_labels(False)})
 
     def _take(self, path: Path, progress: Progress) -> None:
         self.question.forget()
@@ -92,16 +101,22 @@ class OpenPanel(Panel):
     def _take_volume(self, path: Path, progress: Progress) -> None:
         subject, names = subject_from(path, progress=progress), read_label_names(path)
         volume, _ = as_volume_and_channels(subject)
-        if names or is_segmentation(volume):
-            self._take_labels(path.name, volume, names)
-            return
         present = self.session.volume.name or "the volume that is open"
         kept = f" The edits of {present} stay under History." if self.session.history.get("undo") else ""
-        self.question.ask(f"Open {path.name} in place of {present}?{kept}", "Open",
-                          lambda: self._open_volume(subject),
-                          {"Show beside": lambda: self._show_beside(path.name, volume),
-                           "Match to it": lambda: self._take_target(path.name, volume),
-                           "Use as labels": lambda: self._take_labels(path.name, volume, names)})
+        answers: dict[str, Callable[[], None]] = {
+            "Open": lambda: self._open_volume(subject),
+            "Show beside": lambda: self._show_beside(path.name, volume),
+            "Match to it": lambda: self._take_target(path.name, volume),
+            "Use as labels": lambda: self._take_labels(path.name, volume, names)}
+        question = f"Open {path.name} in place of {present}?{kept}"
+        if volume.grid.overlaps(self.session.volume.grid) and (names or is_segmentation(volume)):
+            if names or volume.is_labels:
+                answers["Use as labels"]()
+                return
+            question = f"{path.name} looks like labels. Use them as labels of {present}, or open it in its place?{kept}"
+            answers = {"Use as labels": answers.pop("Use as labels"), **answers}
+        first, *others = answers
+        self.question.ask(question, first, answers[first], {words: answers[words] for words in others})
 
     def _show_beside(self, name: str, volume: Volume) -> None:
         self._compare.take(volume)

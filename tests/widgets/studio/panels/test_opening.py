@@ -9,6 +9,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from uploads import uploaded
 
 from deformnb.datasets import PHANTOMS
@@ -16,7 +17,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.io.formats import write_volume
 from deformnb.io.landmarks import write_landmarks
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
 from deformnb.widgets.studio.panels.labels import LabelChooser
 from deformnb.widgets.studio.panels.opening import OpenPanel
@@ -150,6 +151,60 @@ def test_a_volume_that_cannot_be_opened_leaves_everything_as_it_was(monkeypatch:
     assert set(ipw.widgets.widget._instances) <= widgets
     studio.editor.points = studio.editor.points.add([4.0, 4.0], [4.0, 5.0])
     assert studio.session.history["undo"] == "add point 4"
+    studio.close()
+
+
+def blocks(shape: tuple[int, int, int] = (12, 24, 24)) -> NDArray[np.int16]:
+    """Voxels that look like labels: regions of unrelated numbers in the type of amounts."""
+    numbers = np.zeros(shape, np.int16)
+    for k, number in enumerate((96, 3, 51, 17, 240, 88)):
+        numbers[2 * k:2 * k + 2, 4:20, 2:22] = number
+    return numbers
+
+
+def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> None:
+    grid = Grid((12, 24, 24))
+    write_volume(Volume(blocks(), grid), tmp_path / "atlas.nrrd")
+    studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
+    opening = panel_of(studio, OpenPanel)
+    assert "atlas look like labels" in opening.question.text.value
+    assert "is_labels" not in studio._words.notice.value  # which is for those who write code
+    studio.editor.points = studio.editor.points.add([9.0, 7.0], [9.0, 9.0])
+    edited = studio.deformation
+    answer(opening, "They are amounts")
+    assert not studio.volume.is_labels
+    opening = panel_of(studio, OpenPanel)
+    assert opening.question.box.layout.display == "none"
+    studio.open_volume(tmp_path / "atlas.nrrd", edited)
+    answer(panel_of(studio, OpenPanel), "They are labels")
+    assert studio.volume.is_labels
+    assert studio.deformation == edited
+    assert 'atlas.nrrd", is_labels=True)' in studio.session.code()
+    assert set(np.unique(studio.session.result().values)) <= set(np.unique(blocks()))
+    assert panel_of(studio, OpenPanel).question.box.layout.display == "none"
+    studio.close()
+
+
+def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path) -> None:
+    studio = Studio(Volume(np.zeros((12, 24, 24), np.uint8), Grid((12, 24, 24)), "scan"), folder=tmp_path)
+    opening = panel_of(studio, OpenPanel)
+    labels: LabelChooser = opening._shapes.labels
+
+    def drop(name: str, origin: float, is_labels: bool) -> None:
+        write_volume(Volume(blocks(), Grid((12, 24, 24), origin=(origin, 0, 0)), is_labels=is_labels), tmp_path / name)
+        uploaded(opening.box, name, (tmp_path / name).read_bytes())
+
+    drop("like.nrrd", 0.0, False)
+    assert "like.nrrd looks like labels" in opening.question.text.value
+    answer(opening, "Use as labels")
+    assert len(labels.list.options) == 6
+    drop("sure.nrrd", 0.0, True)
+    assert opening.question.box.layout.display == "none"
+    assert "sure.nrrd has 6 labels" in studio._words.notice.value
+    drop("elsewhere.nrrd", 900.0, True)  # of another scan: to be deformed itself
+    assert "Open elsewhere.nrrd in place of scan" in opening.question.text.value
+    answer(opening, "Open")
+    assert studio.volume.is_labels
     studio.close()
 
 
