@@ -31,6 +31,7 @@ _RESAMPLED = 0.02
 # The field of a scanner is a circle in a square: at least so much of its slices lies outside, it comes so near to their
 # sides, and so few places are on the wrong side of it. About so many places along each axis are looked at.
 _CORNERS, _TOUCHES, _STRAY, _LOOKED_AT = 0.05, 0.95, 0.03, 64
+_FEWEST_ROWS = 8  # in which a circle can be told from a line
 _CLIPPED = "colours and opacities were clipped to 0 to 1"
 
 
@@ -331,6 +332,8 @@ def _fills_corners(volume: Volume, value: float) -> bool:
         return False
     for axis in range(3):
         rows, columns = np.delete(is_there.shape, axis)
+        if min(rows, columns) < _FEWEST_ROWS:
+            continue
         radius = np.hypot(np.linspace(-1, 1, rows)[:, None], np.linspace(-1, 1, columns))
         edge = np.quantile(radius, 1 - share)
         stray = np.abs(is_there.mean(axis=axis) - (radius > edge)).mean()
