@@ -180,7 +180,7 @@ def test_the_gap_has_the_width_that_the_points_say(page: LivePage) -> None:
     beyond = _gap(page)
     view.show_deformation(Deformation((CASES["moved on, paper"],)))
     paper = _gap(page)
-    scale = page.page.evaluate(f"{VIEW}.canvas.height / {VIEW}.camera.height")
+    scale = page.page.evaluate(f"{VIEW}.caster.size[1] / {VIEW}.camera.height")
     assert closed == 0
     # A ray that runs along a face stops in the first of its faint samples: half a ramp of a voxel (1.25) on each side.
     assert wide / scale == pytest.approx(9.0 - 1.2, abs=0.6)

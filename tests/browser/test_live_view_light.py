@@ -86,7 +86,7 @@ def test_deformed_matter_is_lit_by_its_own_normals(view_on_page: tuple[LivePage,
     view.show_deformation(field)
     page.wait("document.querySelector('.dnb-view').deformnb.field")
     picture = page.pixels().astype(float)
-    scale = page.page.evaluate("(({ camera, canvas }) => camera.height / canvas.height)"
+    scale = page.page.evaluate("(({ camera, caster }) => camera.height / caster.size[1])"
                                "(document.querySelector('.dnb-view').deformnb)")
     right, up = (np.arange(160) + 0.5 - 80) * scale, (79.5 - np.arange(160)) * scale
     x, hit = surface(field, right, up)

@@ -99,7 +99,7 @@ def test_side_by_side_are_the_pictures_of_both(page: LivePage) -> None:
     assert difference == 0
     assert page.page.locator(".dnb-caption:visible").all_text_contents() == ["original", "deformed"]
     view.width = 120
-    page.wait(f"{VIEW}.canvas.width === 120")
+    page.wait(f"{VIEW}.caster.size[0] === 120")
     halves = []
     for shows in ("original", "deformed"):
         view.shows = shows
@@ -293,7 +293,7 @@ def test_nothing_is_cut_off_beside_another_widget(browser: Any, width: int) -> N
     page.page.evaluate("""() => { const other = document.createElement("div"); other.className = "other";
         document.getElementById("root").append(other); }""")
     opened(page, width=1000, height=700)
-    page.wait(f"{VIEW}.canvas.width < 1000")
+    page.wait(f"{VIEW}.caster.size[0] < 1000")
     box = page.page.locator(".dnb-view").bounding_box()
     assert box["x"] + box["width"] <= width
     assert box["width"] > 0.5 * width

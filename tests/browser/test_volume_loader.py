@@ -100,7 +100,7 @@ def test_until_the_volume_comes_the_background_is_the_pages(browser: Any) -> Non
     page.page.emulate_media(color_scheme="light")
     view = sent(page, lambda content, buffers: None)
     view.width = 300
-    page.wait(f"{VIEW}.canvas.width === 300")
+    page.wait(f"{VIEW}.caster.size[0] === 300")
     assert _brightness(page) > 180
     page.page.emulate_media(color_scheme="dark")
     page.wait(f"{VIEW}.root.dataset.background === 'dark'")
