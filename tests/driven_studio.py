@@ -54,7 +54,8 @@ def a_drag(studio: Studio, by: float = 2.0) -> Any:
 
 def controls(studio: Studio) -> dict[str, Any]:
     """All controls by their description."""
-    return {c.widget.description: c.widget for panel in studio._panels for c in panel.controls}
+    bound = [c.widget for panel in studio._panels for c in panel.controls]
+    return {widget.description: widget for widget in bound if hasattr(widget, "description")}
 
 
 def panel(studio: Studio, title: str) -> Any:

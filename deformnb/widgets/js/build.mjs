@@ -26,6 +26,7 @@ const WIDGETS = {
   curve_editor: ["inputs/curve_editor.js", "ui/theme.css", "inputs/curve_editor.css"],
   transfer_editor: ["inputs/transfer_editor.js", "ui/theme.css", "inputs/curve_editor.css",
     "inputs/transfer_editor.css"],
+  preset_menu: ["inputs/preset_menu.js", "inputs/preset_menu.css"],
   depth_keys: ["inputs/depth_keys.js", "ui/theme.css", "inputs/curve_editor.css"],
   player: ["inputs/player.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
   points_table: ["inputs/points_table.js", "ui/theme.css", "inputs/points_table.css"],

@@ -22,9 +22,9 @@ from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay
-from deformnb.volume.transfer import PRESETS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
+from deformnb.widgets.inputs.preset_menu import PresetMenu
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
 
 Guard = Callable[[Callable[[], None]], bool]
@@ -442,7 +442,8 @@ class VolumePanel(Panel):
         if view.has_trait("projection"):
             menus.append(self.add(widget_of("projection", layout=ipw.Layout(width="auto")), lambda: view.projection,
                                   lambda value: view.set_trait("projection", value)))
-        menus.append(self.add(_presets(), lambda: transfer.preset_name, lambda name: _take_preset(session, name)))
+        menus.append(self.add(PresetMenu(transfer), lambda: transfer.preset_name,
+                              lambda name: _take_preset(session, name)))
         parameter = PARAMETERS["slices"]
         button = ipw.ToggleButton(False, description=parameter.label, tooltip=parameter.tooltip,
                                   layout=ipw.Layout(width="auto"))
@@ -452,14 +453,6 @@ class VolumePanel(Panel):
     def arrange(self) -> None:
         for widget in self._of_view:  # which is not seen meanwhile
             widget.disabled = self._slices.is_shown
-
-
-def _presets() -> ipw.Dropdown:
-    """Presets of colours and opacities."""
-    options = [(name.capitalize(), name) for name in PRESETS]
-    return menu("Preset", [*options, ("Own colours", "")],
-                'Colours and opacities of the volume; "View" shows each on this volume, and changes them',
-                ipw.Layout(width="auto"))  # as its neighbours
 
 
 def _take_preset(session: Session, name: str) -> None:

@@ -39,6 +39,7 @@ from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell
 from deformnb.widgets.edit_messages import points_to_json
+from deformnb.widgets.inputs.preset_menu import PresetMenu
 from deformnb.widgets.studio.studio import last_step
 
 
@@ -432,7 +433,7 @@ def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_to
 
 
 def test_a_preset_is_chosen_over_the_volume_and_shown_as_such(studio: Studio) -> None:
-    session, menu = studio.session, controls(studio)["Preset"]
+    session, menu = studio.session, next(found for found in all_of(studio) if isinstance(found, PresetMenu))
     menu.value = "bone"
     studio.wait()
     assert session.transfer_function == preset("bone", studio.volume)

@@ -1,0 +1,105 @@
+// Menu of the presets of colours and opacities, with a picture of this very volume in the colours of each.
+
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
+
+/** @import { Model } from "../types.d.ts" */
+
+const TRAITS = ["value", "disabled", "thumbnails"];
+const PICTURE = 64; // CSS pixels
+const EDGE = 4; // CSS pixels between the list and the window's border
+const OWN = "Own colours";
+
+/** @param {string} name of a preset */
+const labelOf = (name) => (name ? name[0].toUpperCase() + name.slice(1) : OWN);
+
+class PresetMenuView {
+  /**
+   * @param {Model} model
+   * @param {HTMLElement} el
+   */
+  constructor(model, el) {
+    this.model = model;
+    this.closing = new AbortController();
+    const { signal } = this.closing;
+    this.root = pageElement("div", "dnb-preset-menu", el, OWN_KEYS);
+    this.button = pageElement("button", "dnb-pm-button", this.root, { type: "button", "aria-haspopup": "listbox" });
+    // In the browser's top layer, since the row over the volume cuts off what is higher than itself.
+    this.list = pageElement("div", "dnb-pm-list", this.root, { role: "listbox", "aria-label": "Preset", popover: "auto" });
+    /** @type {[string, string][]} */
+    const presets = Object.entries(model.get("presets") ?? {});
+    this.options = new Map(presets.map(([name, tip]) => [name, this.#option(name, tip)]));
+    this.button.addEventListener("click", () => this.#open(), { signal });
+    this.list.addEventListener("keydown", (event) => this.#key(event), { signal });
+    this.list.addEventListener("toggle", () => this.#draw(), { signal });
+    window.addEventListener("scroll", () => this.#hide(), { signal, capture: true }); // it would not go along
+    this.draw = () => this.#draw();
+    for (const name of TRAITS) model.on(`change:${name}`, this.draw);
+    this.#draw();
+  }
+
+  close() {
+    this.closing.abort();
+    for (const name of TRAITS) this.model.off(`change:${name}`, this.draw);
+    this.root.remove();
+  }
+
+  /** @param {string} name @param {string} tip */
+  #option(name, tip) {
+    const option = pageElement("button", "dnb-pm-option", this.list, { type: "button", role: "option", title: tip, tabindex: -1 });
+    const picture = pageElement("img", "", option, { alt: "", width: PICTURE, height: PICTURE, draggable: "false" });
+    pageElement("span", "", option).textContent = labelOf(name);
+    option.addEventListener("click", () => this.#choose(name), { signal: this.closing.signal });
+    return { option, picture };
+  }
+
+  #open() {
+    this.list.showPopover();
+    const { left, bottom } = this.button.getBoundingClientRect(), { offsetWidth, offsetHeight } = this.list;
+    this.list.style.left = `${Math.max(EDGE, Math.min(left, innerWidth - offsetWidth - EDGE))}px`;
+    this.list.style.top = `${Math.max(EDGE, Math.min(bottom + EDGE, innerHeight - offsetHeight - EDGE))}px`;
+    const first = this.options.get(this.model.get("value")) ?? [...this.options.values()][0];
+    first?.option.focus({ preventScroll: true });
+  }
+
+  #hide() { if (this.list.matches(":popover-open")) this.list.hidePopover(); }
+
+  /** @param {string} name */
+  #choose(name) {
+    this.#hide();
+    this.button.focus({ preventScroll: true });
+    this.model.set("value", name);
+    this.model.save_changes();
+  }
+
+  /** Arrows go from one to the next, round and round. Enter and space choose, Esc closes: the browser does both. @param {KeyboardEvent} event */
+  #key(event) {
+    const all = [...this.options.values()].map(({ option }) => option), at = all.findIndex((option) => option.matches(":focus"));
+    /** @type {Record<string, number>} */
+    const next = { ArrowDown: at + 1, ArrowRight: at + 1, ArrowUp: at - 1, ArrowLeft: at - 1, Home: 0, End: -1 };
+    if (event.key !== "Tab") event.stopPropagation(); // the page around has its own keys
+    if (!(event.key in next)) return;
+    event.preventDefault();
+    all.at(next[event.key] % all.length)?.focus();
+  }
+
+  #draw() {
+    const { model } = this, value = model.get("value"), pictures = model.get("thumbnails") ?? {};
+    const isOpen = this.list.matches(":popover-open");
+    setText(this.button, labelOf(value));
+    setAttributes(this.button, { "aria-label": `Preset: ${labelOf(value)}`, "aria-expanded": isOpen,
+      title: "Colours and opacities of the volume, each as it shows this one" });
+    this.button.disabled = Boolean(model.get("disabled"));
+    for (const [name, { option, picture }] of this.options) {
+      setAttributes(option, { "aria-selected": name === value });
+      if (pictures[name]) picture.src = pictures[name]; else picture.removeAttribute("src");
+    }
+  }
+}
+
+export default {
+  /** @param {{ model: Model, el: HTMLElement }} widget */
+  render({ model, el }) {
+    const view = new PresetMenuView(model, el);
+    return () => view.close();
+  },
+};
