@@ -1,4 +1,7 @@
-"""JAX compilation: float64 only where requested, a compilation cache on disk; closed-form algebra of small matrices.
+"""JAX: imported at its first use, float64 only where requested, a compilation cache on disk; algebra of small matrices.
+
+Modules take ``jax``, ``jnp`` and ``lax`` from here, which import JAX when something is first computed: half a second
+that a notebook's first picture need not wait for. :func:`pytree` registers a dataclass, now or once JAX is there.
 
 The global ``jax_enable_x64`` flag is never touched. The cache folder is set once, at the first compiled call, and
 only where the user has not set one; ``DEFORMNB_COMPILATION_CACHE=off`` leaves JAX alone altogether.
@@ -12,16 +15,70 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import jax
 import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
+from deformnb._deferred import Deferred, after_jax
 from deformnb.errors import DeformError
+
+if TYPE_CHECKING:
+    import jax
+    import jax.numpy as jnp
+    from jax import lax
+else:
+    jax, jnp, lax = Deferred("jax"), Deferred("jax.numpy"), Deferred("jax.lax")
+
+__all__ = ["adjugate", "compiled", "determinant", "float64", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node",
+           "refuse_forked", "use_disk_cache", "with_derivative"]
+
+_Class = TypeVar("_Class", bound=type)
+
+
+def pytree(data_fields: Sequence[str], meta_fields: Sequence[str] = ()) -> Callable[[_Class], _Class]:
+    """Register a dataclass as a JAX pytree, as ``jax.tree_util.register_dataclass`` does, once JAX is imported.
+
+    Parameters
+    ----------
+    data_fields : names of the fields that are arrays or pytrees.
+    meta_fields : names of the others; they must be hashable.
+    """
+    def register(kind: _Class) -> _Class:
+        after_jax(lambda: jax.tree_util.register_dataclass(kind, data_fields, meta_fields))
+        return kind
+
+    return register
+
+
+def pytree_node(kind: _Class) -> _Class:
+    """Register a class that has ``tree_flatten`` and ``tree_unflatten`` as a JAX pytree, once JAX is imported."""
+    after_jax(lambda: jax.tree_util.register_pytree_node_class(kind))
+    return kind
+
+
+def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], Any]) -> Callable[[Any], Any]:
+    """A function of one array with a derivative of its own: ``jax.custom_jvp``, made at the first call.
+
+    Parameters
+    ----------
+    rule : from primals and tangents, tuples of one array, to the value and its tangent.
+    """
+    @cache
+    def made() -> Any:
+        own = jax.custom_jvp(function)
+        own.defjvp(rule)
+        return own
+
+    @wraps(function)
+    def call(x: Any) -> Any:
+        return made()(x)
+
+    return call
+
 
 # Measured (design notes, speed of XLA on CPU): 512-bit vectors make kernel evaluation 1.9 times and byte gathers 1.1
 # times faster where the processor has them; XLA falls back to what there is elsewhere.

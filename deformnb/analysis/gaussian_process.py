@@ -17,13 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
-from jax import lax
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import compiled, float64, jnp, lax
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
 from deformnb.rbf.evaluation import capacity, few_sizes

@@ -17,12 +17,11 @@ import contextlib
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import numpy as np
 import scipy.spatial
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import compiled, float64, jax
 from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, same_place
 from deformnb.rbf.evaluation import capacity
@@ -105,8 +104,12 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
         Where the fit does, and if no point is active.
     """
     options: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
-    system = fit_system(points, support=support, **options)
     active = points.take(np.flatnonzero(points.active))
+    if len(active) and not active.displacement.any():
+        fit_one_system(points, support=support, **options)  # raises what it would otherwise
+        zero = np.zeros(active.target.shape)
+        return FitQuality(active.ids, zero, zero, np.zeros(len(active)), (), 0.0, 0.0, 1.0, zero)
+    system = fit_system(points, support=support, **options)
     unit = system.ready.support
     row, alone = _rows_of(system, active), _alone(system)
     errors = unit * _left_out(system, alone)[row]

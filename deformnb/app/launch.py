@@ -88,7 +88,11 @@ def open_app(volume: Volume | Channels, deformation: Deformation | None = None, 
     try:
         server = app_server(app, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:
-            asyncio.run(server.run(lambda url: _announce(url, idle, stack if browser else None)))
+            def announce(url: str) -> None:
+                _announce(url, idle, stack if browser else None)
+                app.studio.warm_up()  # while the browser starts
+
+            asyncio.run(server.run(announce))
     except OSError as error:
         raise DeformError(f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; "
                           "choose another --port.") from None

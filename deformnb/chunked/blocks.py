@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._jax import jax
 from deformnb._typing import Progress
 from deformnb.chunked.sources import ChunkCache, LargeVolume, Part
 from deformnb.errors import DeformError

@@ -16,9 +16,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
+from deformnb._jax import jax
 from deformnb.chunked.blocks import BlockWarp
 from deformnb.errors import DeformError
 from deformnb.io import ome_zarr

@@ -19,6 +19,7 @@ from deformnb._typing import Progress
 from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.imaging.raycast import (
+    LAMP,
     Blocks,
     PerspectiveCamera,
     ambience_beside,
@@ -245,10 +246,8 @@ def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> di
         return settings
     low, width, _ = settings["range"]
     scaling = (low, 1 / width) if settings["is_scaled"] else (0.0, 1.0)
-    # A lamp above the viewer's left shoulder: pure headlight looks flat, light from far aside leaves half in the dark.
-    light = _f32(-0.35, -0.45, -0.82)
     return {**settings, "knots": knots(settings["transfer"], dn, *scaling), "spacing": _f32(dn, dv, du),
-            "light": light / np.linalg.norm(light), "faces": None, "ambience": None}
+            "light": LAMP, "faces": None, "ambience": None}
 
 
 def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:

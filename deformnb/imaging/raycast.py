@@ -11,12 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeAlias
 
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled
+from deformnb._jax import compiled, jnp, lax
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Plane
@@ -26,6 +24,10 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
 
 _AMBIENT, _DIFFUSE, _GLOSS, _POWER = 0.35, 0.75, 0.35, 24
+
+LAMP = np.array([-0.35, -0.45, -0.82], np.float32) / np.linalg.norm([-0.35, -0.45, -0.82]).astype(np.float32)
+"""The direction to the lamp along u, v and n of a picture: above the viewer's left shoulder. Pure headlight looks flat,
+light from far aside leaves half in the dark."""
 
 
 class Knots(NamedTuple):

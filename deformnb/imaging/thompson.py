@@ -10,16 +10,16 @@ grids, arrows and captions stay vectors and text, and only the pictures are pixe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from math import ceil, floor, log10
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from deformnb._jax import pytree
 from deformnb.analysis.quality import affine_split, bending_energy
 from deformnb.analysis.strain import Stretches, stretches
 from deformnb.checks import finite_number, one_of, shown_value
@@ -116,7 +116,7 @@ def magnified(field: AbstractField, factor: float) -> AbstractField:
     return _Magnified(field, factor)
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["field"], meta_fields=["factor"])
+@pytree(data_fields=["field"], meta_fields=["factor"])
 @dataclass(frozen=True, eq=False, repr=False)
 class _Magnified(AbstractField):
     field: AbstractField

@@ -22,14 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._jax import jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -166,8 +164,7 @@ def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
 # ---- the field -------------------------------------------------------------------------------------------------------
 
 
-@partial(
-    jax.tree_util.register_dataclass,
+@pytree(
     data_fields=["fields", "regions"],
     meta_fields=["sides", "plane", "rule", "softness"],
 )

@@ -18,14 +18,12 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._jax import jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
@@ -227,8 +225,7 @@ EXTRUSIONS: dict[str, Callable[..., Weights]] = {
 """All extrusion rules by name; the first is the default."""
 
 
-@partial(
-    jax.tree_util.register_dataclass,
+@pytree(
     data_fields=["maps", "knots", "weights"],
     meta_fields=["plane", "depth"],
 )
@@ -271,6 +268,10 @@ class Extrusion(AbstractField):
     @property
     def dim(self) -> int:
         return 3
+
+    @property
+    def is_identity(self) -> bool:
+        return all(m.is_identity for m in self.maps)
 
     @property
     def is_replication(self) -> bool:

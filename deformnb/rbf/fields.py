@@ -13,13 +13,11 @@ from inspect import signature
 from itertools import product
 from typing import Any, Protocol
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import compiled, float64, jax, jnp, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
@@ -55,6 +53,11 @@ class AbstractField(ABC):
     @property
     def has_cuts(self) -> bool:
         """True if the field jumps and hides tissue along cuts; see :mod:`deformnb.rbf.cuts`."""
+        return False
+
+    @property
+    def is_identity(self) -> bool:
+        """True if the field is known to move nothing, without any computation; False may still move nothing."""
         return False
 
     @property
@@ -211,7 +214,7 @@ def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return rows.reshape(3, -1), x
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["values"], meta_fields=["lattice"])
+@pytree(data_fields=["values"], meta_fields=["lattice"])
 @dataclass(frozen=True, eq=False, repr=False)
 class DisplacementField(AbstractField):
     """A field stored as samples and interpolated linearly; beyond the outermost samples it goes on as a constant.
@@ -318,12 +321,16 @@ def _index(lattice: Grid | Raster, points: Any) -> Any:
     return (points - np.asarray(lattice.origin)) @ np.linalg.inv(lattice.matrix).T
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["dim"])
+@pytree(data_fields=[], meta_fields=["dim"])
 @dataclass(frozen=True)
 class Identity(AbstractField):
     """No displacement at all."""
 
     dim: int = 3
+
+    @property
+    def is_identity(self) -> bool:
+        return True
 
     def __call__(self, points: Any) -> Any:
         return jnp.zeros_like(points)
@@ -335,7 +342,7 @@ class Identity(AbstractField):
         return np.zeros((*np.shape(points), self.dim))
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["matrix", "offset"], meta_fields=[])
+@pytree(data_fields=["matrix", "offset"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class Affine(AbstractField):
     """The affine map ``x -> A x + t`` of space or a plane as displacements.
@@ -370,7 +377,7 @@ class Affine(AbstractField):
         return np.broadcast_to(np.asarray(self.matrix) - np.eye(self.dim), (*np.shape(points), self.dim)).copy()
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["first", "then"], meta_fields=[])
+@pytree(data_fields=["first", "then"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class Composed(AbstractField):
     """First one deformation, then another one of its result: D = D_then + D_first o (id + D_then), exactly.
@@ -401,6 +408,10 @@ class Composed(AbstractField):
         return then + self.first.jacobian(x + self.then.displacement(x)) @ (np.eye(self.dim) + then)
 
     @property
+    def is_identity(self) -> bool:
+        return self.first.is_identity and self.then.is_identity
+
+    @property
     def steps(self) -> tuple[AbstractField, ...]:
         return (*self.first.steps, *self.then.steps)
 
@@ -418,7 +429,7 @@ class Composed(AbstractField):
         return d + before, opacity * opacity_before
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["fields"], meta_fields=[])
+@pytree(data_fields=["fields"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class Blended(AbstractField):
     """The sum of displacements, each looked up at the same place: the paper's blending of planes.

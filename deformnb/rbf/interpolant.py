@@ -16,17 +16,15 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.spatial
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import compiled, float64, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.evaluation import (
@@ -71,8 +69,7 @@ _COMPACT_ERROR = 14 * 6e-8
 _PIXEL_SHARE = 1e-3
 
 
-@partial(
-    jax.tree_util.register_dataclass,
+@pytree(
     data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget",
                  "quadratic"],
     meta_fields=["kernel", "trend", "remarks", "ids"],
@@ -120,6 +117,11 @@ class RBFInterpolant(AbstractField):
     @property
     def dim(self) -> int:
         return int(self.centers.shape[-1])
+
+    @cached_property
+    def is_identity(self) -> bool:
+        parts = (self.coefficients, self.linear, self.constant, self.quadratic)
+        return not any(np.asarray(part).any() for part in parts if part is not None)
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -172,6 +174,8 @@ class RBFInterpolant(AbstractField):
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         relative, shape = self._relative(points)
+        if self.is_identity:  # every studio starts with one, and nothing is compiled for it
+            return np.zeros(shape)
         return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(shape)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -180,6 +184,8 @@ class RBFInterpolant(AbstractField):
         Kernels with a kink have no derivative at a control point; there the kernel's share is 0.
         """
         relative, shape = self._relative(points)
+        if self.is_identity:
+            return np.zeros((*shape, self.dim))
         d = jacobian_at_points(relative, self._leaves(np.float64), self.kernel, np.float64) / self.support
         return np.moveaxis(d, -1, 0).reshape(*shape, self.dim)
 
@@ -192,12 +198,16 @@ class RBFInterpolant(AbstractField):
     def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """dD_m/dx_k at ``rows[:, r] + columns[:, c]``, (dim, dim, R, C): for pictures, not for proofs (float32)."""
         first, other = self._relative_lines(rows, columns)
+        if self.is_identity:
+            return np.zeros((self.dim, self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = np.float64 if self.kernel.order > 2 else np.float32  # the terms of r^5 cancel each other
         d = jacobian_at_lattice(first, other, self._leaves(dtype), self.kernel, dtype)
         return np.asarray(d / self.support, dtype=np.float32)
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         first, other = self._relative_lines(rows, columns)
+        if self.is_identity:
+            return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
         reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*first, *other))))
         dtype = np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)

@@ -35,12 +35,10 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import float64
+from deformnb._jax import float64, jax, jnp, with_derivative
 from deformnb.checks import SMALLEST_LENGTH, is_finite, shown_value
 from deformnb.errors import DeformError
 
@@ -87,9 +85,7 @@ class AbstractKernel(ABC):
         if "profile" in cls.__dict__:
             if "slope" not in cls.__dict__:
                 cls.slope = staticmethod(_derivative(cls.profile, NEAREST**2))  # type: ignore[method-assign,assignment]
-            function = jax.custom_jvp(cls.profile)
-            function.defjvps(lambda ds, value, s: cls.slope(s) * ds)
-            cls.of_square = staticmethod(function)
+            cls.of_square = staticmethod(with_derivative(cls.profile, cls._along))
 
     @staticmethod
     @abstractmethod
@@ -100,6 +96,11 @@ class AbstractKernel(ABC):
     @abstractmethod
     def slope(s: Any) -> Any:
         """D phi / d s, finite for s >= 0 (kinks and logarithms cut off next to 0); by JAX where it is not given."""
+
+    @classmethod
+    def _along(cls, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        (s,), (ds,) = primals, tangents
+        return cls.profile(s), cls.slope(s) * ds
 
     def __call__(self, distance: ArrayLike) -> NDArray[np.float64]:
         """Phi at distances r in physical units, float64."""

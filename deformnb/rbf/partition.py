@@ -14,16 +14,13 @@ Approximation (2004), chapter 15).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.spatial
-from jax import lax
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._jax import jax, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
 from deformnb.rbf.fields import AbstractField
@@ -44,7 +41,7 @@ _MISSED = 4.0  # times the deviation found is stated: larger ones lie between th
 _WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is compared with
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["fits", "low", "high", "margin"],
+@pytree(data_fields=["fits", "low", "high", "margin"],
          meta_fields=["remarks", "ids"])
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalFits(AbstractField):

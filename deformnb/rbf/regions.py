@@ -16,12 +16,11 @@ from functools import cached_property
 from itertools import product
 from typing import Any, ClassVar
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from deformnb._jax import jax, jnp, pytree_node
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane, Raster
@@ -67,7 +66,7 @@ def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDAr
     return array
 
 
-@jax.tree_util.register_pytree_node_class
+@pytree_node
 @dataclass(frozen=True)
 class HalfSpace(AbstractRegion):
     """The places on one side of a straight line in a picture, or of a plane in space: ``dot(x - point, normal) < 0``.
@@ -199,7 +198,7 @@ class _Outline(AbstractRegion):
         return made
 
 
-@jax.tree_util.register_pytree_node_class
+@pytree_node
 @dataclass(frozen=True)
 class Polygon(_Outline):
     """The inside of a closed line on a picture, drawn either way round.
@@ -230,7 +229,7 @@ class Polygon(_Outline):
         _refuse_crossing(v, "polygon", is_closed=True)
 
 
-@jax.tree_util.register_pytree_node_class
+@pytree_node
 @dataclass(frozen=True)
 class Line(_Outline):
     """One side of an open line on a picture, whose first and last edge go on straight for ever.
@@ -370,7 +369,7 @@ _MOST_VOXELS = 4_000_000
 _NOWHERE = LARGEST_COORDINATE
 
 
-@jax.tree_util.register_pytree_node_class
+@pytree_node
 @dataclass(frozen=True, eq=False)
 class Mask(AbstractRegion):
     """The pixels or voxels of a mask; the boundary runs along their faces.

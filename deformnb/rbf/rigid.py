@@ -30,13 +30,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from deformnb._jax import compiled
+from deformnb._jax import compiled, jax, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, in_blocks
 from deformnb.rbf.fitting import fit_rbf
@@ -356,8 +354,7 @@ class RigidPart:
         return self if self.motion is None or strength == 1 else replace(self, motion=self.motion.power(strength))
 
 
-@partial(
-    jax.tree_util.register_dataclass,
+@pytree(
     data_fields=["base", "regions", "matrices", "shifts", "scales"],
     meta_fields=["weights", "notes"],
 )

@@ -27,14 +27,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from typing import Any
 
-import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._jax import jax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField, Identity
@@ -46,7 +45,7 @@ MOST_SLITS = 3
 """Cuts of a step that stop inside the body: each doubles the fits that every region blends."""
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["fits", "lines"], meta_fields=[])
+@pytree(data_fields=["fits", "lines"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class TipBlend(AbstractField):
     """The map of one region beside cuts that stop: its fits with and without each of these cuts, blended at the tips.

@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
-import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._jax import pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
@@ -32,7 +31,7 @@ MOST_STAGES = 64
 """Stages of a step at most; a drag cut in 64 parts turns by less than 6 degrees in each."""
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["fits"], meta_fields=[])
+@pytree(data_fields=["fits"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class Staged(AbstractField):
     """Fits done one after the other, first to last; a backward displacement field of dimension 2 or 3.

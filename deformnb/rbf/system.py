@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import scipy.sparse
@@ -17,7 +15,7 @@ import scipy.sparse.linalg
 import scipy.spatial
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled
+from deformnb._jax import compiled, jax, jnp
 from deformnb.errors import DeformError
 from deformnb.rbf.evaluation import few_sizes
 from deformnb.rbf.kernels import AbstractKernel

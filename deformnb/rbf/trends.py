@@ -23,12 +23,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 
+from deformnb._jax import jnp, lax, with_derivative
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 
@@ -302,12 +300,6 @@ def _polar(h: Any) -> tuple[Any, Any, Any]:
     return (u * proper) @ vt, vt.T, sigma * proper
 
 
-@jax.custom_jvp
-def _polar_rotation(h: Any) -> Any:
-    return _polar(h)[0]
-
-
-@_polar_rotation.defjvp
 def _polar_rotation_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
     # R V [K_ij / (p_i + p_j)] V^T with K the skew part of R^T dH; differentiating through the singular vectors divides
     # by p_i - p_j instead, zero for a ball of points.
@@ -316,6 +308,9 @@ def _polar_rotation_jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any,
     k = v.T @ (r.T @ dh - dh.T @ r) @ v
     both = p[:, None] + p[None, :]
     return r, r @ v @ (k / jnp.where(both > 0, both, 1.0)) @ v.T
+
+
+_polar_rotation = with_derivative(lambda h: _polar(h)[0], _polar_rotation_jvp)
 
 
 def complete(images: Any, basis: Any) -> Any:

@@ -14,12 +14,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
-from deformnb._jax import float64
+from deformnb._jax import float64, jax
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField

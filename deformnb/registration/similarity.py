@@ -11,16 +11,12 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import compiled, float64, jax, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.system import solve
@@ -99,8 +95,7 @@ def measure_named(name: str) -> Measure:
         raise DeformError(f"unknown measure of similarity {name!r}; choose one of {', '.join(MEASURES)}.") from None
 
 
-@partial(
-    jax.tree_util.register_dataclass,
+@pytree(
     data_fields=["source", "active", "nugget", "scales", "span", "turn"],
     meta_fields=["kernel", "trend", "stages"],
 )
@@ -126,7 +121,7 @@ class Fitting:
     stages: int = 1
 
 
-@partial(jax.tree_util.register_dataclass, data_fields=["values", "matrix", "offset"], meta_fields=[])
+@pytree(data_fields=["values", "matrix", "offset"], meta_fields=[])
 @dataclass(frozen=True, eq=False)
 class SampledImage:
     """The moving picture: values with a rim of background, and the way from relative places to their indices."""

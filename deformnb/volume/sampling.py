@@ -16,13 +16,10 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, float64, refuse_forked
+from deformnb._jax import compiled, float64, jax, jnp, lax, refuse_forked
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""

@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from deformnb._jax import compiled
+from deformnb._jax import compiled, jnp, lax
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.extrusion import CURVE_KNOTS, Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, Identity, raster_lines

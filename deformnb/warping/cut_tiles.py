@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled
+from deformnb._jax import compiled, jnp, lax
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, raster_lines

@@ -21,12 +21,11 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from deformnb._jax import compiled
+from deformnb._jax import compiled, jnp
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion

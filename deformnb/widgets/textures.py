@@ -20,10 +20,10 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._jax import jax
 from deformnb.document.animation import TimeMaps
 from deformnb.document.json_format import region_to_data
 from deformnb.rbf.cuts import Decoupled, Sides, sides_of

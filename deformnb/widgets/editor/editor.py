@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from deformnb.checks import checked_window
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
+from deformnb.imaging.preview import draw_marked
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -54,12 +55,12 @@ from deformnb.widgets.editor.base import FRONT_END_TRAITS, EditedPoints, PointsT
 from deformnb.widgets.messages import DrawShape, EditRefused, ProposedParts, ShowPoint
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.base import PlanarFit
-from deformnb.widgets.view.stills import with_png
+from deformnb.widgets.view.stills import as_png, with_png
 
 # Pixels along the longer side of an empty sheet: the arrow keys move points by one of them.
 _SHEET = 200
 _AIR = 0.2  # of the box of the points, on each side
-_PREVIEW_DPI = 80  # 560 pixels along the longer side, some 100 kB in the notebook
+_PREVIEW_SIZE = 572  # pixels along the longer side, some 100 kB in the notebook
 _PARTS = 6  # of a grid line in a cell
 # Widths of the window on either side of it that the front end can show: 65536 / 33 leave the window 2000 steps.
 _AROUND = 16
@@ -152,19 +153,14 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list
     return pieces
 
 
-def preview_png(picture: Picture, points: ControlPoints, fit: AbstractField, cells: int) -> bytes:
-    """The deformed picture with its grid and points."""
-    from deformnb.imaging.drawing import draw_pictures
-
+def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], AbstractField], cells: int) -> bytes:
+    """The deformed picture with its grid and points; nothing is fitted, and no JAX imported, before a drag."""
     lines = grid_lines(picture.raster, cells) if cells else []
-    if points.displacement.any():  # most editors are shown before anything is dragged: no need to compile for that
-        picture = replace(picture, values=warp_picture(picture.values, picture.raster, fit))
-        lines = deformed_lines(lines, fit) if lines else []
-    figure = draw_pictures([picture], grids=[lines], points=[points], style="dark")
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
-    return stream.getvalue()
-
+    if points.displacement.any():
+        field = fit()
+        picture = replace(picture, values=warp_picture(picture.values, picture.raster, field))
+        lines = deformed_lines(lines, field) if lines else []
+    return as_png(draw_marked(picture, lines, points, _PREVIEW_SIZE))
 
 
 _LOG = logging.getLogger(__name__)
@@ -346,7 +342,7 @@ class Editor(EditedPoints):
     def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
         picture = self.picture or sheet(self.points)
-        return preview_png(picture, self.points, self.fit(), self.density if self.show_grid else 0)
+        return preview_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 

@@ -289,8 +289,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             raise
         finally:
             is_whole.set()
-        self._worker.latest("warm up", self.session.warm_up)
         self._request_status()
+        if before:
+            self.warm_up()
 
     def _make(self, before: Mapping[str, Any], labels: Volume | None, label_names: Mapping[int, str] | None,
               target: Volume | None) -> None:
@@ -632,6 +633,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
+    def warm_up(self) -> None:
+        """Import JAX and compile for the first edits, in the studio's thread; done when it is displayed."""
+        if not self._worker.is_closed:
+            self._worker.latest("warm up", self.session.warm_up)
+
     def hand_on(self, other: Any) -> None:
         """Leave a view that another studio of the same cell was given as well to that one."""
         if getattr(other, "view", None) is self.view:
@@ -665,10 +671,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
+        self.warm_up()
         for shown in (self.editor, self.view):  # no pane is around them, whose height they would take
             if shown.has_trait("fill"):
                 shown.fill = False
         return marimo.hstack([self.editor, self.view], widths="equal", align="start")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
-        return with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
+        bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
+        self.warm_up()  # now: a thread that imports JAX halves the speed of the one that makes the first picture
+        return bundle

@@ -9,7 +9,8 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,12 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.core_volume import bytes_of, draw_core, draw_core_mip
 from deformnb.imaging.occlusion import AMBIENT_CELL, ambient_light
+from deformnb.imaging.preview import draw_slices, draw_slices_mip
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
 from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
-from deformnb.volume.coarsening import coarser
+from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
@@ -35,7 +37,7 @@ from deformnb.widgets.vtk.scene import VtkScene
 PREVIEW_SIZE = (560, 420)
 """Width and height of a preview in pixels."""
 
-# Samples in space count with the third power of the pixels' number: 0.6 makes a picture of 256^3 five times as fast.
+# So many voxels and this share of the pixels take 0.2 s: a cell waits for its preview before it shows its widget.
 _PREVIEW_SHARE = 0.6
 _PREVIEW_VOXELS = 128**3
 
@@ -75,6 +77,10 @@ class SceneDescription:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def shown_field(self, is_original: bool) -> AbstractField | None:
+        """The field that the voxels go through; None where they stay as they are."""
+        return None if is_original or self.field is None or self.field.is_identity else self.field
+
 
 _PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip", "ambient_occlusion")
 
@@ -88,35 +94,48 @@ def render_scene(scene: SceneDescription, size: tuple[int, int], most: int | Non
     most : voxels of the deformed volume at most; default is as many as there are.
     progress : called with the finished share from 0 to 1.
     """
-    if scene.shows not in ("side_by_side", *COMPARISONS):
-        return _render(scene, size, scene.shows == "original", most, progress)
-    (width, height), is_whole = size, scene.shows in COMPARISONS
+    def draw(size: tuple[int, int], is_original: bool, start: float, end: float) -> Image:
+        return _render(scene, size, is_original, most, within(progress, start, end))
+
+    return _as_shown(scene.shows, size, draw)
+
+
+def _as_shown(shows: str, size: tuple[int, int], draw: Callable[[tuple[int, int], bool, float, float], Image]) -> Image:
+    """A picture, or two, of a display mode; ``draw`` takes size, whether original, and its share of the progress."""
+    if shows not in ("side_by_side", *COMPARISONS):
+        return draw(size, shows == "original", 0.0, 1.0)
+    (width, height), is_whole = size, shows in COMPARISONS
     left = width if is_whole else width // 2
-    halves = (_render(scene, (left, height), True, most, within(progress, 0.0, 0.5)),
-              _render(scene, (width if is_whole else width - left, height), False, most, within(progress, 0.5, 1.0)))
-    return compared(scene.shows, *halves)
+    return compared(shows, draw((left, height), True, 0.0, 0.5),
+                    draw((width if is_whole else width - left, height), False, 0.5, 1.0))
 
 
 def _render(scene: SceneDescription, size: tuple[int, int], is_original: bool, most: int | None,
             progress: Progress | None = None) -> Image:
-    shown = scene.shown
-    box = scene.output or shown.volume.grid
-    lattice = scene.output if most is None else coarser(box, factors_of(box, most, most))
-    field = None if is_original else scene.field
+    box = scene.output or scene.shown.volume.grid
+    field = scene.shown_field(is_original)
     warped = 0.0 if field is None else 0.3
-    seen = shown.volume if field is None else warp(shown.volume, field, output=lattice,
-                                                   progress=within(progress, 0.0, warped))
-    camera = camera_of(scene.camera, box, size[0] / size[1])
-    part = Part.of(shown.volume.grid, scene.clip, scene.output or shown.original)
+    seen = _seen(scene, field, box if most is None else coarser(box, factors_of(box, most, most)),
+                 within(progress, 0.0, warped))
+    camera, part = camera_of(scene.camera, box, size[0] / size[1]), _part(scene)
     background, rest = BACKGROUNDS[scene.background], within(progress, warped, 1.0)
     if scene.projection == "mip":
-        return draw_core_mip(seen, camera, size, 255 * shown.white, INKS[scene.background], background, part=part,
+        return draw_core_mip(seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part,
                              progress=rest)
     # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
-    transfer = _in_bytes(scene.transfer, *shown.window)
-    ambience = _ambience(shown.volume, transfer, field, box) if scene.ambient_occlusion else None
+    transfer = _in_bytes(scene.transfer, *scene.shown.window)
+    ambience = _ambience(scene.shown.volume, transfer, field, box) if scene.ambient_occlusion else None
     return draw_core(seen, camera, size, transfer, background, projection=scene.projection, part=part,
                      ambience=ambience, progress=rest)
+
+
+def _seen(scene: SceneDescription, field: AbstractField | None, lattice: Grid, progress: Progress | None) -> Volume:
+    """The voxels of a scene: deformed on a lattice, or as they are."""
+    return scene.shown.volume if field is None else warp(scene.shown.volume, field, output=lattice, progress=progress)
+
+
+def _part(scene: SceneDescription) -> Part | None:
+    return Part.of(scene.shown.volume.grid, scene.clip, scene.output or scene.shown.original)
 
 
 def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField | None, box: Grid) -> Volume:
@@ -128,13 +147,14 @@ def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField |
 
 
 def preview_png(scene: SceneDescription) -> bytes:
-    """A small picture with captions as a PNG, quickly: from fewer voxels and fewer pixels than it has."""
+    """A small picture with captions as a PNG, quickly: from few voxels, by :mod:`deformnb.imaging.preview`.
+
+    Nothing is compiled for it but the warp of a deformed volume; there is no ambient occlusion on it.
+    """
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
-    width, height = PREVIEW_SIZE
-    few = (round(_PREVIEW_SHARE * width), round(_PREVIEW_SHARE * height))
-    canvas = Pillow.fromarray(render_scene(scene, few, _PREVIEW_VOXELS)).resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)
+    canvas = Pillow.fromarray(_as_shown(scene.shows, PREVIEW_SIZE, partial(_preview, scene)))
     both = ["original", "deformed"]
     captions = {"original": both[:1], "side_by_side": both, "wipe": both,
                 "fade": ["original over deformed"]}.get(scene.shows, [])
@@ -142,6 +162,35 @@ def preview_png(scene: SceneDescription) -> bytes:
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
     return as_png(np.asarray(canvas))
+
+
+def _preview(scene: SceneDescription, size: tuple[int, int], is_original: bool, _start: float, _end: float) -> Image:
+    field, box = scene.shown_field(is_original), scene.output or scene.shown.volume.grid
+    few = partial(factors_of, limit=_PREVIEW_VOXELS, largest=_PREVIEW_VOXELS)
+    seen = _seen(scene, field, coarser(box, few(box)), None)
+    if field is None:
+        seen = _coarse(seen, few(seen.grid))
+    camera, part, background = camera_of(scene.camera, box, size[0] / size[1]), _part(scene), scene.background
+    pixels = round(_PREVIEW_SHARE * size[0]), round(_PREVIEW_SHARE * size[1])
+    if scene.projection == "mip":
+        drawn = draw_slices_mip(seen, camera, pixels, 255 * scene.shown.white, INKS[background],
+                                BACKGROUNDS[background], part=part)
+    else:
+        drawn = draw_slices(seen, camera, pixels, _in_bytes(scene.transfer, *scene.shown.window),
+                            BACKGROUNDS[background], is_lit=scene.projection == "shaded", part=part)
+    from PIL import Image as Pillow
+
+    return np.asarray(Pillow.fromarray(drawn).resize(size, Pillow.Resampling.BICUBIC))
+
+
+def _coarse(volume: Volume, factors: tuple[int, int, int]) -> Volume:
+    """Means over blocks of bytes; of labels the first voxel of each."""
+    if max(factors) == 1:
+        return volume
+    fx, fy, fz = factors
+    values = (volume.values[::fz, ::fy, ::fx] if volume.is_labels
+              else (block_means(volume.values, factors) + 0.5).astype(np.uint8))
+    return replace(volume, values=values, grid=coarser(volume.grid, factors))
 
 
 def as_png(image: Image) -> bytes:

@@ -1,0 +1,96 @@
+"""Modules that are imported at their first use: JAX and the parts of scipy, which take a second of a notebook's start.
+
+A name such as ``jnp`` of this package stands for the module and imports it when an attribute is first looked up, in
+whichever thread that is. What has to be done as soon as JAX is there, such as the registration of pytrees, is done by
+the import itself, whoever imports JAX.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+
+class Deferred:
+    """A module that is imported when an attribute of it is looked up.
+
+    Parameters
+    ----------
+    name : of the module.
+
+    Examples
+    --------
+    >>> decimal = Deferred("decimal")
+    >>> decimal.Decimal("0.1") + 1
+    Decimal('1.1')
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        # Not kept: importlib finds a loaded module in a third of a microsecond, and tests may replace its attributes.
+        return getattr(importlib.import_module(self._name), attribute)
+
+    def __repr__(self) -> str:
+        return f"<deferred module {self._name!r}>"
+
+
+class _AfterImport(MetaPathFinder):
+    """What is to be called once a module has been imported. Python asks it first where the module is."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._lock = threading.Lock()
+        self._waiting: list[Callable[[], object]] | None = []
+
+    def add(self, function: Callable[[], object]) -> None:
+        """Call this when the module has been imported, at once if it has."""
+        with self._lock:
+            if self._waiting is not None:
+                self._waiting.append(function)
+                return
+        function()
+
+    def find_spec(self, name: str, path: Sequence[str] | None = None,
+                  target: ModuleType | None = None) -> ModuleSpec | None:
+        if name != self._name:
+            return None
+        sys.meta_path.remove(self)
+        spec = importlib.util.find_spec(name)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                execute(module)
+                self.run()
+
+            spec.loader.exec_module = exec_module  # type: ignore[method-assign]
+        return spec
+
+    def run(self) -> None:
+        """Call what waits."""
+        with self._lock:
+            waiting, self._waiting = self._waiting or [], None
+        for function in waiting:
+            function()
+
+
+_JAX = _AfterImport("jax")
+if "jax" in sys.modules:
+    importlib.import_module("jax")  # whole: another thread may be importing it
+    _JAX.run()
+else:
+    sys.meta_path.insert(0, _JAX)
+
+
+def after_jax(function: Callable[[], object]) -> None:
+    """Call a function once JAX has been imported, by anyone: at once if it has."""
+    _JAX.add(function)

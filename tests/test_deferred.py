@@ -1,0 +1,88 @@
+"""JAX comes at its first use: not before a studio is shown, and with all that has to be registered."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SHOWN = """
+import sys
+import deformnb as dn
+studio = dn.Studio(dn.datasets.PHANTOMS["bar"].make((24, 24, 48)))
+studio.wait()
+studio.warm_up = lambda: print("warm up")
+bundle = studio._repr_mimebundle_()
+data = bundle[0] if isinstance(bundle, tuple) else bundle
+print(sorted(data), [name for name in ("jax", "matplotlib", "vtkmodules") if name in sys.modules])
+studio.close()
+"""
+
+REGISTERED = """
+import deformnb as dn
+from deformnb.rbf.fields import Affine
+import numpy as np
+before = Affine(2 * np.eye(3), np.zeros(3))
+import jax
+print(len(jax.tree_util.tree_leaves(before)), len(jax.tree_util.tree_leaves(dn.HalfSpace((0, 0, 0), (0, 0, 1)))))
+"""
+
+AFTERWARDS = "import jax\n" + REGISTERED
+
+THREADS = """
+import threading
+import deformnb as dn
+from deformnb.rbf.fields import Affine
+import numpy as np
+points = dn.ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [5, 5]], [[0, 0], [9, 1], [0, 9], [6, 5]])
+found, gate = [], threading.Barrier(4)
+
+def work():
+    gate.wait()
+    found.append(dn.fit_rbf(points).displacement([6.0, 5.0]).round(9).tolist())
+
+threads = [threading.Thread(target=work) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(found)
+"""
+
+LEAVING = """
+import deformnb as dn
+studio = dn.Studio(dn.datasets.PHANTOMS["bar"].make((24, 24, 48)))
+studio.warm_up()
+print("left")
+"""
+
+
+def run(code: str, folder: Path) -> list[str]:
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], env=os.environ, capture_output=True, text=True,
+                          check=True, timeout=120, cwd=folder)
+    assert not done.stderr
+    return done.stdout.splitlines()
+
+
+def test_a_studio_is_shown_without_jax_and_warms_up_afterwards(isolated_folders: Path) -> None:
+    *order, shown = run(SHOWN, isolated_folders)
+    assert order == ["warm up"]
+    assert "image/png" in shown
+    assert "application/vnd.jupyter.widget-view+json" in shown
+    assert shown.endswith("[]")
+
+
+@pytest.mark.parametrize("code", [REGISTERED, AFTERWARDS], ids=["before jax", "after jax"])
+def test_fields_are_pytrees_whoever_imports_jax(code: str, isolated_folders: Path) -> None:
+    assert run(code, isolated_folders) == ["2 2"]
+
+
+def test_threads_may_be_the_first_to_compute(isolated_folders: Path) -> None:
+    assert run(THREADS, isolated_folders) == [str([[-1.0, 0.0]] * 4)]
+
+
+def test_the_interpreter_ends_though_jax_is_being_imported(isolated_folders: Path) -> None:
+    assert run(LEAVING, isolated_folders) == ["left"]
