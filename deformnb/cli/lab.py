@@ -45,13 +45,18 @@ def add_lab_options(parser: argparse.ArgumentParser) -> None:
 def copy_and_open(sources: list[Path], folder: Path, options: argparse.Namespace,
                   opener: Callable[..., None] | None = None) -> None:
     """Copy notebooks into a folder, say which are new, and open the first of them, in JupyterLab by default."""
+    copy_and_list(sources, folder)
+    sys.stdout.flush()  # Lab prints next, past our buffer
+    chosen = {"--no-browser": options.no_browser, "--allow-root": options.allow_root}
+    (opener or open_lab)(folder / sources[0].name, *(name for name, given in chosen.items() if given))
+
+
+def copy_and_list(sources: list[Path], folder: Path) -> None:
+    """Copy notebooks into a folder and say which are new."""
     new, kept = copy_files(sources, folder)
     for what, paths in (("new", new), ("kept as it is", kept)):
         for path in paths:
             print(f"{what:14} {path}")
-    sys.stdout.flush()  # Lab prints next, past our buffer
-    chosen = {"--no-browser": options.no_browser, "--allow-root": options.allow_root}
-    (opener or open_lab)(folder / sources[0].name, *(name for name, given in chosen.items() if given))
 
 
 def shipped_notebooks() -> list[Path]:

@@ -1,4 +1,4 @@
-"""The lessons for the classroom: a list of them, or JupyterLab with a copy of one.
+"""The lessons for the classroom: a list of them, or a copy of one, opened in JupyterLab or Voila, or its picture as a page.
 
 This is the command ``deformnb lesson``.
 """
@@ -12,6 +12,7 @@ from typing import Any
 from deformnb.cli.lab import (
     add_lab_options,
     check_lab,
+    copy_and_list,
     copy_and_open,
     open_lab,
     open_voila,
@@ -27,8 +28,12 @@ def add_lesson(commands: Any) -> None:
         a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""")
     p.add_argument("name", nargs="?", help="the lesson; without a name all are listed")
     p.add_argument("folder", nargs="?", default=".", help="where the lesson goes (default: the working directory)")
-    p.add_argument("--voila", action="store_true",
-                   help="show the lesson without its code, by Voila instead of JupyterLab")
+    how = p.add_mutually_exclusive_group()
+    how.add_argument("--voila", action="store_true",
+                     help="show the lesson without its code, by Voila instead of JupyterLab")
+    how.add_argument("--page", action="store_true",
+                     help="write the lesson's picture as one offline file, NAME.html, and open nothing")
+    how.add_argument("--copy", action="store_true", help="copy the lesson and open nothing, as a server of a class does")
     add_lab_options(p)
     p.set_defaults(run=_lesson)
 
@@ -43,9 +48,24 @@ def _lesson(options: argparse.Namespace) -> None:
         print(f"open one with: deformnb lesson {next(iter(LESSONS))}")
         return
     one_of(options.name, LESSONS, "lesson")
+    if options.page:
+        _write_page(options.name, Path(options.folder))
+        return
+    if options.copy:
+        copy_and_list([lesson_notebook(options.name)], Path(options.folder))
+        return
     check_lab(*(["voila"] if options.voila else []))
     copy_and_open([lesson_notebook(options.name)], Path(options.folder), options,
                   open_voila if options.voila else open_lab)
+
+
+def _write_page(name: str, folder: Path) -> None:
+    from deformnb.lessons.pages import write_lesson_page
+
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.html"
+    write_lesson_page(name, path, overwrite=True)
+    print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in a browser, or put it on a stick")
 
 
 def lesson_notebook(name: str) -> Path:

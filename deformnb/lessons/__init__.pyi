@@ -1,7 +1,12 @@
+from .coordinates import GOAL_NODES as GOAL_NODES
 from .exercises import Choice as Choice
 from .exercises import Numbers as Numbers
 from .exercises import Result as Result
+from .followed_result import FollowedResult as FollowedResult
 from .lesson import LESSONS as LESSONS
 from .lesson import Lesson as Lesson
+from .pages import lesson_carp as lesson_carp
+from .pages import lesson_start as lesson_start
+from .pages import write_lesson_page as write_lesson_page
 from .studio_tasks import FishTask as FishTask
 from .studio_tasks import StudioTask as StudioTask

@@ -9,6 +9,9 @@ from __future__ import annotations
 from deformnb.lessons.exercises import AbstractExercise, Choice, Numbers
 from deformnb.lessons.studio_tasks import FishTask
 
+GOAL_NODES = [8 * row + column for row in (0, 3, 6) for column in (0, 2, 4, 7)]
+"""The nodes of Polyprion's grid, row by row, that are the points of the exercise "antigonia"."""
+
 EXERCISES: dict[str, AbstractExercise] = {
     "place": Numbers(
         "A point at (120, 80) is dragged 30 mm to the right and 20 mm up. Where is it now?",

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.lessons import affine, coordinates, folding, kernels
 from deformnb.lessons.exercises import AbstractExercise, Result
+
+if TYPE_CHECKING:  # answers are checked without widgets
+    from deformnb.lessons.followed_result import FollowedResult
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,35 @@ class Lesson:
         DeformError
             If the lesson has no such exercise.
         """
-        if not isinstance(exercise, str) or exercise not in self.exercises:
+        return self._exercise(exercise).judge(answer)
+
+    def follow(self, exercise: str, studio: object) -> FollowedResult:
+        """A result that judges the studio again after each gesture: the score rises while a pupil drags.
+
+        Parameters
+        ----------
+        exercise : the name of one that is done in the studio.
+        studio : the studio, or its session.
+
+        Returns
+        -------
+        FollowedResult
+            A widget; the last expression of a cell shows it.
+
+        Raises
+        ------
+        DeformError
+            If the lesson has no such exercise, or what is followed is no studio.
+        """
+        from deformnb.lessons.followed_result import FollowedResult
+
+        return FollowedResult(self._exercise(exercise), studio)
+
+    def _exercise(self, name: str) -> AbstractExercise:
+        if not isinstance(name, str) or name not in self.exercises:
             known = ", ".join(self.exercises)
-            raise DeformError(f"this lesson has no exercise {shown_value(exercise)}; it has {known}.")
-        return self.exercises[exercise].judge(answer)
+            raise DeformError(f"this lesson has no exercise {shown_value(name)}; it has {known}.")
+        return self.exercises[name]
 
 
 LESSONS: dict[str, Lesson] = {

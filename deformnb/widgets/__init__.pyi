@@ -2,6 +2,8 @@ from .editor.editor import Editor as Editor
 from .editor.space_editor import SpaceEditor as SpaceEditor
 from .inputs.curve_editor import CurveEditor as CurveEditor
 from .inputs.depth_keys import DepthKeys as DepthKeys
+from .inputs.drawing_pair import DrawingPair as DrawingPair
+from .inputs.grid_drawing import GridDrawing as GridDrawing
 from .inputs.player import Player as Player
 from .inputs.transfer_editor import TransferEditor as TransferEditor
 from .standalone import file_page_html as file_page_html

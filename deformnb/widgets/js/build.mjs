@@ -29,6 +29,7 @@ const WIDGETS = {
   preset_menu: ["inputs/preset_menu.js", "inputs/preset_menu.css"],
   depth_keys: ["inputs/depth_keys.js", "ui/theme.css", "inputs/curve_editor.css"],
   player: ["inputs/player.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
+  grid_drawing: ["inputs/grid_drawing.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/grid_drawing.css"],
   points_table: ["inputs/points_table.js", "ui/theme.css", "inputs/points_table.css"],
   item_list: ["inputs/item_list.js", "ui/theme.css", "inputs/item_list.css"],
   clip_controls: ["inputs/clip_controls.js", "inputs/clip_sliders.css"],

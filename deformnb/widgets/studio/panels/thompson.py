@@ -23,6 +23,7 @@ from deformnb.imaging.thompson import OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.drawing_pair import DrawingPair
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step, show_view_state
@@ -81,7 +82,9 @@ class ThompsonPanel(Panel):
         self._pictures = ipw.HBox([_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
                                   layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
         self._nowhere = ipw.Label(_IN_SPACE)
-        self.box = ipw.VBox([row(*self._grid_settings()), self._settings(), self._pictures, self._nowhere,
+        self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
+        self._own = ipw.VBox([])
+        self.box = ipw.VBox([row(*self._grid_settings()), self._own, self._settings(), self._pictures, self._nowhere,
                              row(*self._export()), self.file_transfer])
         if self.is_alone:
             self._listen()
@@ -116,7 +119,10 @@ class ThompsonPanel(Panel):
         self.head = ipw.Dropdown(options=[(f"head on the {side}", side) for side in HEADS],
                                  layout=ipw.Layout(width="150px"), tooltip="Where the head is on this picture")
         told = "Points at the nodes of his grid, in place of those that are there; can be undone"
-        return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid))]
+        self.own = ipw.ToggleButton(description="Own drawings", layout=ipw.Layout(width="auto"),
+                                    tooltip="A grid of your own on this picture, and one on a second drawing")
+        self.own.observe(lambda change: self.guard(lambda: self._show_own(change["new"])), "value")
+        return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid)), self.own]
 
     def _export(self) -> list[Any]:
         stem = file_stem(self.session.volume)
@@ -158,6 +164,33 @@ class ThompsonPanel(Panel):
         rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
         points = ControlPoints.from_arrays(*rows)  # 56 names would hide the picture
         self.session.edit_points(points, f"apply the grid of {target}")
+
+    def _show_own(self, is_shown: bool) -> None:
+        """Show or put away the two drawings, beginning with the picture that is seen."""
+        self._end_own()
+        if is_shown:
+            if self.session.step.plane is None:
+                raise DeformError(_IN_SPACE)
+            self.drawings = DrawingPair(self.session.picture(), guard=self.guard)
+            told = "Points at the nodes of your grid, in place of those that are there; can be undone"
+            self._own.children = (self.drawings, button("Apply own grids", told, lambda: self.guard(self.apply_own)))
+
+    def _end_own(self) -> None:
+        self._own.children = ()
+        if self.drawings is not None:
+            self.drawings.close()
+            self.drawings = None
+
+    def apply_own(self) -> None:
+        """Put control points at the nodes of the grid on this picture, which go to those of the second drawing."""
+        if self.drawings is None:
+            raise DeformError("no drawings are shown: press Own drawings.")
+        if self.drawings.first.picture.plane != self.session.step.plane:
+            raise DeformError("the grid was put on another side of the volume: go back to it, or press Own drawings "
+                              "twice to begin on this one.")
+        grids = self.drawings.map()
+        rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
+        self.session.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
 
     def _writer(self, suffix: str) -> Callable[[], Any]:
         return lambda: self.guard(lambda: self.write(suffix))
@@ -202,6 +235,7 @@ class ThompsonPanel(Panel):
     def close(self) -> None:
         """End the thread, and the editor of a panel that stands alone."""
         self._thread.close()
+        self._end_own()
         if self.is_alone:
             self.session.unobserve(self._session_changed, _WATCHED)
             self.editor.close()

@@ -1,0 +1,63 @@
+"""The result of an exercise that follows the studio."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ipywidgets as ipw
+
+from deformnb.checks import shown_value
+from deformnb.errors import DeformError
+from deformnb.lessons.exercises import AbstractExercise, Result
+from deformnb.lessons.studio_tasks import session_of
+
+
+class FollowedResult(ipw.HTML):
+    """What a check of the studio answers, judged again after each gesture.
+
+    Parameters
+    ----------
+    exercise : done in the studio.
+    studio : the studio, or its session.
+
+    Attributes
+    ----------
+    result : of the last gesture.
+
+    Raises
+    ------
+    DeformError
+        If it is no studio.
+
+    Examples
+    --------
+    >>> from deformnb.lessons import LESSONS, lesson_carp, lesson_start
+    >>> from deformnb.session.session import Session
+    >>> carp = lesson_carp()
+    >>> session = Session(carp, lesson_start("coordinates", carp))
+    >>> followed = LESSONS["coordinates"].follow("antigonia", session)
+    >>> followed.result.text
+    'Nothing has been dragged yet. Drag the points to where their nodes belong, and check again.'
+    """
+
+    result: Result
+
+    def __init__(self, exercise: AbstractExercise, studio: object) -> None:
+        session = session_of(studio)
+        if session is None:
+            raise DeformError(f"the result follows a studio, got {shown_value(studio)}; run the cell of the studio "
+                              "first, and give the studio itself.")
+        super().__init__()
+        self._exercise, self._session = exercise, session
+        session.observe(self._judge, ["deformation", "index"])
+        self._judge()
+
+    def _judge(self, _change: Any = None) -> None:
+        self.result = self._exercise.judge(self._session)
+        self.value = self.result._repr_html_()
+
+    def close(self) -> None:
+        """Follow no more."""
+        if hasattr(self, "_session"):  # ipywidgets closes a half-made widget too
+            self._session.unobserve(self._judge, ["deformation", "index"])
+        super().close()

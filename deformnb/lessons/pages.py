@@ -1,0 +1,129 @@
+"""The picture with which each lesson begins, and the page that shows it without Python.
+
+A notebook of a lesson begins with :func:`lesson_start`; ``deformnb lesson NAME --page`` writes the same picture as one
+offline file, for a pupil who has a phone and no JupyterLab.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from deformnb.checks import one_of
+from deformnb.datasets.phantoms import PHANTOMS
+from deformnb.document.deformation import Deformation
+from deformnb.lessons.coordinates import GOAL_NODES
+from deformnb.lessons.lesson import LESSONS
+from deformnb.lessons.studio_tasks import FishTask
+from deformnb.rbf.points import ControlPoints
+from deformnb.volume.volume import Volume
+
+_SIDE = "-x"  # from the left, where the head points left
+_CORNERS = [[0, 0], [508, 0], [508, 197], [0, 197]]
+
+
+def lesson_carp() -> Volume:
+    """The carp of the lessons, 64 x 128 x 64 voxels.
+
+    Examples
+    --------
+    >>> lesson_carp().shape
+    (64, 128, 64)
+    """
+    return PHANTOMS["fish"].make((64, 128, 64))
+
+
+@dataclass(frozen=True)
+class _Page:
+    """What a lesson begins with, and what its page says and offers."""
+
+    begin: Callable[[Volume], Deformation]
+    about: str
+    controls: tuple[str, ...]
+
+
+def lesson_start(name: str, volume: Volume) -> Deformation:
+    """The points with which a lesson begins; none has been dragged.
+
+    Parameters
+    ----------
+    name : a key of :data:`~deformnb.lessons.LESSONS`.
+    volume : on whose picture from the left they lie, such as :func:`lesson_carp`.
+
+    Raises
+    ------
+    DeformError
+        If there is no such lesson.
+
+    Examples
+    --------
+    >>> lesson_start("affine", lesson_carp()).steps[0].points.names
+    ('head', 'tail')
+    """
+    one_of(name, _PAGES, "lesson")
+    return _PAGES[name].begin(volume)
+
+
+def write_lesson_page(name: str, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Write a lesson's picture as one offline file in which points can be dragged; it warns when tissue leaves the box.
+
+    Parameters
+    ----------
+    name : a key of :data:`~deformnb.lessons.LESSONS`.
+    path : the file to write; ends in .html.
+    overwrite : whether an existing file may be replaced.
+
+    Raises
+    ------
+    DeformError
+        If there is no such lesson, or the file is there or cannot be written.
+
+    Examples
+    --------
+    >>> write_lesson_page("kernel", "kernel.html")
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.DeformError: unknown lesson 'kernel'; choose one of coordinates, kernels, affine, folding.
+    """
+    from deformnb.widgets.studio.studio import Studio
+
+    carp = lesson_carp()
+    studio = Studio(carp, lesson_start(name, carp), side=_SIDE)
+    try:
+        studio.export_html(path, title=LESSONS[name].title, about=_PAGES[name].about, controls=_PAGES[name].controls,
+                           overwrite=overwrite)
+    finally:
+        studio.close()
+
+
+def _nodes(volume: Volume) -> Deformation:
+    """The nodes of Thompson's grid that a pupil drags to turn the carp into Antigonia."""
+    task = LESSONS["coordinates"].exercises["antigonia"]
+    assert isinstance(task, FishTask)
+    return Deformation.on_picture(volume, _SIDE, task.grids(volume).points.take(GOAL_NODES).reset())
+
+
+def _corners(volume: Volume) -> Deformation:
+    return Deformation.on_picture(volume, _SIDE, ControlPoints.from_arrays(_CORNERS), trend="none")
+
+
+def _ends(volume: Volume) -> Deformation:
+    ends = ControlPoints.from_arrays([[40, 100], [460, 100]], names=["head", "tail"])
+    return Deformation.on_picture(volume, _SIDE, ends, trend="similarity")
+
+
+def _one(volume: Volume) -> Deformation:
+    return Deformation.on_picture(volume, _SIDE, ControlPoints.from_arrays([[200, 100]]), trend="none", support=100.0)
+
+
+_PAGES = {
+    "coordinates": _Page(_nodes, "Drag the points until the carp is a boarfish: short, and almost as high as long. "
+                         "Each point has the name of its node.", ("strength", "shows", "density", "reset", "download")),
+    "kernels": _Page(_corners, "The corners hold the picture. Double-click on the back to add a point, and drag it up: "
+                     "how far does it reach?", ("strength", "kernel", "shows", "density", "reset")),
+    "affine": _Page(_ends, "Nothing but head and tail holds this carp. Drag both: it turns and grows as a whole.",
+                    ("strength", "shows", "density", "reset")),
+    "folding": _Page(_one, "Drag the point to the right, farther and farther, until the page tells of a fold. How far "
+                     "did you come?", ("strength", "shows", "density", "reset")),
+}

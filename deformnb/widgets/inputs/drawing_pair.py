@@ -1,0 +1,131 @@
+"""Two drawings that become a pair: a grid is put on each, and the one is deformed into the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import ipywidgets as ipw
+import numpy as np
+
+from deformnb._typing import Progress
+from deformnb.datasets.darcy import ThompsonMap, thompson_map
+from deformnb.errors import DeformError
+from deformnb.imaging.projection import project
+from deformnb.io import read_volume
+from deformnb.io.images import SUFFIXES
+from deformnb.volume.plane import Picture
+from deformnb.widgets.inputs.file_input import FileInput
+from deformnb.widgets.inputs.grid_drawing import MOST_LINES, GridDrawing
+
+ShowError = Callable[[Callable[[], None]], bool]
+"""Does what was requested and shows errors; False after one."""
+
+_SAME = "Both grids have the same lines: a node belongs to the same part of the body on both, such as the eye."
+
+
+class DrawingPair(ipw.VBox):
+    """Grids on two drawings, side by side: corners and nodes are dragged to the same parts of both animals.
+
+    Parameters
+    ----------
+    first : the picture that will be deformed.
+    second : what it shall become; None lets the user open one.
+    rows, columns : lines of both grids, to begin with.
+    guard : does what a user requested and shows errors; default shows them below the drawings.
+
+    Attributes
+    ----------
+    first, second : the drawings; the second is None until one is opened.
+
+    Examples
+    --------
+    >>> from deformnb import Volume
+    >>> leaf = np.zeros((1, 40, 60), np.uint8)
+    >>> leaf[0, 10:30, 10:50] = 200
+    >>> picture = project(Volume.from_array(leaf), "+z")
+    >>> pair = DrawingPair(picture, picture, rows=3, columns=4)
+    >>> len(pair.map().points)
+    12
+    """
+
+    def __init__(self, first: Picture, second: Picture | None = None, *, rows: int = 5, columns: int = 7,
+                 guard: ShowError | None = None) -> None:
+        self.first = GridDrawing(first, rows, columns, label="Grid on the first drawing")
+        self.second: GridDrawing | None = None
+        self._guard = guard or self._shown
+        self.message = ipw.HTML("")
+        self._lines = [ipw.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=ipw.Layout(width="150px"))
+                       for value, word in ((rows, "Rows"), (columns, "Columns"))]
+        for number in self._lines:
+            number.observe(lambda _: self._guard(self._change_lines), "value")
+        self.upload = FileInput(self.take, self._guard, label="Open the second drawing", accept=",".join(SUFFIXES),
+                                tip="A photograph or drawing: " + ", ".join(SUFFIXES))
+        self._place = ipw.VBox([self.upload], layout=ipw.Layout(flex="1 1 300px", min_width="0"))
+        first_side = ipw.VBox([ipw.HTML("<b>1. This drawing</b>"), self.first],
+                              layout=ipw.Layout(flex="1 1 300px", min_width="0"))
+        sides = ipw.HBox([first_side, self._place], layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
+        super().__init__([ipw.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'), ipw.HBox(self._lines), sides,
+                          self.message])
+        self._arrange()
+        if second is not None:
+            self.show_second(second)
+
+    def take(self, path: Path, progress: Progress) -> None:
+        """Show a file as the second drawing."""
+        volume = read_volume(path, progress=progress)
+        self.show_second(project(volume, "+z"))
+
+    def show_second(self, picture: Picture) -> None:
+        """Show a picture as the second drawing, with a grid around what is on it."""
+        if self.second is not None:
+            self.second.close()
+        rows, columns = self.first.nodes.shape[:2]
+        self.second = GridDrawing(picture, rows, columns, label="Grid on the second drawing")
+        self._arrange()
+
+    def map(self, scale: str = "inside") -> ThompsonMap:
+        """The pair laid on the first picture, where its grid is.
+
+        Parameters
+        ----------
+        scale : of the second animal beside the first, one of :data:`~deformnb.datasets.SCALES`.
+
+        Raises
+        ------
+        DeformError
+            If there is no second drawing, or a cell of a grid is flat or turned over.
+        """
+        if self.second is None:
+            raise DeformError("there is no second drawing yet: open one, and put its grid on it.")
+        flat = self.first.nodes.reshape(-1, 2)
+        (a0, b0), (a1, b1) = flat.min(axis=0), flat.max(axis=0)
+        return thompson_map(self.first.grid("the first drawing"), self.second.grid("the second drawing"),
+                            box=(a0, a1, b0, b1), frame=self.first.picture.raster.box, scale=scale)
+
+    def close(self) -> None:
+        """End the upload and both drawings."""
+        if hasattr(self, "upload"):  # ipywidgets closes a half-made widget too
+            for made in (self.upload, self.first, self.second):
+                if made is not None:
+                    made.close()
+        super().close()
+
+    def _arrange(self) -> None:
+        words = ipw.HTML("<b>2. What it shall become</b>")
+        self._place.children = (words, self.upload, *([] if self.second is None else [self.second]))
+
+    def _change_lines(self) -> None:
+        for drawing in (self.first, self.second):
+            if drawing is not None:
+                drawing.set_lines(*(number.value for number in self._lines))
+
+    def _shown(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except DeformError as error:
+            self.message.value = str(error).replace("&", "&amp;").replace("<", "&lt;")
+            return False
+        self.message.value = ""
+        return True

@@ -1,0 +1,29 @@
+"""A class on one computer: JupyterHub on the teacher's machine or a server of the school.
+
+pip install "deformnb[notebook]" jupyterhub jupyterhub-idle-culler; npm install -g configurable-http-proxy; then, in this
+folder: jupyterhub -f jupyterhub_config.py
+"""
+
+import sys
+
+c = get_config()  # noqa: F821 (JupyterHub defines it)
+
+c.JupyterHub.spawner_class = "simple"  # a folder for each pupil, no account of the system
+c.SimpleLocalProcessSpawner.home_dir_template = "/tmp/deformnb-class/{username}"
+c.JupyterHub.authenticator_class = "dummy"  # one password for the class; for a hub that others reach, take a real one
+c.DummyAuthenticator.password = ""  # set it: an empty one lets everybody in
+c.Authenticator.allow_all = True
+
+# The lesson is copied into the pupil's folder at the first start; a copy that is there is kept.
+c.Spawner.cmd = ["sh", "-c", f"{sys.executable} -m deformnb lesson coordinates . --copy && exec jupyterhub-singleuser"]
+c.Spawner.default_url = "/lab/tree/1_coordinates_and_grids.ipynb"
+c.Spawner.mem_guarantee = "700M"
+c.Spawner.mem_limit = "1500M"  # told to kernels; it is enforced by spawners with containers
+c.Spawner.start_timeout = 120
+c.JupyterHub.active_server_limit = 20
+
+c.JupyterHub.load_roles = [{
+    "name": "culler", "services": ["culler"],
+    "scopes": ["list:users", "read:users:activity", "read:servers", "delete:servers"],
+}]
+c.JupyterHub.services = [{"name": "culler", "command": [sys.executable, "-m", "jupyterhub_idle_culler", "--timeout=3600"]}]
