@@ -1,17 +1,19 @@
 """A class on one computer: JupyterHub on the teacher's machine or a server of the school.
 
-pip install "deformnb[notebook]" jupyterhub jupyterhub-idle-culler; npm install -g configurable-http-proxy; then, in this
-folder: jupyterhub -f jupyterhub_config.py
+pip install "deformnb[notebook]" jupyterhub jupyterhub-idle-culler; npm install -g configurable-http-proxy; then, in
+this folder: jupyterhub -f jupyterhub_config.py
 """
 
+import os
 import sys
+import tempfile
 
 c = get_config()  # noqa: F821 (JupyterHub defines it)
 
 c.JupyterHub.spawner_class = "simple"  # a folder for each pupil, no account of the system
-c.SimpleLocalProcessSpawner.home_dir_template = "/tmp/deformnb-class/{username}"
+c.SimpleLocalProcessSpawner.home_dir_template = os.path.join(tempfile.gettempdir(), "class", "{username}")
 c.JupyterHub.authenticator_class = "dummy"  # one password for the class; for a hub that others reach, take a real one
-c.DummyAuthenticator.password = ""  # set it: an empty one lets everybody in
+c.DummyAuthenticator.password = os.environ["CLASS_PASSWORD"]  # a hub that has none does not start
 c.Authenticator.allow_all = True
 
 # The lesson is copied into the pupil's folder at the first start; a copy that is there is kept.
@@ -26,4 +28,6 @@ c.JupyterHub.load_roles = [{
     "name": "culler", "services": ["culler"],
     "scopes": ["list:users", "read:users:activity", "read:servers", "delete:servers"],
 }]
-c.JupyterHub.services = [{"name": "culler", "command": [sys.executable, "-m", "jupyterhub_idle_culler", "--timeout=3600"]}]
+c.JupyterHub.services = [
+    {"name": "culler", "command": [sys.executable, "-m", "jupyterhub_idle_culler", "--timeout=3600"]},
+]

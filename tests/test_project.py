@@ -36,6 +36,7 @@ DISTRIBUTION = {
     "ngff_zarr": "ngff-zarr",
     "nrrd": "pynrrd",
     "PIL": "pillow",
+    "repo2docker": "jupyter-repo2docker",
     "skimage": "scikit-image",
     "trame_rca": "trame-rca",
     "xdist": "pytest-xdist",

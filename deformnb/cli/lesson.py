@@ -1,4 +1,4 @@
-"""The lessons for the classroom: a list of them, or a copy of one, opened in JupyterLab or Voila, or its picture as a page.
+"""The lessons for the classroom: a list, or a copy of one, opened in JupyterLab or Voila, or its picture as a page.
 
 This is the command ``deformnb lesson``.
 """
@@ -33,7 +33,7 @@ def add_lesson(commands: Any) -> None:
                      help="show the lesson without its code, by Voila instead of JupyterLab")
     how.add_argument("--page", action="store_true",
                      help="write the lesson's picture as one offline file, NAME.html, and open nothing")
-    how.add_argument("--copy", action="store_true", help="copy the lesson and open nothing, as a server of a class does")
+    how.add_argument("--copy", action="store_true", help="copy the lesson and open nothing, for the server of a class")
     add_lab_options(p)
     p.set_defaults(run=_lesson)
 

@@ -8,11 +8,14 @@ described at :func:`thompson_map`.
 from __future__ import annotations
 
 import json
+import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.checks import real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
+
+if TYPE_CHECKING:  # the grids of the book are read without JAX
+    from deformnb.warping.points import Landmarks
 
 Nodes = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -160,25 +166,38 @@ HEADS = ("left", "right")
 """Directions in which the head of the fish on the picture points."""
 
 
-def own_grid(nodes: ArrayLike, name: str = "own grid") -> ThompsonGrid:
+def own_grid(nodes: ArrayLike | Landmarks | str | os.PathLike[str], name: str = "own grid",
+             rows: int | None = None) -> ThompsonGrid:
     """A grid of your own, as those of the book.
 
     Parameters
     ----------
     nodes : (rows, columns, 2) places (x, y) on the drawing, x right and y down; rows from back to belly, columns from
-        head to tail, the head on the left.
+        head to tail, the head on the left. Or landmarks, or a file of them (:func:`deformnb.io.read_landmarks`), named
+        by row and column ("r0 c3") in any order, or row by row.
     name : of the animal.
+    rows : of landmarks that are not named so.
 
     Raises
     ------
     DeformError
-        If it is no such array, or a cell of it is flat or turned over.
+        If it is no such array, the landmarks do not fill a grid, or a cell of it is flat or turned over.
 
     Examples
     --------
     >>> own_grid([[[0, 0], [50, 5]], [[0, 30], [50, 25]]], "leaf").nodes.shape
     (2, 2, 2)
+    >>> from deformnb.warping import Landmarks
+    >>> marks = Landmarks([[50, 25], [0, 0], [50, 5], [0, 30]], ("r1 c1", "r0 c0", "r0 c1", "r1 c0"))
+    >>> own_grid(marks, "leaf").nodes[1].tolist()
+    [[0.0, 30.0], [50.0, 25.0]]
     """
+    if isinstance(nodes, str | os.PathLike):
+        from deformnb.io import read_landmarks
+
+        nodes = read_landmarks(nodes)
+    if _are_landmarks(nodes):
+        nodes = _rows_of(nodes, name, rows)
     given = real_array(nodes)
     form = f"the grid {name!r} must be an array of shape (rows, columns, 2): the places (x, y) of its nodes, row by row"
     if given is None:
@@ -200,6 +219,32 @@ def own_grid(nodes: ArrayLike, name: str = "own grid") -> ThompsonGrid:
     return ThompsonGrid(0, name, name, "", "", made)
 
 
+def _are_landmarks(given: object) -> TypeGuard[Landmarks]:
+    """Whether these are landmarks; told by what they have, for their class comes with JAX."""
+    return hasattr(given, "points") and hasattr(given, "names")
+
+
+def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Nodes:
+    """Landmarks as rows of nodes: by their names, or row by row."""
+    places, count = np.asarray(landmarks.points, dtype=np.float64), len(landmarks.points)
+    if places.shape[1] == 3 and np.ptp(places[:, 2]) > 0:
+        raise DeformError(f"the landmarks of the grid {name!r} lie in space, and a grid on a drawing: their third "
+                          "coordinate must be the same for all.")
+    found = [re.fullmatch(r"r(\d+) c(\d+)", mark) for mark in landmarks.names]
+    if rows is None and found and all(found):
+        at = [(int(mark[1]), int(mark[2])) for mark in found if mark]
+        high, wide = (1 + max(index) for index in zip(*at, strict=True))
+        if sorted(at) != [(i, j) for i in range(high) for j in range(wide)]:
+            missing = sorted({(i, j) for i in range(high) for j in range(wide)} - set(at))
+            words = f"r{missing[0][0]} c{missing[0][1]} is missing" if missing else "a node is there twice"
+            raise DeformError(f"the landmarks of the grid {name!r} do not fill {high} rows of {wide} nodes: {words}.")
+        return places[np.argsort([i * wide + j for i, j in at]), :2].reshape(high, wide, 2)
+    if not isinstance(rows, int) or rows < 2 or count % rows:
+        raise DeformError(f"the {count} landmarks of the grid {name!r} are not named by row and column (\"r0 c3\"); "
+                          f"say how many rows they fill: own_grid(..., rows=4). Got rows={shown_value(rows)}.")
+    return places[:, :2].reshape(rows, -1, 2)
+
+
 def _least_corners(nodes: Nodes) -> Nodes:
     """(rows - 1, columns - 1): the least of the signed areas of the four triangles at the corners of each cell."""
     p, q, r, s = nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
@@ -208,26 +253,31 @@ def _least_corners(nodes: Nodes) -> Nodes:
     return np.asarray(np.min(areas, axis=0))
 
 
-def _grid_of(given: str | int | ThompsonGrid | ArrayLike, name: str) -> ThompsonGrid:
-    """The grid that a name, a figure's number or an array of nodes stands for."""
+GridLike: TypeAlias = "str | os.PathLike[str] | int | ThompsonGrid | Landmarks | ArrayLike"
+"""What stands for a grid: a species or figure of Thompson's, nodes or landmarks of your own, or a file of these."""
+
+
+def _grid_of(given: GridLike, name: str) -> ThompsonGrid:
+    """The grid that a name, a figure's number, nodes, landmarks or a file of them stand for."""
     if isinstance(given, ThompsonGrid):
         return given
-    if isinstance(given, str | int | np.integer):
-        return thompson_grid(given if isinstance(given, str) else int(given))
-    return own_grid(given, name)
+    if isinstance(given, int | np.integer):
+        return thompson_grid(int(given))
+    if isinstance(given, str):
+        return own_grid(given, Path(given).stem) if Path(given).suffix else thompson_grid(given)
+    return own_grid(given, Path(given).stem if isinstance(given, os.PathLike) else name)
 
 
-def thompson_map(source: str | int | ThompsonGrid | ArrayLike = "Polyprion",
-                 target: str | int | ThompsonGrid | ArrayLike = "Antigonia", *,
+def thompson_map(source: GridLike = "Polyprion", target: GridLike = "Antigonia", *,
                  box: Box = (0.0, 1.0, 0.0, 1.0), frame: Box | None = None, scale: str = "inside",
                  cells: str = "fill", head: str = "left") -> ThompsonMap:
     """Lay a pair of Thompson's grids, or of your own, on a picture.
 
     Parameters
     ----------
-    source, target : species (or the beginning of the name, or the figure number), or nodes of your own as
-        (rows, columns, 2) places (x, y) on a drawing, x right and y down (:func:`own_grid` has the rules, and gives
-        them a name); both grids have equally many lines.
+    source, target : species (or the beginning of the name, or the figure number); nodes of your own as
+        (rows, columns, 2) places (x, y) on a drawing, x right and y down; landmarks that are named by row and column,
+        or a file of them (:func:`own_grid` has the rules, and gives them a name). Both grids have equally many lines.
     box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source grid is laid
         over it, so that the fish is inscribed as Thompson's is.
     frame : the box that ``scale="inside"`` respects, best that of the whole picture

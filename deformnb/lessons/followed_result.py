@@ -12,7 +12,7 @@ from deformnb.lessons.exercises import AbstractExercise, Result
 from deformnb.lessons.studio_tasks import session_of
 
 
-class FollowedResult(ipw.HTML):
+class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
     """What a check of the studio answers, judged again after each gesture.
 
     Parameters

@@ -630,7 +630,8 @@ def type_words(hint: Any) -> str:
     return "object" if kind is dict else _WORDS[hint]
 
 
-_EDITORS, _INPUTS = "Editor, SpaceEditor", "CurveEditor, TransferEditor, DepthKeys"
+_EDITORS = "Editor, SpaceEditor"
+_INPUTS = "CurveEditor, TransferEditor, DepthKeys, GridDrawing"
 _SPACE, _ROWS, _TABLE, _FILES, _RESTORE = "SpaceEditor", "ItemList", "PointsTable", "FileTransfer", "RestoreBar"
 _UPLOAD = "FileInput"
 _LIVE, _SERVED = "LiveView", "VolumeView"

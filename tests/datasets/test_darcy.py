@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from deformnb.datasets import own_grid, thompson_grid, thompson_grids, thompson_map, thompson_pairs
 from deformnb.datasets.darcy import CELLS, SCALES
 from deformnb.errors import DeformError
+from deformnb.io import write_landmarks
+from deformnb.warping.points import Landmarks
 
 BOX = (10.0, 522.0, 22.0, 176.0)
 PAIRS = thompson_pairs()
@@ -160,3 +162,41 @@ def test_what_is_no_grid_is_refused_in_plain_words(nodes, words):
 def test_two_grids_of_different_size_do_not_correspond():
     with pytest.raises(DeformError, match="do not correspond"):
         thompson_map(SQUARE, "Antigonia")
+
+
+# ---- landmarks and their files ---------------------------------------------------------------------------------------
+
+
+def as_landmarks(nodes, *, order=None, depth=False):
+    rows, columns = nodes.shape[:2]
+    places, names = nodes.reshape(-1, 2), [f"r{i} c{j}" for i in range(rows) for j in range(columns)]
+    if depth:
+        places = np.column_stack([places, np.full(len(places), 7.0)])
+    order = np.arange(len(places)) if order is None else order
+    return Landmarks(places[order], tuple(names[k] for k in order))
+
+
+def test_landmarks_and_files_are_laid_as_arrays_whatever_their_order(tmp_path):
+    nodes = thompson_grid("Antigonia").nodes
+    shuffled = np.random.default_rng(3).permutation(nodes.size // 2)
+    file = tmp_path / "antigonia.csv"
+    write_landmarks(as_landmarks(nodes, order=shuffled), file)
+    wanted = thompson_map("Polyprion", "Antigonia", box=BOX)
+    for target in (as_landmarks(nodes, order=shuffled), as_landmarks(nodes, depth=True), file, str(file)):
+        np.testing.assert_allclose(thompson_map("Polyprion", target, box=BOX).target_nodes, wanted.target_nodes,
+                                   rtol=0, atol=1e-4)  # the table has six digits
+    assert thompson_map("Polyprion", file, box=BOX).target.species == "antigonia"
+    row_by_row = own_grid(Landmarks(nodes.reshape(-1, 2)), "mine", rows=7)
+    np.testing.assert_array_equal(row_by_row.nodes, nodes)
+
+
+@pytest.mark.parametrize(("marks", "rows", "words"), [
+    (Landmarks(SQUARE.reshape(-1, 2)), None, "say how many rows"),
+    (Landmarks(SQUARE.reshape(-1, 2)), 3, "say how many rows"),
+    (Landmarks(SQUARE.reshape(-1, 2)[:3], ("r0 c0", "r0 c1", "r1 c0")), None, "r1 c1 is missing"),
+    (Landmarks(SQUARE.reshape(-1, 2), ("r0 c0", "r0 c1", "r1 c0", "r1 c0")), None, "r1 c1 is missing"),
+    (Landmarks([[0, 0, 1], [9, 0, 2], [0, 9, 1], [9, 9, 1]], ("r0 c0", "r0 c1", "r1 c0", "r1 c1")), None, "in space"),
+])
+def test_landmarks_that_fill_no_grid_are_refused(marks, rows, words):
+    with pytest.raises(DeformError, match=words):
+        own_grid(marks, "mine", rows)

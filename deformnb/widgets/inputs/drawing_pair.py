@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import ipywidgets as ipw
-import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.datasets.darcy import ThompsonMap, thompson_map
@@ -25,7 +23,7 @@ ShowError = Callable[[Callable[[], None]], bool]
 _SAME = "Both grids have the same lines: a node belongs to the same part of the body on both, such as the eye."
 
 
-class DrawingPair(ipw.VBox):
+class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     """Grids on two drawings, side by side: corners and nodes are dragged to the same parts of both animals.
 
     Parameters
@@ -38,6 +36,7 @@ class DrawingPair(ipw.VBox):
     Attributes
     ----------
     first, second : the drawings; the second is None until one is opened.
+    line_counts : the fields for rows and columns.
 
     Examples
     --------
@@ -56,9 +55,10 @@ class DrawingPair(ipw.VBox):
         self.second: GridDrawing | None = None
         self._guard = guard or self._shown
         self.message = ipw.HTML("")
-        self._lines = [ipw.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=ipw.Layout(width="150px"))
-                       for value, word in ((rows, "Rows"), (columns, "Columns"))]
-        for number in self._lines:
+        self.line_counts = [ipw.BoundedIntText(value, min=2, max=MOST_LINES, description=word,
+                                               layout=ipw.Layout(width="150px"))
+                            for value, word in ((rows, "Rows"), (columns, "Columns"))]
+        for number in self.line_counts:
             number.observe(lambda _: self._guard(self._change_lines), "value")
         self.upload = FileInput(self.take, self._guard, label="Open the second drawing", accept=",".join(SUFFIXES),
                                 tip="A photograph or drawing: " + ", ".join(SUFFIXES))
@@ -66,7 +66,7 @@ class DrawingPair(ipw.VBox):
         first_side = ipw.VBox([ipw.HTML("<b>1. This drawing</b>"), self.first],
                               layout=ipw.Layout(flex="1 1 300px", min_width="0"))
         sides = ipw.HBox([first_side, self._place], layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
-        super().__init__([ipw.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'), ipw.HBox(self._lines), sides,
+        super().__init__([ipw.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'), ipw.HBox(self.line_counts), sides,
                           self.message])
         self._arrange()
         if second is not None:
@@ -119,7 +119,7 @@ class DrawingPair(ipw.VBox):
     def _change_lines(self) -> None:
         for drawing in (self.first, self.second):
             if drawing is not None:
-                drawing.set_lines(*(number.value for number in self._lines))
+                drawing.set_lines(*(number.value for number in self.line_counts))
 
     def _shown(self, action: Callable[[], None]) -> bool:
         try:

@@ -1,8 +1,8 @@
 """A grid that is put on a drawing by hand: its corners and nodes are dragged to the parts of the body they belong to.
 
-A value of its messages (see :mod:`deformnb.widgets.inputs.base`) has the places of all nodes and the numbers of those that
-were placed by hand: ``{"nodes": [[[a, b], ...], ...], "placed": [0, 7, ...]}``. The others lie where the thin-plate spline
-through the placed ones takes them, so that a grid follows with few drags; the front end fits it.
+A value of its messages (see :mod:`deformnb.widgets.inputs.base`) has the places of all nodes and the numbers of those
+that were placed by hand: ``{"nodes": [[[a, b], ...], ...], "placed": [0, 7, ...]}``. The others lie where the
+thin-plate spline through the corners and the placed ones takes them, so that few drags do; the front end fits it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class GridDrawing(AbstractEdited):
 
     Notes
     -----
-    A corner takes the whole grid along, another node what is around it: nodes that nobody placed follow those that were.
+    Nodes that nobody placed follow the corners and those that were, so a drag takes along what is around it.
     ``drawing.observe(f, "nodes")`` calls f after every drag.
 
     Raises
@@ -105,7 +105,7 @@ class GridDrawing(AbstractEdited):
         return own_grid(self.nodes, name)
 
     def set_lines(self, rows: int, columns: int) -> None:
-        """Change the number of lines: the new nodes lie on the bent grid that is there, and count as placed by nobody."""
+        """Change the number of lines; the new nodes lie on the grid that is there, and count as placed by nobody."""
         self._placed = ()
         self.nodes = _refined(self.nodes, rows, columns)
 

@@ -202,3 +202,29 @@ def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:
     page_edits(panel, panel.session.points.add([12.0, 8.0], [15.0, 9.0], name="grid 3,2"))
     x = np.array([15.0, 9.0])
     oracle.assert_close(x + panel.editor.fit().displacement(x), [12.0, 8.0], atol=1e-9)
+
+
+def test_grids_on_two_drawings_become_points_that_can_be_undone(panel: ThompsonPanel) -> None:
+    with pytest.raises(DeformError, match="press Own drawings"):
+        panel.apply_own()
+    before = panel.session.points
+    panel.own.value = True
+    assert panel.drawings is not None
+    panel.drawings.line_counts[0].value = 3
+    panel.drawings.show_second(panel.session.picture())
+    assert panel.drawings.second is not None
+    wider = panel.drawings.second.nodes * (2.0, 1.0)
+    panel.drawings.second.nodes = wider
+    panel.apply_own()
+    assert len(panel.session.points) == 3 * 7
+    assert panel.session.history["undo"] == "apply grids of your own"
+    target = panel.session.points.target.reshape(3, 7, 2)
+    assert np.ptp(target[..., 0]) / np.ptp(target[..., 1]) == pytest.approx(
+        np.ptp(wider[..., 0]) / np.ptp(wider[..., 1]), rel=1e-6)
+    panel.session.undo()
+    assert panel.session.points == before
+    panel.session.set_view("+x")
+    with pytest.raises(DeformError, match="another side"):
+        panel.apply_own()
+    panel.own.value = False
+    assert panel.drawings is None
