@@ -37,7 +37,7 @@ def test_the_steps_of_the_image_are_a_script_that_can_be_run() -> None:
 def test_pip_takes_every_line_of_the_requirements() -> None:
     environment = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"][-1]["pip"]
     for line in (*(ROOT / "binder" / "requirements.txt").read_text().splitlines(), *environment):
-        assert re.fullmatch(r"#.*|(--editable )?\.(\[[a-z,]+\])?", line), f"{line!r}: options of pip are no requirements"
+        assert re.fullmatch(r"#.*|(--editable )?\.(\[[a-z,]+\])?", line), f"{line!r}: pip options are no requirements"
 
 
 def test_the_hub_opens_lessons_that_are_there_with_the_memory_that_was_measured() -> None:
