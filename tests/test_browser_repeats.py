@@ -76,6 +76,7 @@ def attempts(folder: Path) -> dict[str, int]:
     return {file.name: len(file.read_text()) for file in (folder / "attempts").iterdir()}
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("options", [(), ("-n", "2", "--dist", "loadfile")], ids=["one process", "xdist"])
 def test_a_browser_test_is_repeated_once_and_every_repeat_is_printed(tmp_path: Path, options: tuple[str, ...]) -> None:
     status, said = run_suite(tmp_path, *options)
@@ -99,6 +100,7 @@ def test_where_all_pass_at_once_nothing_is_said(tmp_path: Path) -> None:
     assert "defect to mend" not in said
 
 
+@pytest.mark.nightly
 def test_the_debugger_stops_at_the_first_failure(tmp_path: Path) -> None:
     status, said = run_suite(tmp_path, "--pdb", "-k", "lost_race")
     assert status != pytest.ExitCode.USAGE_ERROR, said

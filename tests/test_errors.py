@@ -95,6 +95,7 @@ def test_other_errors_are_shown_as_ever(run: Run) -> None:
     assert "Traceback (most recent call last)" in shown
 
 
+@pytest.mark.nightly
 def test_an_executed_notebook_shows_the_message_alone() -> None:
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")

@@ -175,6 +175,7 @@ def test_a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_tha
     assert [name.split(".")[1] for name in found["left"]] == ["mhd", "mhd", "nhdr", "nhdr"]
 
 
+@pytest.mark.nightly
 @posix
 def test_processes_killed_while_they_save_themselves_leave_what_they_had_told(tmp_path: Path) -> None:
     chance = random.Random(3)
@@ -358,6 +359,7 @@ def test_edits_go_on_while_a_movie_is_written(tmp_path: Path, monkeypatch: pytes
     studio.close()
 
 
+@pytest.mark.nightly
 def test_a_cell_that_runs_again_and_again_keeps_nothing(monkeypatch: pytest.MonkeyPatch, state_folder: Path) -> None:
     run = [0]
     monkeypatch.setattr(cell_widgets, "_cell_and_run", lambda: ("again", str(run[0])))

@@ -158,6 +158,7 @@ def test_a_drawn_mutant_is_tested_by_what_knows_its_module(tree: Path) -> None:
         "deformnb/shapes.py", "tests/test_shapes.py", "tests/test_other.py")
 
 
+@pytest.mark.nightly
 def test_the_runner_says_what_the_tests_say_and_leaves_the_tree_alone(
         tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     mutants = [Mutant(name, "deformnb/shapes.py", symbol, old, "+", "sign") for name, symbol, old in (
@@ -174,6 +175,7 @@ def test_the_runner_says_what_the_tests_say_and_leaves_the_tree_alone(
     assert "fail without any mutant" in capsys.readouterr().out
 
 
+@pytest.mark.nightly
 def test_what_hangs_is_ended_and_not_taken_for_caught(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tree / "tests" / "test_shapes.py").write_text("def test_for_ever():\n    while True:\n        pass\n")
     one = mutant("Square.edge", "* 4", "* 5")

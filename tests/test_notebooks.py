@@ -71,7 +71,7 @@ SAID = {
 
 
 # The tools for notebooks close their sockets late and use what asyncio has deprecated; only the cells are tested here.
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(8)
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("path", [path for path in NOTEBOOKS if path not in LESSONS], ids=lambda path: path.stem)
 def test_it_runs_and_ends_with_a_picture(path: Path, kernel: str, tmp_path: Path) -> None:

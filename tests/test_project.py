@@ -99,8 +99,14 @@ def _import_names(path: Path) -> frozenset[str]:
     return frozenset(_imports_of(path))
 
 
+@cache
+def _nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of a module, which many of these tests walk through."""
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
 def _imports_of(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _nodes(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -212,7 +218,7 @@ PRIVATE_MODULES = ("_jax", "_progress", "_typing", "_weak")
 def test_tests_use_no_more_private_names_than_before() -> None:
     found: list[str] = []
     for path in sorted((ROOT / "tests").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in _nodes(path):
             names: list[str] = []
             if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") not in ("self", "cls"):
                 names = [node.attr]
@@ -233,17 +239,16 @@ def test_imports_point_one_way() -> None:
 EXTENSION_POINTS: dict[str, str] = {}
 
 
-def _modules() -> dict[str, ast.Module]:
-    """All modules of the package by dotted name."""
+def _modules() -> dict[str, tuple[ast.AST, ...]]:
+    """The nodes of all modules of the package by dotted name."""
     paths = {path: path.relative_to(ROOT).with_suffix("") for path in PACKAGE.rglob("*.py")}
-    return {".".join(name.parts).removesuffix(".__init__"): ast.parse(path.read_text(encoding="utf-8"))
-            for path, name in paths.items()}
+    return {".".join(name.parts).removesuffix(".__init__"): _nodes(path) for path, name in paths.items()}
 
 
-def _named_here(module: str, tree: ast.Module) -> dict[str, str]:
+def _named_here(module: str, nodes: tuple[ast.AST, ...]) -> dict[str, str]:
     """What a name at the top of a module is in full, for classes of it and what it imports from others."""
-    named = {node.name: f"{module}.{node.name}" for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
-    for node in ast.walk(tree):
+    named = {node.name: f"{module}.{node.name}" for node in nodes if isinstance(node, ast.ClassDef)}
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and node.module:
             named |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
     return named
@@ -251,9 +256,9 @@ def _named_here(module: str, tree: ast.Module) -> dict[str, str]:
 
 def test_a_class_with_heirs_has_two() -> None:
     heirs: dict[str, set[str]] = {}
-    for module, tree in _modules().items():
-        named = _named_here(module, tree)
-        for node in ast.walk(tree):
+    for module, nodes in _modules().items():
+        named = _named_here(module, nodes)
+        for node in nodes:
             for base in node.bases if isinstance(node, ast.ClassDef) else ():
                 name = ast.unparse(base.value if isinstance(base, ast.Subscript) else base)
                 heirs.setdefault(named.get(name, name), set()).add(f"{module}.{node.name}")  # type: ignore[attr-defined]
@@ -266,8 +271,8 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     modules = _modules()
     packages = {module.rpartition(".")[0] for module in modules}  # they only hand on the names of their modules
     imports: dict[str, set[str]] = {}
-    for module, tree in modules.items():  # imports in functions and for type checking count
-        named = {name for full in _named_here(module, tree).values() for name in (full, full.rpartition(".")[0])}
+    for module, nodes in modules.items():  # imports in functions and for type checking count
+        named = {name for full in _named_here(module, nodes).values() for name in (full, full.rpartition(".")[0])}
         if module not in packages:
             imports[module] = named & modules.keys() - packages - {module}
     assert "deformnb.volume.volume" in imports["deformnb.rbf.fields"]
@@ -277,8 +282,8 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 def test_no_module_imports_another_by_string() -> None:
     modules = _modules()
     assert "deformnb.volume.volume" in modules
-    for module, tree in modules.items():
-        for node in ast.walk(tree):
+    for module, nodes in modules.items():
+        for node in nodes:
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in (
                     "import_module", "__import__"):
                 assert not ast.unparse(node.args[0]).strip("'\"").startswith("deformnb"), f"{module}:{node.lineno}"

@@ -249,6 +249,7 @@ def _integral(points: ControlPoints, middle: np.ndarray) -> float:
     return float(inner + (f * t[:, None] ** 2).sum() * weight)
 
 
+@pytest.mark.nightly
 def test_bending_energy_in_space_is_that_of_the_biharmonic_spline() -> None:
     # Five points: C has rank one, so the energy is a square that grows with the sideways drag alone; the factor comes
     # from the integral along rays, since outside the sources' ball the derivatives fall like r^-4 and faster.

@@ -362,6 +362,7 @@ def test_what_was_lost_is_offered_and_restored(browser: Any, tmp_path: Path) -> 
         page.close()
 
 
+@pytest.mark.nightly
 @pytest.mark.needs_gl
 def test_vtk_draws_the_volume_if_asked(browser: Any, tmp_path: Path) -> None:
     with RunningApp(app_of_a_cube(tmp_path, viewer="vtk")) as app:

@@ -144,6 +144,7 @@ def test_a_long_stroke_leaves_moved_points_on_its_way_and_does_not_fold(opened: 
     assert page.js(f"{PAGE}.folds.least") > 0
 
 
+@pytest.mark.nightly
 def test_wild_strokes_end_before_the_picture_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     radius = brush(page, "s")

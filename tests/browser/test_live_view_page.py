@@ -91,6 +91,7 @@ def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> Live
     return view
 
 
+@pytest.mark.nightly
 def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
     view = opened(page)
     for name in VIEWS:

@@ -198,6 +198,7 @@ def test_a_button_saves_the_picture_that_is_seen(page: LivePage) -> None:
     assert page.page.get_by_role("button", name="Whole screen").is_visible()
 
 
+@pytest.mark.nightly
 def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> None:
     view = opened(page)
     view.show_deformation(extrusion(5.0))

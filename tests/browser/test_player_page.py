@@ -226,6 +226,7 @@ def test_a_view_follows_the_player_and_its_pixels_are_the_cores(page: LivePage) 
     assert page.errors == []
 
 
+@pytest.mark.nightly
 def test_a_view_that_is_drawn_later_and_a_player_that_is_not_drawn(page: LivePage) -> None:
     volume, animation = arm()
     player = Player(animation)

@@ -51,6 +51,7 @@ def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, brows
     page.close()
 
 
+@pytest.mark.nightly
 def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 1000})
     lab.open_notebook(page, [SETUP])

@@ -153,6 +153,7 @@ def test_a_double_click_puts_a_point_on_the_front_of_the_body(shown: Any, page: 
     assert here.editor.points == before
 
 
+@pytest.mark.nightly
 def test_on_a_deformed_body_a_new_point_lies_on_what_is_seen(shown: Any, page: LivePage) -> None:
     here = shown(ControlPoints.from_arrays([CENTER], [CENTER + np.array([12, 0, 0])]))
     page.wait("document.querySelector('.dnb-view').deformnb.field?.space")
@@ -191,6 +192,7 @@ def test_keys_move_and_delete_a_point(shown: Any, page: LivePage) -> None:
     assert len(here.editor.points) == 0
 
 
+@pytest.mark.nightly
 def test_an_editor_and_two_views_of_one_page_move_together(page: LivePage) -> None:
     here = Shown(page, one())
     page.draw("editor")

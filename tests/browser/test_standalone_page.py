@@ -249,6 +249,7 @@ def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened
     assert dragged(page)[0] > 1
 
 
+@pytest.mark.nightly
 def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., Opened]) -> None:
     editor, view = pair()
     editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 4.0])
@@ -511,6 +512,7 @@ def _lit(opened: Opened) -> NDArray[np.bool_]:
     return np.asarray(image.max(axis=2) > 64)
 
 
+@pytest.mark.nightly
 def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any, tmp_path: Path) -> None:
     """Matter dragged out of the volume, seen whole because the result has a larger box; the page's own drags too."""
     studio = Studio(bar_with_a_ball(), side="+y", transfer="surface")

@@ -288,6 +288,7 @@ def test_a_pair_has_one_scale() -> None:
     oracle.assert_close(middle(left), middle(right), atol=0.5)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("caption", ["", "carp", "鯉", "two\nlines", "<script>alert(1)</script>", "long " * 60,
                                      "\x1b[31m"])
 def test_captions_are_written_as_they_are(caption: str) -> None:

@@ -80,6 +80,7 @@ def test_lists_of_centres_leave_every_sum_as_it_is(dim: int, own: bool, trend: s
         oracle.assert_close(other, one, atol=close)
 
 
+@pytest.mark.nightly
 def test_ten_thousand_points_with_a_compact_kernel_are_interpolated_and_drawn() -> None:
     points = many(10000, 2)
     fit = fit_rbf(points)
@@ -145,6 +146,7 @@ def test_the_blend_has_no_jump_where_a_box_begins_or_ends() -> None:
             assert np.abs(np.diff(local.displacement(at), axis=0)).max() < 1e-6
 
 
+@pytest.mark.nightly
 def test_kernels_without_an_end_are_fitted_locally_from_two_thousand_points_on(
         monkeypatch: pytest.MonkeyPatch) -> None:
     points = many(2001, 2)

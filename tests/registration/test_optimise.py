@@ -48,6 +48,7 @@ def test_a_known_deformation_is_found_again(measure: str) -> None:
     assert fitted.history[-1] == (1, pytest.approx(fitted.score_after, abs=1e-3))
 
 
+@pytest.mark.nightly
 def test_grey_values_in_reverse_are_matched_by_mutual_information() -> None:
     negative = replace(FIXED, values=1 - 0.6 * FIXED.values)
     assert _misses(fit_targets(START, MOVING, negative, measure="mi").points).max() < 0.6
@@ -67,6 +68,7 @@ def test_only_what_is_free_moves() -> None:
     assert found == replace(points, target=found.target)
 
 
+@pytest.mark.nightly
 def test_an_angle_is_found_with_two_points() -> None:
     turn = np.array([[np.cos(0.12), -np.sin(0.12)], [np.sin(0.12), np.cos(0.12)]])
     points = ControlPoints.from_arrays([[24.0, 48.0], [72.0, 48.0]])

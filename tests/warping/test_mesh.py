@@ -383,6 +383,7 @@ def test_a_field_of_a_picture_is_refused() -> None:
 # ---- the real horse --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.nightly
 def test_the_horse_of_the_paper(real_data: Callable[[str], Path]) -> None:
     horse = read_mesh(real_data("horse.ply"))
     assert horse.points.shape == (48485, 3)
