@@ -133,9 +133,9 @@ def _add_page(commands: Commands) -> None:
 
 
 def _add_info(commands: Commands) -> None:
-    what = "describe a file: a volume, a session, a mesh or landmarks"
+    what = "describe a file: a volume, a session, a transform, a mesh or landmarks"
     p = commands.add_parser("info", help=what, description=f"{what.capitalize()}.")
-    p.add_argument("file", help="a volume, a folder of slices, a session (.json), a mesh or landmarks")
+    p.add_argument("file", help="a volume, a folder of slices, a session (.json), a transform, a mesh or landmarks")
     p.set_defaults(run=_info)
 
 
@@ -225,14 +225,21 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
 
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io import describe_file
+    from deformnb.io.transform_remarks import stated_remark
 
     path = Path(options.file)
     try:  # first, since it does without JAX
-        rows = describe_file(path).rows()
+        rows = _describe_transform(path) if stated_remark(path) else describe_file(path).rows()
     except UnknownKindError as error:
         rows = _describe_other(path, error)
     wide = max(len(key) for key in rows)
     print("\n".join(f"{key:{wide}}  {value}" for key, value in rows.items()))
+
+
+def _describe_transform(path: Path) -> dict[str, str]:
+    from deformnb.io.transforms import describe_transform
+
+    return describe_transform(path)
 
 
 def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
@@ -240,15 +247,18 @@ def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
     from deformnb.io.documents import describe_document
     from deformnb.io.landmarks import describe_landmarks, is_landmarks, landmark_suffixes
     from deformnb.io.meshes import describe_mesh, is_mesh, mesh_suffixes
+    from deformnb.io.transforms import holds_transform, transform_suffixes
 
+    if holds_transform(path):
+        return _describe_transform(path)
     if is_landmarks(path):
         return describe_landmarks(path)
     if is_mesh(path):
         return describe_mesh(path)
     if path.suffix.lower() == ".json" and not path.is_dir():
         return describe_document(path)
-    raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}) and sessions (.json) "
-                      "are known too.") from None
+    raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}), transforms "
+                      f"({transform_suffixes()}) and sessions (.json) are known too.") from None
 
 
 def _datasets(options: argparse.Namespace) -> None:

@@ -37,15 +37,17 @@ def add_transform(commands: Any) -> None:
 
 def _transform(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
+    from deformnb.io.transform_remarks import stated_remark
     from deformnb.io.transforms import check_transform_target, is_transform, read_transform, write_transform
     from deformnb.session.inputs import grid_of_file
     from deformnb.warping.inverse import invert
 
-    grid = grid_of_file(options.volume, options.spacing)
+    grid, direction = grid_of_file(options.volume, options.spacing), "backward"
     if is_transform(options.session, images=True):
         if options.strength != 1:
             raise DeformError("--strength is for sessions, and a transform file is none.")
         field = read_transform(options.session, grid)
+        direction = stated_remark(Path(options.session)).partition(":")[0] or direction
     else:
         document = read_deformation(options.session)
         note(*document.notes(grid))
@@ -58,12 +60,16 @@ def _transform(options: argparse.Namespace) -> None:
     check_transform_target(options.output, overwrite=options.force)
     beside = options.inverse
     if beside is not None:
+        if direction == "forward":
+            raise DeformError(f"{Path(options.session).name} says that it maps forward; --inverse is for backward "
+                              "maps.")
         beside = Path(beside) if beside else _forward_name(Path(options.output))
         check_transform_target(beside, overwrite=options.force)
     with stages() as stage:
-        write_transform(field, options.output, lattice, overwrite=options.force,
+        write_transform(field, options.output, lattice, direction=direction, overwrite=options.force,
                         progress=stage(f"write {Path(options.output).name}"))
-        note("it maps backward, from places of the result to places of the input")
+        note("it maps backward, from places of the result to places of the input" if direction == "backward" else
+             "it maps forward, as its source says: from places of the input to places of the result")
         print(options.output)
         if beside is not None:
             inverse = invert(field, lattice, progress=stage("invert"))

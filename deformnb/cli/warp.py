@@ -24,7 +24,9 @@ from deformnb.errors import DeformError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from deformnb.chunked.sources import LargeVolume
     from deformnb.document.deformation import Deformation
+    from deformnb.rbf.fields import AbstractField
     from deformnb.volume.volume import Grid, Volume
 
 _PATIENCE = 1.0  # seconds of silence
@@ -111,7 +113,8 @@ def add_warp(commands: Any) -> None:
         "warp", help="apply a session to a volume, a mesh or landmarks",
         description="Apply a session to a volume, or to labels, a mesh or landmarks of it: all end at the same place.",
         usage="deformnb warp SESSION INPUT OUTPUT [options]")
-    p.add_argument("session", help="a document written by deformnb (.json), or a transform of ITK (.tfm .h5)")
+    p.add_argument("session", help="a document written by deformnb (.json), or a transform (.tfm .h5 .nii.gz "
+                   ".nrrd .mha .mat .txt .zarr) of ITK, ANTs, elastix or OME-NGFF")
     p.add_argument("input", help="the volume to deform, with all its channels and moments, or a mesh (.ply .stl "
                    ".obj .vtp) or landmarks (.mrk.json .fcsv "
                    ".csv .tps .nts .txt .prm) in its space")
@@ -170,32 +173,46 @@ def _warp(options: argparse.Namespace) -> None:
     with stages() as stage:
         if options.strength != 1:
             document = document.scaled(options.strength)
-        (follows or _warp_volume)(document, options, stage)
+        if follows is None:
+            _warp_volume(document, options, stage)
+        else:
+            follows(document.field(_space(document, options)), options, stage)
     print(target)
 
 
 def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
-    """Deform a volume by the file of a transform in place of a session."""
+    """Deform by the file of a transform in place of a session."""
     from deformnb.io import is_series, open_series, read_transform, write_volume
+    from deformnb.io.transform_remarks import stated_remark
+    from deformnb.session.inputs import grid_of_file
     from deformnb.session.series import warp_series
     from deformnb.warping.warper import warp
 
-    if follows is not None or options.strength != 1 or options.resolution or options.margin or options.animate or (
-            options.volumes):
-        raise DeformError(f"{Path(options.session).name} is a transform and no session: it deforms volumes only, onto "
-                          "their own grid and as it is (without --strength, --resolution, --margin, --animate, "
-                          "--volumes).")
+    name = Path(options.session).name
+    if options.strength != 1 or options.resolution or options.margin or options.animate or options.volumes:
+        raise DeformError(f"{name} is a transform and no session: it is applied as it is, to volumes onto their own "
+                          "grid (without --strength, --resolution, --margin, --animate, --volumes).")
+    is_forward = stated_remark(Path(options.session)).startswith("forward")
+    if is_forward and follows is not None:
+        raise DeformError(f"{name} says that it maps forward; name the backward transform, against which points move.")
+    if is_forward:
+        note(f"{name} says that it maps forward: as a backward map it takes back what that transform deforms")
     with stages() as stage:
-        if is_series(options.input):
+        if follows is not None:
+            follows(read_transform(options.session, grid_of_file(options.volume, options.spacing)), options, stage)
+        elif is_series(options.input):
             series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
                                  is_labels=options.labels or None)
             warp_series(series, read_transform(options.session, series.grid), options.output, fill=options.fill,
                         method=options.method, progress=stage("deform"))
-            return
-        volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
-        field = read_transform(options.session, volume)
-        warped = warp(volume, field, fill=options.fill, method=options.method, progress=stage("deform"))
-        write_volume(warped, options.output, progress=stage(f"write {Path(options.output).name}"))
+        elif _is_in_parts(options):
+            source = _opened_in_parts(options, stage)
+            _write_parts(source, read_transform(options.session, source.grid), options, stage)
+        else:
+            volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
+            field = read_transform(options.session, volume)
+            warped = warp(volume, field, fill=options.fill, method=options.method, progress=stage("deform"))
+            write_volume(warped, options.output, progress=stage(f"write {Path(options.output).name}"))
 
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
@@ -302,14 +319,10 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
 
 def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
     """Deform block by block into a Zarr folder; what an earlier run that was stopped has done is not done again."""
-    from deformnb.chunked import open_volume, warp
     from deformnb.document.output_grid import output_grid
     from deformnb.volume.volume import Volume
 
-    stage(f"open {Path(options.input).name}")
-    source = open_volume(options.input, spacing=options.spacing and tuple(options.spacing),
-                         is_labels=options.labels or None)
-    note(*source.notes)
+    source = _opened_in_parts(options, stage)
     grid = source.grid
     if not any(document.own_grid(level) == level and not document.difference(level) for level in
                (grid, *source.levels)):  # a document that was made on a coarser level belongs to all of them
@@ -325,31 +338,46 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
         empty = Volume(np.broadcast_to(np.uint8(0), grid.shape), grid)
         output = output_grid(document, empty, spacing=_lengths(options.resolution), margin=margin).grid
     note(*document.notes(grid))
-    warp(source, document, options.output, output=output, fill=options.fill, method=options.method,
+    _write_parts(source, document, options, stage, output)
+
+
+def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
+    from deformnb.chunked import open_volume
+
+    stage(f"open {Path(options.input).name}")
+    source = open_volume(options.input, spacing=options.spacing and tuple(options.spacing),
+                         is_labels=options.labels or None)
+    note(*source.notes)
+    return source
+
+
+def _write_parts(source: LargeVolume, deformation: Deformation | AbstractField, options: argparse.Namespace,
+                 stage: Stage, output: Grid | None = None) -> None:
+    from deformnb.chunked import warp
+
+    warp(source, deformation, options.output, output=output, fill=options.fill, method=options.method,
          memory=options.memory, overwrite=options.force, progress=stage("deform"))
 
 
-def _follow_mesh(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:
     from deformnb.io.meshes import read_mesh, write_mesh
     from deformnb.warping.mesh import warp_mesh
 
-    grid = _space(document, options)
     stage(f"read {Path(options.input).name}")
     mesh = read_mesh(options.input)
     stage("deform")
-    moved = warp_mesh(mesh, document.field(grid))
+    moved = warp_mesh(mesh, field)
     note(*moved.notes)
     write_mesh(moved, options.output)
 
 
-def _follow_landmarks(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
+def _follow_landmarks(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:
     from deformnb.io.landmarks import read_landmarks, write_landmarks
     from deformnb.warping.points import warp_landmarks
 
-    grid = _space(document, options)
     landmarks = read_landmarks(options.input)
     stage("deform")
-    moved = warp_landmarks(landmarks, document.field(grid))
+    moved = warp_landmarks(landmarks, field)
     note(*moved.notes)
     write_landmarks(moved, options.output)
 

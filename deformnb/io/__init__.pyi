@@ -25,6 +25,7 @@ from .series import write_channels as write_channels
 from .series import write_series as write_series
 from .transforms import TRANSFORM_FORMATS as TRANSFORM_FORMATS
 from .transforms import TRANSFORM_SUFFIXES as TRANSFORM_SUFFIXES
+from .transforms import describe_transform as describe_transform
 from .transforms import read_transform as read_transform
 from .transforms import write_transform as write_transform
 from .vtk_transforms import to_vtk_transform as to_vtk_transform

@@ -97,12 +97,13 @@ def write_displacements(field: AbstractField, path: Path, grid: Grid, remark: st
 
 
 def write_by_name(path: Path, write: Callable[[str], None], *, overwrite: bool,
-                  head: Callable[[bytes], bytes] | None = None) -> None:
+                  head: Callable[[bytes], bytes] | None = None, longest: int | None = None) -> None:
     """Write by a program that takes the name of a file, and take its place as a whole.
 
     Parameters
     ----------
     head : what the first bytes become; the first line is among them.
+    longest : bytes of a text that is not refused.
     """
     suffix = "".join(path.suffixes[-2:]) if path.name.lower().endswith(".nii.gz") else path.suffix
     with tempfile.TemporaryDirectory(prefix="deformnb-") as folder:
@@ -111,6 +112,10 @@ def write_by_name(path: Path, write: Callable[[str], None], *, overwrite: bool,
             write(str(made))
         except RuntimeError as error:
             raise fail(path, f"ITK cannot write it ({reason(error)}).") from None
+        size = made.stat().st_size
+        if longest is not None and size > longest:
+            raise fail(path, f"a text of {human_bytes(size)} is too long for a transform; write it as .h5, or on a "
+                             "coarser grid.")
         with atomic_write(path, overwrite=overwrite) as stream, made.open("rb") as source:
             if head is not None:
                 stream.write(head(source.read(_HEAD)))

@@ -26,7 +26,8 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, optional_package
 
-_LONGEST_TEXT = 1 << 26  # bytes of a .tfm file: some million numbers
+LONGEST_TEXT = 1 << 26
+"""Bytes of a .tfm file: some million numbers."""
 _LONGEST_MATRIX = 1 << 12  # bytes of a .mat file: it holds some tens of numbers
 # Kernels of ITK's kernel transforms, and ours with the same system; of ITK's elastic ones there is no counterpart.
 _KERNELS = {"ThinPlateSplineKernelTransform": "linear", "ThinPlateR2LogRSplineKernelTransform": "thin_plate",
@@ -45,7 +46,7 @@ def read_itk(path: Path, grid: Grid | None) -> AbstractField:
     """The field of a file of ITK's, ANTs' or elastix's transforms."""
     name, size = path.name.lower(), path.stat().st_size
     if name.endswith((".tfm", ".txt")):
-        if size > _LONGEST_TEXT:
+        if size > LONGEST_TEXT:
             raise fail(path, f"a text of {human_bytes(size)} is too long for a transform; save it as .h5.")
         text = path.read_text(encoding="utf-8", errors="replace")
         if re.search(r"^\s*\(Transform\s", text, re.MULTILINE):
@@ -77,7 +78,8 @@ def write_itk(field: AbstractField, path: Path, grid: Grid, remark: str, overwri
             return f"{remark}\n".encode().ljust(_USER_BLOCK, b"\0")[:_USER_BLOCK] + start
         return start.replace(b"\n", f"\n# {remark}\n".encode(), 1)  # the first line names the format
 
-    write_by_name(path, lambda file: sitk.WriteTransform(whole, file), overwrite=overwrite, head=head)
+    write_by_name(path, lambda file: sitk.WriteTransform(whole, file), overwrite=overwrite, head=head,
+                  longest=LONGEST_TEXT if path.name.lower().endswith(".tfm") else None)
 
 
 def _to_itk(sitk: Any, part: Part) -> Any:
@@ -224,7 +226,7 @@ def _read_elastix(path: Path, text: str, grid: Grid | None, depth: int = 0) -> A
     if depth >= _MOST_INITIAL:
         raise fail(path, f"it has more than {_MOST_INITIAL} initial transforms, or they name each other.")
     first = detached_file(path, re.split(r"[/\\]", name)[-1])
-    if first.stat().st_size > _LONGEST_TEXT:
+    if first.stat().st_size > LONGEST_TEXT:
         raise fail(first, "a text of this length is no parameter file.")
     before = first.read_text(encoding="utf-8", errors="replace")
     return compose(own, _read_elastix(first, before, grid, depth + 1))  # the initial one is looked up first

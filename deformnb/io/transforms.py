@@ -9,19 +9,25 @@ says in its header which of the two it holds, and how exact an inverse is.
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from deformnb._typing import Progress
+from deformnb.checks import one_of
 from deformnb.io.atomic import check_target
 from deformnb.io.displacement_images import read_displacements, write_displacements
-from deformnb.io.headers import Damage, as_path, fail, human_bytes, regular_file
+from deformnb.io.headers import Damage, as_path, fail, human_bytes, regular_file, shown
 from deformnb.io.itk_transforms import read_itk, write_itk
 from deformnb.io.memory import available_memory
 from deformnb.io.ngff_transforms import read_ngff, write_ngff
+from deformnb.io.transform_remarks import BACKWARD, FORWARD, REMARKS, stated_remark
 from deformnb.io.vtk_transforms import read_vti_field, write_vti_field
-from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
+from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, HasField, Identity, as_transform_field
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.volume import Grid, Volume, as_grid
 from deformnb.warping.inverse import Inverse, invert
 
@@ -65,6 +71,8 @@ TRANSFORM_FORMATS: dict[str, TransformFormat] = {
                             is_volume=True, is_folder=True),
 }
 """All kinds of transform files by name."""
+
+_START = 1 << 12  # bytes in which a text says what it is
 
 TRANSFORM_SUFFIXES = tuple(suffix for row in TRANSFORM_FORMATS.values() for suffix in row.suffixes)
 """Endings of transform files."""
@@ -139,6 +147,48 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | Volume | None = No
         return row.read(place, None if grid is None else as_grid(grid))
 
 
+def holds_transform(path: str | os.PathLike[str]) -> bool:
+    """Check whether a file that is there is a transform: by its ending, or by its header where others share that."""
+    place = as_path(path)
+    row = _row(place)
+    if row is None:
+        return False
+    if not row.is_volume and not place.name.lower().endswith(".txt"):
+        return True
+    if stated_remark(place):
+        return True
+    if row.is_volume or not place.is_file():
+        return False
+    with place.open("rb") as file:
+        return re.search(rb"^(#Insight Transform|\s*\(Transform\s)", file.read(_START), re.MULTILINE) is not None
+
+
+def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
+    """Describe a transform file for people: which way it maps, and its parts in the order of application."""
+    place = as_path(path)
+    field, row = read_transform(place), _row(place)
+    assert row is not None
+    stated = stated_remark(place)
+    rows = {"file": shown(place.name), "kind": row.description,
+            "maps": stated or "backward, as transforms for resampling do; the file does not say it"}
+    for number, part in enumerate(field.steps, 1):
+        rows[f"part {number}"] = _describe_part(part)
+    return rows
+
+
+def _describe_part(part: AbstractField) -> str:
+    if isinstance(part, DisplacementField) and isinstance(part.lattice, Grid):
+        lattice = part.lattice
+        longest = float(np.sqrt(np.max(np.einsum("zyxc,zyxc->zyx", part.values, part.values))))
+        return (f"displacements at {' x '.join(map(str, lattice.shape[::-1]))} nodes (x, y, z), spacing "
+                f"{' x '.join(f'{s:.6g}' for s in lattice.spacing)}, up to {longest:.4g} long")
+    if isinstance(part, Affine):
+        return f"affine map, which makes volumes {1 / abs(float(np.linalg.det(part.matrix))):.4g} times as large"
+    if isinstance(part, Identity):
+        return "identity"
+    return f"interpolant of {len(part.ids)} landmarks" if isinstance(part, RBFInterpolant) else type(part).__name__
+
+
 def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Refuse a place where :func:`write_transform` could not write, before any work.
 
@@ -155,8 +205,8 @@ def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = Fa
 
 
 def write_transform(transform: AbstractField | HasField, path: str | os.PathLike[str], grid: Grid | Volume, *,
-                    inverse: str | os.PathLike[str] | None = None, overwrite: bool = False,
-                    progress: Progress | None = None) -> None:
+                    inverse: str | os.PathLike[str] | None = None, direction: str = "backward",
+                    overwrite: bool = False, progress: Progress | None = None) -> None:
     """Write a deformation for ITK, ANTs, 3D Slicer, elastix, VTK or readers of OME-NGFF.
 
     Parameters
@@ -168,6 +218,8 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
     grid : whose voxels are the samples of the displacements, in float64 in .tfm, .h5 and .zarr and in float32 in
         images. Between them other programs interpolate linearly.
     inverse : where the inverse of the map on the same grid is written too, a forward map; its header has its residual.
+    direction : of the map, which its header states: "forward" for one that carries points of the input to the result,
+        such as that of a file which says so. What :func:`deformnb.invert` finds is forward by itself.
     overwrite : whether files that are there are replaced.
     progress : called with the finished share from 0 to 1.
 
@@ -178,17 +230,18 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
     DeformError
         If the field is over a plane, or hides tissue along cuts, which no transform file can say: the message says so.
     """
-    lattice = as_grid(grid)
+    lattice, remark = as_grid(grid), _remark(transform, one_of(direction, tuple(REMARKS), "direction"))
     places = [as_path(name) for name in (path, inverse) if name is not None]
     for place in places:
         check_transform_target(place, overwrite=overwrite)
     field = as_transform_field(transform, lattice)
     if inverse is None:
-        _write(transform, field, places[0], lattice, overwrite, progress)
+        _write(field, places[0], lattice, remark, overwrite, progress)
     else:
-        _write(transform, field, places[0], lattice, overwrite, None if progress is None else _half(progress, 0.0))
+        _write(field, places[0], lattice, remark, overwrite, None if progress is None else _half(progress, 0.0))
         found = invert(field, lattice, progress=None if progress is None else _half(progress, 0.5))
-        _write(found, found.field, places[1], lattice, overwrite, None)
+        back = BACKWARD if remark.startswith("forward") else _remark(found, "forward")
+        _write(found.field, places[1], lattice, back, overwrite, None)
     if progress is not None:
         progress(1.0)
 
@@ -197,17 +250,16 @@ def _half(progress: Progress, begin: float) -> Progress:
     return lambda share: progress(begin + share / 2)
 
 
-def _write(transform: AbstractField | HasField, field: AbstractField, path: Path, grid: Grid, overwrite: bool,
+def _write(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,
            progress: Progress | None) -> None:
     row = _row(path)
     assert row is not None
     assert row.write is not None
-    row.write(field, path, grid, _remark(transform), overwrite, progress)
+    row.write(field, path, grid, remark, overwrite, progress)
 
 
-def _remark(transform: AbstractField | HasField) -> str:
+def _remark(transform: AbstractField | HasField, direction: str) -> str:
     if not isinstance(transform, Inverse):
-        return "backward: from places of the result to places of the input, LPS"
+        return REMARKS[direction]
     worst = float(transform.error[transform.reached].max(initial=0.0))
-    return (f"forward: from places of the input to places of the result, LPS; residual {worst:.3g} at "
-            f"{100 * transform.share:.4g} % of the nodes, no promise at the others")
+    return (f"{FORWARD}; residual {worst:.3g} at {100 * transform.share:.4g} % of the nodes, no promise at the others")

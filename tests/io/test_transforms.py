@@ -18,9 +18,11 @@ from scipy.spatial.distance import cdist
 import deformnb as dn
 from deformnb.cli.main import main
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.io.transforms import read_transform, write_transform
+from deformnb.io.landmarks import read_landmarks, write_landmarks
+from deformnb.io.transforms import describe_transform, read_transform, write_transform
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.points import Landmarks
 
 _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 GRID = Grid((14, 18, 22), (1.5, 1.0, 2.0), (5.0, -30.0, 12.0), tuple(map(tuple, _TURN.tolist())))
@@ -223,6 +225,67 @@ def test_an_inverse_says_that_it_is_forward_and_how_well_it_was_found(tmp_path: 
     with pytest.raises(VolumeFileError, match=r"back\.nrrd"):  # and there.h5 is not replaced before
         write_transform(field, tmp_path / "other.h5", GRID, inverse=tmp_path / "back.nrrd")
     assert not (tmp_path / "other.h5").exists()
+
+
+@pytest.mark.parametrize("suffix", ["tfm", "h5", "nrrd", "nii.gz", "mha", "vti", "zarr"])
+def test_a_file_is_described_with_the_direction_of_its_map(suffix: str, tmp_path: Path,
+                                                           capsys: pytest.CaptureFixture[str]) -> None:
+    field = DisplacementField.sample(_bend(), GRID)
+    dn.write_volume(VOLUME, tmp_path / "v.nrrd")
+    names = [tmp_path / f"{name}.{suffix}" for name in ("there", "back", "again")]
+    write_transform(field, names[0], GRID, inverse=names[1])
+    assert main(["transform", str(names[1]), str(tmp_path / "v.nrrd"), str(names[2])]) == 0  # and stays what it is
+    assert "it maps forward, as its source says" in capsys.readouterr().err
+    for path, direction in zip(names, ("backward", "forward", "forward"), strict=True):
+        assert main(["info", str(path)]) == 0
+        rows = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+        assert rows["maps"].startswith(f"{direction}: from places of the ")
+        assert "22 x 18 x 14 nodes" in describe_transform(path)["part 1"]
+    assert main(["transform", str(names[1]), str(tmp_path / "v.nrrd"), str(tmp_path / f"c.{suffix}"), "--inverse"]) == 2
+
+
+def test_what_others_wrote_is_described_by_its_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = sitk.CompositeTransform([sitk.AffineTransform(np.diag([2.0, 1, 1]).ravel().tolist(), (1, 0, 0)),
+                                    sitk.TranslationTransform(3, (1, 2, 3))])
+    sitk.WriteTransform(both, str(tmp_path / "both.txt"))  # an ending that landmarks have too
+    rows = describe_transform(tmp_path / "both.txt")
+    assert rows["maps"] == "backward, as transforms for resampling do; the file does not say it"
+    assert {rows["part 1"], rows["part 2"]} == {"affine map, which makes volumes 0.5 times as large",
+                                                "affine map, which makes volumes 1 times as large"}
+    assert main(["info", str(tmp_path / "both.txt")]) == 0
+    assert "affine map" in capsys.readouterr().out
+    (tmp_path / "marks.txt").write_text("point\n1\n1 2 3\n")
+    assert main(["info", str(tmp_path / "marks.txt")]) == 0
+    assert "landmarks  1" in capsys.readouterr().out
+
+
+def test_a_text_that_could_not_be_read_again_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.io.itk_transforms.LONGEST_TEXT", 10_000)
+    with pytest.raises(VolumeFileError, match=r"a\.tfm: a text of .* is too long .* write it as \.h5"):
+        write_transform(_bend(), tmp_path / "a.tfm", GRID)
+    assert not list(tmp_path.iterdir())
+
+
+def test_points_follow_a_transform_and_volumes_are_warped_by_it_in_parts(tmp_path: Path,
+                                                                         capsys: pytest.CaptureFixture[str]) -> None:
+    field = DisplacementField.sample(_bend(), GRID)
+    write_transform(field, tmp_path / "there.nii.gz", GRID, inverse=tmp_path / "back.h5")
+    dn.write_volume(VOLUME, tmp_path / "v.zarr")
+    marks = Landmarks(GRID.index_to_point(np.array([[5.0, 6, 7], [12, 9, 5]])))
+    write_landmarks(marks, tmp_path / "marks.fcsv")
+    volume, there, out = (str(tmp_path / name) for name in ("v.zarr", "there.nii.gz", "moved.fcsv"))
+    assert main(["warp", there, str(tmp_path / "marks.fcsv"), out, "--volume", volume]) == 0
+    moved = read_landmarks(out).points
+    assert np.abs(moved + read_transform(there).displacement(moved) - marks.points).max() < 1e-3
+    assert main(["warp", there, volume, str(tmp_path / "warped.zarr"), "--memory", "50 MB"]) == 0
+    known = dn.warp(VOLUME, read_transform(there))
+    assert np.abs(dn.read_volume(tmp_path / "warped.zarr").values - known.values).max() < 1e-3
+    capsys.readouterr()
+    back = str(tmp_path / "back.h5")
+    assert main(["warp", back, volume, str(tmp_path / "undone.nrrd")]) == 0
+    assert "takes back what that transform deforms" in capsys.readouterr().err
+    assert main(["warp", back, str(tmp_path / "marks.fcsv"), str(tmp_path / "m.fcsv"), "--volume", volume]) == 2
+    assert "maps forward; name the backward" in capsys.readouterr().err
 
 
 def test_what_is_no_transform_is_refused(tmp_path: Path) -> None:
