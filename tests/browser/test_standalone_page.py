@@ -271,7 +271,7 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     strength.fill("0")
     page.settled()
     assert (middle(start) - middle(page.volume()))[0] > 3
-    assert page.page.locator(".dnb-page-value").first.text_content() == "0 %"
+    assert page.page.locator(".dnb-page-value").first.text_content() == "0.00"
     strength.fill("-1")
     page.settled()
     assert (middle(start) - middle(page.volume()))[0] > 6

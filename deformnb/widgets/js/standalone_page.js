@@ -240,7 +240,7 @@ export class StandalonePage {
   #controls() {
     const bar = pagePart("controls"), has = (/** @type {string} */ name) => this.data.controls.includes(name);
     if (has("strength")) {
-      this.#slider(bar, setting(this.editor, "strength"), (value) => `${Math.round(value * 100)} %`);
+      this.#slider(bar, setting(this.editor, "strength"), (value) => value.toFixed(2));
     }
     if (has("kernel")) this.#kernels(bar);
     if (has("shows")) this.#shows(bar);

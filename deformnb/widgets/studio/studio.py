@@ -672,10 +672,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
         self.warm_up()
-        for shown in (self.editor, self.view):  # no pane is around them, whose height they would take
+        both = (self.editor, self.view)
+        for shown in both:  # no pane is around them, whose height they would take
             if shown.has_trait("fill"):
                 shown.fill = False
-        return marimo.hstack([self.editor, self.view], widths="equal", align="start")
+        half = {"width": "0", "min-width": "100%"}  # of what is there: the view asks for more than its half
+        return marimo.hstack([marimo.as_html(shown).style(half) for shown in both], widths="equal", align="start")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
