@@ -19,7 +19,7 @@ from deformnb.rbf.points import ControlPoints
 FIT = (
     "from deformnb import ControlPoints, Raster, fit_rbf\n"
     "p = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [5, 5]], [[0, 0], [9, 1], [0, 9], [6, 5]])\n"
-    "fit_rbf(p).on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
+    "fit_rbf(p, kernel='thin_plate').on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
 )
 
 

@@ -43,6 +43,17 @@ def few_sizes(tiles: int) -> int:
     return -(-tiles // step) * step
 
 
+def profile_of(square: NDArray[np.float64], kernel: type[AbstractKernel]) -> NDArray[np.float64]:
+    """A kernel's phi at squared relative distances (n,), float64, compiled for few sizes."""
+    padded = np.zeros(max(256, few_sizes(len(square))))
+    padded[: len(square)] = square
+    with float64():
+        return np.asarray(_profile(padded, kernel=kernel))[: len(square)]
+
+
+_profile = compiled(lambda s, kernel: kernel.profile(s), static_argnames="kernel")
+
+
 class Leaves(NamedTuple):
     """The arrays of an interpolant in the type that it is evaluated in.
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -37,10 +37,12 @@ from deformnb.rbf.evaluation import (
     jacobian_at_lattice,
     jacobian_at_points,
     local_squares,
+    profile_of,
 )
+from deformnb.rbf.factors import DENSE, factored_anew, matrix_of, values_between
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
-from deformnb.rbf.system import plain_moments, solve, solve_sparse
+from deformnb.rbf.system import Solved, plain_moments, solve, solve_factored
 from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
 
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
@@ -72,7 +74,7 @@ _PIXEL_SHARE = 1e-3
 @pytree(
     data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget",
                  "quadratic"],
-    meta_fields=["kernel", "trend", "remarks", "ids"],
+    meta_fields=["kernel", "trend", "of_points", "ids"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
 class RBFInterpolant(AbstractField):
@@ -86,7 +88,7 @@ class RBFInterpolant(AbstractField):
     origin, support : the relative coordinates.
     count : number of centres in use; C is one of :data:`CAPACITIES`.
     kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one requested).
-    remarks : those of the :attr:`notes` that are known without looking at the map.
+    of_points : those of the :attr:`notes` that are known before the fit.
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
@@ -103,7 +105,7 @@ class RBFInterpolant(AbstractField):
     count: Any
     kernel: type[AbstractKernel] = WendlandC2
     trend: str = "affine"
-    remarks: tuple[str, ...] = field(default=())
+    of_points: tuple[str, ...] = field(default=())
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
     nugget: Any = None
@@ -129,6 +131,22 @@ class RBFInterpolant(AbstractField):
         found = ((FOLDS, self.folds_between_points()), (POOR, self._predicts_poorly()))
         return (*self.remarks, *(note for note, is_so in found if is_so))
 
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """Those of the :attr:`notes` that are known of the points and the trend, without looking at the map."""
+        coefficients = np.asarray(self.coefficients)
+        if not (coefficients.any() or np.asarray(self.linear).any() or np.asarray(self.constant).any()):
+            return self.of_points
+        return self.of_points + _warnings(self)
+
+    def _dragged(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Targets (n, dim) of the points behind the centres, and the displacements that they were given."""
+        n = int(self.count)
+        targets = self.origin + self.support * np.asarray(self.centers, dtype=np.float64)[:n]
+        given = self.displacement(targets)
+        return targets, given if self.nugget is None else given + (
+            np.asarray(self.nugget)[:n, None] * np.asarray(self.coefficients)[:n])
+
     def folds_between_points(self) -> bool:
         """Check for ``det(1 + dD/dx) <= 0`` at a control point or between them.
 
@@ -152,7 +170,7 @@ class RBFInterpolant(AbstractField):
         if not least <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
             return False
         nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
-        drags = self.displacement(self.origin + self.support * x) + nugget[:, None] * alpha
+        drags = self._dragged()[1]
         if np.count_nonzero(drags.any(axis=1)) <= n / 2:
             return False
         try:
@@ -224,7 +242,7 @@ class RBFInterpolant(AbstractField):
             return float(_COMPACT_ERROR * np.sqrt(local_squares(self._leaves(np.float64)).max()))
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
         # Places far away in units of the support are rounded too, and count by the kernel's slope.
-        ends = np.abs(self.kernel(float(self.support))(np.array([0.0, farthest])))
+        ends = np.abs(profile_of(np.array([0.0, (farthest / float(self.support)) ** 2]), self.kernel))
         largest = max(ends.max(), reach / 12 * self.kernel.steepest)
         trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
         if self.quadratic is not None:
@@ -267,7 +285,7 @@ def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[Abstra
     padded = np.zeros((capacity(n), dim))  # few sizes are compiled
     padded[:n] = x
     with float64():
-        phi = np.array(_profile_between(padded, kernel=kernel))[:n, :n]
+        phi = np.array(np.asarray(values_between(padded, padded, kernel=kernel))[:n, :n])
         phi.flat[:: n + 1] += nugget
         if trend in ("similarity", "rigid"):
             rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
@@ -291,17 +309,10 @@ def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[Abstra
     return np.asarray(whole @ d / diagonal[:, None])
 
 
-def _values_between(x: Any, *, kernel: type[AbstractKernel]) -> Any:
-    return kernel.profile(jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1))
-
-
 def orthonormal(p: NDArray[np.float64]) -> NDArray[np.float64]:
     """An orthonormal basis (n, r) of the span of columns (n, k), which may depend on one another."""
     u, sigma, _ = np.linalg.svd(p / np.maximum(np.linalg.norm(p, axis=0), 1e-300), full_matrices=False)
     return np.asarray(u[:, sigma > FLAT * sigma[0]])
-
-
-_profile_between = compiled(_values_between, static_argnames="kernel")
 
 
 def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -320,9 +331,6 @@ def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
     a, b = x[np.unique(np.sort(edges, axis=1), axis=0)].transpose(1, 0, 2)
     return np.concatenate([x, middles, *(a + share * (b - a) for share in (0.25, 0.5, 0.75))])
 
-
-DENSE = 1000
-"""Points up to which the system of a compact kernel is solved as a dense one, compiled; beyond, as a sparse one."""
 
 _solve = compiled(solve, static_argnames=("kernel", "trend"))
 
@@ -350,11 +358,11 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
         return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
                               ready.trend, ready.notes, ready.ids, scales, smoothed)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
+    most = RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max()
     with float64():
-        if kernel.compact and n > DENSE:
+        if kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE)):
             own = None if scales is None else scales[:n]
-            solved = solve_sparse(x[:n], d[:n], nugget[:n] if smoothing else np.zeros(n), ready.span, turn, own,
-                                  kernel=kernel, trend=ready.trend).padded(size)
+            solved = _solve_factored(ready, x[:n], d[:n], nugget[:n], own, turn, kernel, most).padded(size)
         else:
             solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel,
                             trend=ready.trend)
@@ -366,15 +374,32 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
             f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
         )
     # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
-    if not np.abs(miss).max() <= RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max():
+    if not np.abs(miss).max() <= most:
         raise DeformError(
             f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {n} control points: the "
             f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
             "kernel, or a little smoothing."
         )
-    r, notes = ready.support, ready.notes + _warnings(ready, kernel, np.eye(dim) + linear)
-    return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, notes,
+    r = ready.support
+    return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, ready.notes,
                           ready.ids, scales, smoothed, bent)
+
+
+# Where points have moved since a matrix was factored its residual is a little larger; beyond this share of what is
+# allowed it is factored anew.
+_UPDATED = 1e-2
+
+
+def _solve_factored(ready: PreparedPoints, x: NDArray[np.float64], d: NDArray[np.float64], nugget: NDArray[np.float64],
+                    scales: NDArray[np.float64] | None, turn: NDArray[np.float64], kernel: type[AbstractKernel],
+                    most: float) -> Solved:
+    """The fit by a factored matrix, one that is kept where that is exact enough."""
+    solve_by = partial(solve_factored, x, d, span=ready.span, turn=turn, is_skew=scales is not None, trend=ready.trend)
+    matrix = matrix_of(ready, nugget, scales, kernel)
+    solved = solve_by(matrix)
+    if matrix.is_updated and not np.abs(solved.miss).max() <= _UPDATED * most:
+        solved = solve_by(factored_anew(ready, nugget, kernel))
+    return solved
 
 
 # Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to require 25 to 3600 times.
@@ -389,23 +414,24 @@ _COLLAPSES = {
 }
 
 
-def _warnings(ready: PreparedPoints, kernel: type[AbstractKernel], map_linear: NDArray[np.float64]) -> tuple[str, ...]:
+def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     """Notes on a fit that is valid but probably a mistake: collapsed trends and crossing points."""
-    torn = torn_pairs(ready)
-    crossed = [pair for pair in crossing_pairs(ready, map_linear) if pair not in torn]
+    targets, displacements = fit._dragged()
+    sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
+    torn = torn_pairs(targets, sources, fit.ids)
+    crossed = [pair for pair in crossing_pairs(targets, sources, fit.ids, map_linear) if pair not in torn]
     notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"
              for i, j in torn]
     notes += [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
-    is_plain = ready.trend == "affine_exact" or (ready.trend in ("affine", "quadratic") and kernel.order >= 2)
+    is_plain = fit.trend == "affine_exact" or (fit.trend in ("affine", "quadratic") and fit.kernel.order >= 2)
     if is_plain and np.linalg.norm(map_linear, 2) > STEEP:
-        notes.append(  # without the number, which changes at every move: JAX compiles anew for other notes
+        notes.append(
             f"the affine trend stretches more than {STEEP:g} times: the control points nearly lie on one line or in "
             "one plane; the trend similarity would not"
         )
-    sources = ready.targets + ready.displacements
-    spread = [float(np.ptp(places, axis=0).max()) for places in (sources, ready.targets)]
-    if ready.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
-        notes.append(f"the sources nearly coincide: {_COLLAPSES[ready.trend]}")
+    spread = [float(np.ptp(places, axis=0).max()) for places in (sources, targets)]
+    if fit.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
+        notes.append(f"the sources nearly coincide: {_COLLAPSES[fit.trend]}")
     elif is_plain and np.linalg.cond(map_linear) > 1 / NO_ANGLE:
         notes.append("the sources lie on one line or in one plane and the targets do not: the affine trend presses "
                      "everything flat")

@@ -1,23 +1,17 @@
-"""Linear systems of a fit: dense, compiled and differentiable; sparse for many points with a compact kernel.
+"""Linear systems of a fit: compiled and differentiable for every kernel; by a factored matrix for those of order 0.
 
 Coordinates are relative to the support radius. All components of the displacement share one matrix.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
-import scipy.sparse.linalg
-import scipy.spatial
 from numpy.typing import NDArray
 
 from deformnb._jax import compiled, jax, jnp
-from deformnb.errors import DeformError
-from deformnb.rbf.evaluation import few_sizes
+from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.trends import TRENDS, Span, complete, products, quadratic_forms, steadied
 
@@ -52,7 +46,7 @@ def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scale
     their own.
     """
     both = active[:, None] & active[None, :]
-    s = jnp.sum((x[:, None, :] - x[None, :, :]) ** 2, axis=-1)
+    s = sum((x[:, None, k] - x[None, :, k]) ** 2 for k in range(x.shape[1]))
     s = s if scales is None else s * scales**2
     phi = jnp.where(both, kernel.of_square(s), 0.0) + jnp.diag(jnp.where(active, nugget, 1.0))
     one = active.astype(x.dtype)[:, None]
@@ -133,7 +127,7 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
 
 def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
     """S and H of :mod:`deformnb.rbf.trends` in which all points count alike."""
-    mean_x, mean_d = (jnp.sum(one * a, axis=0) / jnp.sum(one) for a in (x, d))
+    mean_x, mean_d = ((one * a).sum(axis=0) / one.sum() for a in (x, d))
     centred = one * (x - mean_x)
     s = centred.T @ centred
     return s, s + (d - mean_d).T @ centred
@@ -181,113 +175,56 @@ def _bordered(phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None,
     return rest[:n], linear + rest[n + 1 : last].T @ basis.T, rest[n], bent
 
 
-# ---- many points with a compact kernel -------------------------------------------------------------------------------
-
-_LARGEST_FACTOR = 2**28
-"""Numbers of a factor, 2 GiB: wider supports of many points are refused before the memory is taken."""
+# ---- matrices that are factored on the host --------------------------------------------------------------------------
 
 Floats = NDArray[np.float64]
 
 
-def solve_sparse(x: Floats, d: Floats, nugget: Floats, span: Span, turn: Any, scales: Floats | None = None, *,
-                 kernel: type[AbstractKernel], trend: str) -> Solved:
-    """The fit of :func:`solve` for a compact kernel, whose matrix has few entries; NumPy, without padding.
+def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, *, is_skew: bool, trend: str) -> Solved:
+    """The fit of :func:`solve` for a kernel of order 0 by a matrix that is factored; NumPy, without padding.
 
-    Sorted along their longest side points reach only their neighbours in that order, so that the matrix is a band and
-    has a Cholesky factor within it: n b^2 operations for n points of which b lie within a support of that side.
-    Points with radii of their own are solved by sparse elimination (SuperLU).
-
-    Raises
-    ------
-    DeformError
-        If the factor would take more memory than 2 GiB.
+    Parameters
+    ----------
+    is_skew : points have radii of their own, so that the matrix is not symmetric.
     """
-    order = np.argsort(x[:, np.ptp(x, axis=0).argmax()], kind="stable")
-    back = np.argsort(order)
-    x, d, nugget = x[order], d[order], nugget[order]
-    own = None if scales is None else scales[order]
-    phi, inverse = _factored(x, nugget, own, kernel)
     n, dim = x.shape
     one, linear, constant = np.ones((n, 1)), np.zeros((dim, dim)), np.zeros(dim)
-    bent, q, rest = None, products(x), d
+    bent, rest = None, d
     if trend == "quadratic":
-        bent = _quadratic_of(x, d, q, span, None if own is not None else inverse)
+        q = products(x)
+        bent = _quadratic_of(x, d, q, span, None if is_skew else matrix)
         rest, trend = d - q @ bent, "affine"
-    mean_x, mean_d = x.mean(axis=0), rest.mean(axis=0)
-    plain = plain_moments(x, rest, one)
     if trend == "none":
-        alpha = inverse(rest)
-    elif own is not None:
+        alpha = matrix.solve(rest)
+    elif is_skew:
+        plain = plain_moments(x, rest, one)
         linear = np.asarray(_linear_alone(plain, plain, span, turn, trend=trend))
-        constant = mean_d - linear @ mean_x
-        alpha = inverse(rest - x @ linear.T - constant)
+        constant = rest.mean(axis=0) - linear @ x.mean(axis=0)
+        alpha = matrix.solve(rest - x @ linear.T - constant)
     else:
-        v = inverse(np.concatenate([one, x, rest], axis=1))
+        v = matrix.solve(np.concatenate([one, x, rest], axis=1))
         mean = v[:, 1:].sum(axis=0) / v[:, 0].sum()
         w = v[:, 1:] - v[:, :1] * mean
         s = x.T @ w[:, :dim]
-        linear = np.asarray(_linear_alone((s, s + rest.T @ w[:, :dim]), plain, span, turn, trend=trend))
+        moments = s, s + rest.T @ w[:, :dim]
+        linear = np.asarray(_linear_alone(moments, plain_moments(x, rest, one), span, turn, trend=trend))
         constant = mean[dim:] - linear @ mean[:dim]
         alpha = w[:, dim:] - w[:, :dim] @ linear.T
-    miss = phi(alpha) + x @ linear.T + constant - rest
-    return Solved(alpha[back], linear, constant, miss[back], None if bent is None else quadratic_forms(bent, dim))
+    miss = matrix.product(alpha) + x @ linear.T + constant - rest
+    return Solved(alpha, linear, constant, miss, None if bent is None else quadratic_forms(bent, dim))
 
 
 _linear_alone = compiled(_linear_part, static_argnames="trend")
 
 
-def _factored(x: Floats, nugget: Floats, scales: Floats | None,
-              kernel: type[AbstractKernel]) -> tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]:
-    """Phi with its nugget, and its inverse, as functions of right-hand sides (n, k)."""
-    n = len(x)
-    reach = 1.0 if scales is None else float(1 / scales.min())
-    pairs = scipy.spatial.cKDTree(x).query_pairs(reach, output_type="ndarray")
-    i, j = pairs.min(axis=1), pairs.max(axis=1)
-    square = ((x[i] - x[j]) ** 2).sum(axis=1)
-    diagonal = _profile_of(np.zeros(1), kernel)[0] + nugget
-    width = int((j - i).max(initial=0))
-    if (width + 1) * n > _LARGEST_FACTOR:
-        raise DeformError(f"the support radius holds {2 * len(pairs) // n} neighbours of each of these {n} control "
-                          "points on average, too many for the memory of a solve; give a smaller support radius, or "
-                          "leave it to the points.")
-    if scales is not None:
-        whole = np.arange(n)
-        entries = np.concatenate([diagonal, _profile_of(square * scales[j] ** 2, kernel),
-                                  _profile_of(square * scales[i] ** 2, kernel)])
-        places = (np.concatenate([whole, i, j]), np.concatenate([whole, j, i]))
-        matrix = scipy.sparse.csc_array((entries, places), shape=(n, n))
-        return matrix.__matmul__, scipy.sparse.linalg.splu(matrix).solve
-    value = _profile_of(square, kernel)
-
-    def phi(b: Floats) -> Floats:
-        columns = [diagonal * c + np.bincount(i, value * c[j], n) + np.bincount(j, value * c[i], n) for c in b.T]
-        return np.stack(columns, axis=1)
-
-    band = np.zeros((width + 1, n))
-    band[0], band[j - i, i] = diagonal, value
-    factor, failed = scipy.linalg.lapack.dpbtrf(band, lower=1, overwrite_ab=1)
-    if failed:  # the check of the residual names the points
-        return phi, lambda b: np.full(b.shape, np.nan)
-    return phi, lambda b: np.asarray(scipy.linalg.lapack.dpbtrs(factor, b, lower=1)[0])
-
-
-def _profile_of(square: Floats, kernel: type[AbstractKernel]) -> Floats:
-    padded = np.zeros(max(256, few_sizes(len(square))))
-    padded[: len(square)] = square
-    return np.asarray(_profile(padded, kernel=kernel))[: len(square)]
-
-
-_profile = compiled(lambda s, kernel: kernel.profile(s), static_argnames="kernel")
-
-
-def _quadratic_of(x: Floats, d: Floats, q: Floats, span: Span, inverse: Callable[[Floats], Floats] | None) -> Floats:
-    """As :func:`_quadratic_part`, by an inverse of Phi; None for the plain projection."""
+def _quadratic_of(x: Floats, d: Floats, q: Floats, span: Span, matrix: Matrix | None) -> Floats:
+    """As :func:`_quadratic_part`; without a matrix the plain projection."""
     p = np.concatenate([np.ones((len(x), 1)), x @ span.basis], axis=1)
     both = np.concatenate([q, d], axis=1)
-    if inverse is None:
+    if matrix is None:
         w = both - p @ np.linalg.lstsq(p, both, rcond=None)[0]
     else:
-        v = inverse(np.concatenate([p, both], axis=1))
+        v = matrix.solve(np.concatenate([p, both], axis=1))
         vp, w = v[:, : p.shape[1]], v[:, p.shape[1] :]
         w = w - vp @ np.linalg.solve(p.T @ vp, p.T @ w)
     s, h = q.T @ w[:, : q.shape[1]], q.T @ w[:, q.shape[1] :]

@@ -161,6 +161,6 @@ def test_kernels_without_an_end_are_fitted_locally_from_two_thousand_points_on(
 
 def test_a_support_that_reaches_too_many_of_many_points_is_refused_before_the_memory_is_taken(
         monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.rbf.system._LARGEST_FACTOR", 10**4)
+    monkeypatch.setattr("deformnb.rbf.factors._LARGEST_FACTOR", 10**4)
     with pytest.raises(DeformError, match="neighbours of each of these 1200 control points"):
         fit_rbf(many(1200, 2), support=60.0)

@@ -1,0 +1,274 @@
+"""Kernel matrices of control points with their factors: dense, a band, or sparse; kept while points are dragged.
+
+A drag moves one centre, and with it one row and one column of the matrix. The factor of all others is still right, so
+that the moved points M are bordered to the fixed ones F in ``n^2`` operations where a new factor takes ``n^3``:
+
+    ``[Phi_FF K; K^T C] [alpha_F; alpha_M] = [b_F; b_M]``, K and C with the points where they are now
+
+and the inverse of ``Phi_FF`` is that of the whole matrix with the rows M left out, ``b -> w - G (G_M)^-1 w_M`` with
+``w = Phi^-1 b`` and ``G = Phi^-1 E``, E the unit columns of M (G. H. Golub, C. F. Van Loan, Matrix Computations (2013),
+sections 2.1 and 6.5). Steps are always taken from the matrix that was factored, so that errors do not add up.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+import scipy.spatial
+from numpy.typing import NDArray
+
+from deformnb._jax import compiled
+from deformnb.errors import DeformError
+from deformnb.rbf.conditioning import PreparedPoints
+from deformnb.rbf.evaluation import capacity, profile_of
+from deformnb.rbf.kernels import AbstractKernel
+
+Floats = NDArray[np.float64]
+
+DENSE = 1000
+"""Points up to which the matrix of a compact kernel is a dense one; beyond it is a band."""
+
+_LARGEST_FACTOR = 2**28
+"""Numbers of a factor, 2 GiB: wider supports of many points are refused before the memory is taken."""
+
+_KEPT_FROM = 200  # points; the matrix of fewer is factored as quickly as it is looked up
+_KEPT = 8  # factors: of the regions between a few cuts
+_KEPT_NUMBERS = 2**23  # of all of them together: 64 MiB, and as much for the matrices
+_MOST_MOVED = 16  # points beside a kept factor, and one of eight: more of them cost as much as a new one
+
+
+class Matrix(Protocol):
+    """Phi + nugget of n points, factored, as two functions of columns (n, k)."""
+
+    size: int
+    """Numbers of the factor."""
+    is_updated: bool
+    """Points have moved since it was factored."""
+
+    def solve(self, b: Floats) -> Floats:
+        """The columns c with ``(Phi + nugget) c = b``; NaN where the matrix is not definite."""
+
+    def product(self, b: Floats) -> Floats:
+        """``(Phi + nugget) b``."""
+
+
+def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, kernel: type[AbstractKernel]) -> Matrix:
+    """The matrix of points, taken from those that are kept where it can be.
+
+    Parameters
+    ----------
+    nugget : (n,) added to the diagonal.
+    scales : (n,) support / R_j of points with radii of their own, or None.
+
+    Raises
+    ------
+    DeformError
+        If the factor would take more memory than 2 GiB.
+    """
+    if scales is not None:
+        return _Sparse(_relative(points), nugget, scales, kernel)
+    if points.count >= _KEPT_FROM:
+        for base in _kept.like(points, nugget, kernel):
+            moved = np.flatnonzero((base.points.targets != points.targets).any(axis=1))
+            if len(moved) <= min(_MOST_MOVED, points.count // 8):
+                return base.matrix if len(moved) == 0 else _Moved(base, points.targets, moved)
+    return factored_anew(points, nugget, kernel)
+
+
+def factored_anew(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
+    """The matrix of points factored as it is, and kept."""
+    kind = _Band if kernel.compact and points.count > DENSE else _Dense
+    matrix = kind(_relative(points), nugget, kernel)
+    if points.count >= _KEPT_FROM:
+        _kept.add(_Base(points, nugget, kernel, matrix))
+    return matrix
+
+
+def _relative(points: PreparedPoints) -> Floats:
+    return (points.targets - points.origin) / points.support
+
+
+class _Dense:
+    """A symmetric matrix and its Cholesky factor, in the two triangles of one array: fresh memory costs as much."""
+
+    is_updated = False
+
+    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        n = len(x)
+        padded = np.zeros((capacity(n), x.shape[1]))  # few sizes are compiled
+        padded[:n] = x
+        phi = np.array(np.asarray(values_between(padded, padded, kernel=kernel))[:n, :n])
+        phi.flat[:: n + 1] += nugget
+        self._diagonal = phi.diagonal().copy()[:, None]
+        self._both, self._failed = scipy.linalg.lapack.dpotrf(phi.T, lower=1, clean=0, overwrite_a=1)
+        self.size = n * n
+
+    def solve(self, b: Floats) -> Floats:
+        if self._failed:  # the check of the residual names the points
+            return np.full(b.shape, np.nan)
+        return np.asarray(scipy.linalg.lapack.dpotrs(self._both, b, lower=1)[0])
+
+    def product(self, b: Floats) -> Floats:
+        upper = scipy.linalg.blas.dsymm(1.0, self._both, b, lower=0)  # but for the diagonal, which is the factor's
+        return np.asarray(upper + (self._diagonal - self._both.diagonal()[:, None]) * b)
+
+
+class _Band:
+    """Points sorted along their longest side reach only their neighbours in that order.
+
+    The matrix is a band and has a Cholesky factor within it: n b^2 operations for n points of which b lie within a
+    support of that side.
+    """
+
+    is_updated = False
+
+    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        self._order = np.argsort(x[:, np.ptp(x, axis=0).argmax()], kind="stable")
+        self._back = np.argsort(self._order)
+        i, j, square = _neighbours(x[self._order], 1.0)
+        n, width = len(x), int((j - i).max(initial=0))
+        self.size = (width + 1) * n
+        _check_size(self.size, len(i), n)
+        self._pairs = i, j, profile_of(square, kernel)
+        self._diagonal = profile_of(np.zeros(1), kernel)[0] + nugget[self._order]
+        band = np.zeros((width + 1, n))
+        band[0], band[j - i, i] = self._diagonal, self._pairs[2]
+        self._factor, self._failed = scipy.linalg.lapack.dpbtrf(band, lower=1, overwrite_ab=1)
+
+    def solve(self, b: Floats) -> Floats:
+        if self._failed:
+            return np.full(b.shape, np.nan)
+        return np.asarray(scipy.linalg.lapack.dpbtrs(self._factor, b[self._order], lower=1)[0])[self._back]
+
+    def product(self, b: Floats) -> Floats:
+        (i, j, value), n = self._pairs, len(b)
+        columns = [self._diagonal * c + np.bincount(i, value * c[j], n) + np.bincount(j, value * c[i], n)
+                   for c in b[self._order].T]
+        return np.stack(columns, axis=1)[self._back]
+
+
+class _Sparse:
+    """Points with radii of their own, whose matrix is not symmetric: sparse elimination (SuperLU)."""
+
+    is_updated = False
+
+    def __init__(self, x: Floats, nugget: Floats, scales: Floats, kernel: type[AbstractKernel]) -> None:
+        i, j, square = _neighbours(x, float(1 / scales.min()))
+        n, whole = len(x), np.arange(len(x))
+        self.size = (int((j - i).max(initial=0)) + 1) * n
+        _check_size(self.size, len(i), n)
+        entries = np.concatenate([profile_of(np.zeros(1), kernel)[0] + nugget,
+                                  profile_of(square * scales[j] ** 2, kernel),
+                                  profile_of(square * scales[i] ** 2, kernel)])
+        places = (np.concatenate([whole, i, j]), np.concatenate([whole, j, i]))
+        self._matrix = scipy.sparse.csc_array((entries, places), shape=(n, n))
+        self._solve = scipy.sparse.linalg.splu(self._matrix).solve
+
+    def solve(self, b: Floats) -> Floats:
+        return np.asarray(self._solve(b))
+
+    def product(self, b: Floats) -> Floats:
+        return np.asarray(self._matrix @ b)
+
+
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """A factored matrix and the points that it is of."""
+
+    points: PreparedPoints
+    nugget: Floats
+    kernel: type[AbstractKernel]
+    matrix: Matrix
+
+
+class _Moved:
+    """The matrix of a base some of whose points have moved since it was factored."""
+
+    is_updated = True
+
+    def __init__(self, base: _Base, targets: Floats, moved: NDArray[np.intp]) -> None:
+        self._base, self._moved, self.size = base.matrix, moved, base.matrix.size
+        (n, dim), m = targets.shape, len(moved)
+        x, y = np.zeros((capacity(n), dim)), np.zeros((_MOST_MOVED, dim))
+        x[:n] = (targets - base.points.origin) / base.points.support
+        y[:m] = x[moved]
+        self._columns = np.array(np.asarray(values_between(x, y, kernel=base.kernel))[:n, :m])
+        self._corner = self._columns[moved]
+        self._corner.flat[:: m + 1] += base.nugget[moved]
+        self._columns[moved] = 0.0
+
+    def solve(self, b: Floats) -> Floats:
+        n, m = self._columns.shape
+        units = np.zeros((n, m))
+        units[self._moved, np.arange(m)] = 1.0
+        w = self._base.solve(np.concatenate([units, self._columns, b], axis=1))
+        g, w = w[:, :m], w[:, m:]
+        w = w - g @ np.linalg.solve(g[self._moved], w[self._moved])  # zero at the points that have moved
+        across, rest = w[:, :m], w[:, m:]
+        at = np.linalg.solve(self._corner - self._columns.T @ across, b[self._moved] - self._columns.T @ rest)
+        found = rest - across @ at
+        found[self._moved] = at
+        return np.asarray(found)
+
+    def product(self, b: Floats) -> Floats:
+        at, fixed = b[self._moved], b.copy()
+        fixed[self._moved] = 0.0
+        found = self._base.product(fixed) + self._columns @ at
+        found[self._moved] = self._columns.T @ fixed + self._corner @ at
+        return np.asarray(found)
+
+
+class _Kept:
+    """The matrices factored last, from the newest to the oldest, as many as there is room for."""
+
+    def __init__(self) -> None:
+        self._bases: tuple[_Base, ...] = ()
+        self._lock = threading.Lock()
+
+    def like(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> list[_Base]:
+        """Those of as many points with the same kernel, support and smoothing."""
+        return [base for base in self._bases
+                if base.kernel is kernel and base.points.support == points.support
+                and base.points.targets.shape == points.targets.shape and np.array_equal(base.nugget, nugget)]
+
+    def add(self, base: _Base) -> None:
+        """Keep one more, and forget the oldest ones that do not fit beside it."""
+        with self._lock:
+            kept, room = [], _KEPT_NUMBERS
+            for one in (base, *self._bases[: _KEPT - 1]):
+                room -= one.matrix.size
+                if room >= 0:
+                    kept.append(one)
+            self._bases = tuple(kept)
+
+
+_kept = _Kept()
+
+
+def _neighbours(x: Floats, reach: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
+    """Pairs i < j of points within a distance, and the squares of their distances."""
+    pairs = scipy.spatial.cKDTree(x).query_pairs(reach, output_type="ndarray")
+    i, j = pairs.min(axis=1), pairs.max(axis=1)
+    return i, j, ((x[i] - x[j]) ** 2).sum(axis=1)
+
+
+def _check_size(size: int, pairs: int, n: int) -> None:
+    if size > _LARGEST_FACTOR:
+        raise DeformError(f"the support radius holds {2 * pairs // n} neighbours of each of these {n} control "
+                          "points on average, too many for the memory of a solve; give a smaller support radius, or "
+                          "leave it to the points.")
+
+
+def _values_between(x: Any, y: Any, *, kernel: type[AbstractKernel]) -> Any:
+    """Phi (n, m) between points x (n, dim) and y (m, dim)."""
+    # One coordinate after the other: with a last axis of two or three nothing is vectorised (3 times slower).
+    return kernel.profile(sum((x[:, None, k] - y[None, :, k]) ** 2 for k in range(x.shape[1])))
+
+
+values_between = compiled(_values_between, static_argnames="kernel")

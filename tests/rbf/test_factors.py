@@ -1,0 +1,78 @@
+"""Matrices that are kept while points are dragged: the same fits as from new ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.kernels import KERNELS
+from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.trends import TRENDS
+
+FAR = 64.0
+"""Points that are all shifted so far have no factor; what a shift by a power of two rounds is less than 1e-13."""
+
+
+def scattered(n: int, dim: int, seed: int) -> ControlPoints:
+    rng = np.random.default_rng(seed)
+    target = rng.uniform(0, 100, (n, dim))
+    return ControlPoints.from_arrays(target + rng.normal(0, 2, (n, dim)), target, weight=rng.uniform(0.5, 2, n))
+
+
+def anew(points: ControlPoints, at: NDArray[np.float64], **settings: Any) -> NDArray[np.float64]:
+    shifted = replace(points, source=points.source + FAR, target=points.target + FAR)
+    return fit_rbf(shifted, **settings).displacement(at + FAR)
+
+
+@pytest.mark.parametrize("trend", TRENDS)
+@pytest.mark.parametrize("kernel", [name for name, kernel in KERNELS.items() if kernel.order == 0])
+@pytest.mark.parametrize("smoothing", [0.0, 0.1])
+def test_a_drag_of_some_of_many_points_gives_the_fit_of_all_of_them(kernel: str, trend: str, smoothing: float) -> None:
+    points, at = scattered(220, 2, seed=3), np.random.default_rng(0).uniform(-10, 110, (300, 2))
+    support = 100 * KERNELS[kernel].shares[0]
+    settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing, "support": support}
+    fit_rbf(points, **settings)
+    for moved in ([7], [7, 100], range(0, 80, 10)):  # each of them from where the last one ended
+        target = np.array(points.target)
+        target[list(moved)] += [3.0, -2.0]
+        points = replace(points, target=target)
+        dragged = fit_rbf(points, **settings)
+        np.testing.assert_allclose(dragged.displacement(at), anew(points, at, **settings), atol=1e-8)
+        if not smoothing:
+            np.testing.assert_allclose(dragged.displacement(target), points.displacement, atol=1e-9)
+
+
+def test_a_drag_beside_a_band_of_many_points_gives_the_fit_of_all_of_them() -> None:
+    points, at = scattered(1100, 3, seed=5), np.random.default_rng(1).uniform(0, 100, (300, 3))
+    fit_rbf(points, support=20.0)
+    target = np.array(points.target)
+    target[500:503] += 4.0
+    points = replace(points, target=target)
+    np.testing.assert_allclose(fit_rbf(points, support=20.0).displacement(at), anew(points, at, support=20.0),
+                               atol=1e-8)
+
+
+def test_drags_without_moved_targets_and_other_settings_do_not_take_another_fit() -> None:
+    points, at = scattered(220, 2, seed=8), np.random.default_rng(2).uniform(0, 100, (50, 2))
+    fit_rbf(points, support=40.0)
+    pulled = replace(points, source=points.source + np.random.default_rng(4).normal(0, 1, points.source.shape))
+    heavy = replace(points, weight=points.weight * 3)
+    for some, settings in ((pulled, {"support": 40.0}), (points, {"support": 50.0}),
+                           (points, {"support": 40.0, "kernel": "wendland_c4"}),
+                           (points, {"support": 40.0, "smoothing": 1.0}), (heavy, {"support": 40.0, "smoothing": 1.0})):
+        np.testing.assert_allclose(fit_rbf(some, **settings).displacement(at), anew(some, at, **settings), atol=1e-8)
+
+
+def test_a_point_dragged_next_to_another_one_is_still_interpolated() -> None:
+    points = scattered(220, 2, seed=9)
+    fit_rbf(points, support=40.0)
+    target, source = np.array(points.target), np.array(points.source)
+    target[4] = target[90] + [1e-3, 0.0]
+    source[4] = source[90] + [1e-3, 1e-4]
+    near = replace(points, target=target, source=source)
+    np.testing.assert_allclose(fit_rbf(near, support=40.0).displacement(target), near.displacement, atol=1e-8)
