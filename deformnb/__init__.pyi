@@ -78,5 +78,6 @@ from .warping.warper import Warper as Warper
 from .warping.warper import warp as warp
 from .warping.warper import warp_picture as warp_picture
 from .widgets.studio.studio import Studio as Studio
+from .words import set_language as set_language
 
 __version__: str

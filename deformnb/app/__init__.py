@@ -9,11 +9,28 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from deformnb.words import LANGUAGES
+
 IDLE_MINUTES = 240.0
 """The server ends when no client was connected for so long; a lesson begins an hour after it was started."""
 
 VIEWERS = ("live", "vtk")
 """Renderers of the volume: in the client, or by VTK on the server, which sends pictures."""
+
+
+def add_language(parser: Any) -> None:
+    """Add the option ``--language`` to an argument parser.
+
+    Examples
+    --------
+    >>> import argparse
+    >>> parser = argparse.ArgumentParser()
+    >>> add_language(parser)
+    >>> parser.parse_args(["--language", "de"]).language
+    'de'
+    """
+    parser.add_argument("--language", choices=tuple(LANGUAGES),
+                        help="language of the words that are seen (default: that of DEFORMNB_LANGUAGE, or else en)")
 
 
 def add_app(commands: Any, run: Callable[[Any], None]) -> None:
@@ -42,4 +59,5 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
     p.add_argument("--no-browser", action="store_true", help="print the address and open nothing")
     p.add_argument("--idle", type=float, default=IDLE_MINUTES, metavar="MINUTES", help="end when no page was connected "
                    "for so long; 0 never does (default %(default)g)")
+    add_language(p)
     p.set_defaults(run=run)

@@ -26,6 +26,7 @@ class Application:
     side : of the first picture, a name of :data:`~deformnb.volume.plane.VIEWS`; default is the one that shows most.
     viewer : "live" or "vtk": who draws the volume, see :data:`deformnb.app.VIEWERS`.
     folder : where the controls save files.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
 
     Attributes
     ----------
@@ -42,9 +43,9 @@ class Application:
     """
 
     def __init__(self, volume: Volume | Channels, deformation: Deformation | None = None, *, side: str | None = None,
-                 viewer: str = "live", folder: str | PathLike[str] = ".") -> None:
+                 viewer: str = "live", folder: str | PathLike[str] = ".", language: str | None = None) -> None:
         with parts_of_another():
-            self.studio = Studio(volume, deformation, side=side, view=viewer, folder=folder)
+            self.studio = Studio(volume, deformation, side=side, view=viewer, folder=folder, language=language)
         self.thread = Worker("deformnb-application")
 
     @property

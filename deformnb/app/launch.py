@@ -63,7 +63,7 @@ def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
 
 def open_app(volume: Volume | Channels, deformation: Deformation | None = None, *, side: str | None = None,
              viewer: str = "live", host: str = "127.0.0.1", port: int = 0, browser: bool = True,
-             idle: float = IDLE_MINUTES) -> None:
+             idle: float = IDLE_MINUTES, language: str | None = None) -> None:
     """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.
 
     Parameters
@@ -75,6 +75,7 @@ def open_app(volume: Volume | Channels, deformation: Deformation | None = None, 
     host, port : where to listen; port 0 takes a free one.
     browser : whether to open a browser.
     idle : minutes without a page after which it ends; 0 never does.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def open_app(volume: Volume | Channels, deformation: Deformation | None = None, 
     host = check_app(host, port, side, idle)
     if not is_loopback(host):
         _print(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
-    app = Application(volume, deformation, side=side, viewer=viewer)
+    app = Application(volume, deformation, side=side, viewer=viewer, language=language)
     try:
         server = app_server(app, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:

@@ -122,6 +122,8 @@ def _add_demo(commands: Commands) -> None:
 
 
 def _add_page(commands: Commands) -> None:
+    from deformnb.app import add_language
+
     what = "write a page that deforms a volume or a picture in a browser, without Python"
     p = commands.add_parser("page", help=what, description=f"""{what[0].upper()}{what[1:]}: one file that works offline,
         from a stick or on a phone. On it a NIfTI, NRRD, PNG or JPEG file is opened, deformed by control points and
@@ -129,6 +131,7 @@ def _add_page(commands: Commands) -> None:
     p.add_argument("output", nargs="?", default="deformnb.html", metavar="OUTPUT",
                    help="the file to write (default %(default)s)")
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
+    add_language(p)
     p.set_defaults(run=_page)
 
 
@@ -185,7 +188,7 @@ def _app(options: argparse.Namespace) -> None:
                   else made_up_carp(stage("make the carp")))
     note(*(() if isinstance(volume, Channels) else volume.notes))
     open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
-             browser=not options.no_browser, idle=options.idle)
+             browser=not options.no_browser, idle=options.idle, language=options.language)
 
 
 def _page(options: argparse.Namespace) -> None:
@@ -193,7 +196,7 @@ def _page(options: argparse.Namespace) -> None:
 
     if Path(options.output).exists() and not options.force:
         raise DeformError(f"{options.output} is there already; name another file, or --force to overwrite it.")
-    write_file_page(options.output)
+    write_file_page(options.output, language=options.language)
     print(options.output)
 
 

@@ -49,6 +49,8 @@ from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field
 from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png, render_scene
+from deformnb.words import language as chosen_language
+from deformnb.words import translate, word_table
 
 LIMIT = 256**3
 """Voxels in a file at most, by default."""
@@ -76,12 +78,12 @@ _SIDES = "%"  # the place of the sides in the warning of the page
 # Displacements are rounded to this share of a voxel, which nobody sees and which packs far better.
 _EXACTNESS = 1 / 64
 
-_NOT_FOR_THE_PAGE = ("comm", "layout", "tabbable", "tooltip")
+_NOT_FOR_THE_PAGE = ("comm", "language", "layout", "tabbable", "tooltip", "words")
 
 
 def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str = "", about: str = "",
                     limit: int | None = None, controls: Iterable[str] = tuple(CONTROLS),
-                    progress: Progress | None = None) -> str:
+                    language: str | None = None, progress: Progress | None = None) -> str:
     """A page that needs nothing but a browser, in which points are dragged and picture and volume follow.
 
     Parameters
@@ -94,6 +96,7 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     limit : voxels in the page at most; a larger volume is averaged, which the page reports. Default is 256^3, and
         fewer where these would take more than 10 MB.
     controls : names of :data:`CONTROLS` that the page has; none leaves picture and volume alone.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
@@ -119,64 +122,74 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     wanted = _checked_controls(controls)
     part = None if view is None else _view_part(editor, view, _checked_limit(limit), report)
     name = title or (part.volume.name if part else "") or "Deformation"
-    data = _page_data(editor, part, name, wanted)
+    code = chosen_language(language)
+    data = _page_data(editor, part, name, wanted, code)
     scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
                bundle("standalone.js")]
     styles = [Editor._css, *([LiveView._css] if part else []), bundle("standalone.css")]
-    texts = {"title": name, "about": about, "facts": f"{part.about}. {_PROMISE}" if part else _PROMISE}
+    facts = translate(f"{part.about}. {_PROMISE}" if part else _PROMISE, code)
+    texts = {"title": name, "about": about, "facts": facts}
     image = base64.b64encode(part.still if part else editor.preview_png()).decode("ascii")
     still = f'<img class="dnb-page-still" alt="{_escaped(name)}" src="data:image/png;base64,{image}">'
-    page = _page(texts, {"opening": "", "hidden": "", "still": still}, data, scripts, styles)
+    page = _page(texts, {"opening": "", "hidden": "", "still": still}, data, scripts, styles, code)
     report(1.0)
     return page
 
 
-def file_page_html() -> str:
+def file_page_html(language: str | None = None) -> str:
     """A page in which a volume or a picture of one's own is opened, deformed and compared, without Python.
 
     The page reads NIfTI (.nii, .nii.gz), NRRD, PNG and JPEG by the rules of :mod:`deformnb.io`, shows a volume as an
     exported page does, and saves pictures and the document that ``deformnb replay`` applies to the same file.
+
+    Parameters
+    ----------
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
 
     Examples
     --------
     >>> "Open a file" in file_page_html()
     True
     """
+    code = chosen_language(language)
     volume = Volume.from_array(np.arange(8, dtype=np.uint8).reshape(2, 2, 2))  # the file's volume comes in its place
     step = untouched_step(Plane.along(volume), volume.grid)
     assert step.plane is not None
     editor, view = Editor(project(volume, step.plane), step.maps[0]), LiveView(volume)
     try:
-        data = _page_data(editor, _view_part(editor, view, None, _silent), "", tuple(CONTROLS))
+        data = _page_data(editor, _view_part(editor, view, None, _silent), "", tuple(CONTROLS), code)
     finally:
         editor.close()
         view.close()
     names = ("strength", "kernel", "shows", "density", "view")
     data |= {"parameters": as_json(names), "known_spacings": [vars(row) for row in known_spacings()]}
     scripts = [_as_script(Editor._esm, "editor"), _as_script(LiveView._esm, "view"), bundle("file_page.js")]
-    texts = {"title": "deformnb", "about": FILE_PAGE_ABOUT, "facts": _PROMISE}
-    parts = {"opening": '<div class="dnb-page-open" role="group" aria-label="File"></div>', "hidden": " hidden",
-             "still": ""}
-    return _page(texts, parts, data, scripts, [Editor._css, LiveView._css, bundle("file_page.css")])
+    texts = {"title": "deformnb", "about": translate(FILE_PAGE_ABOUT, code), "facts": translate(_PROMISE, code)}
+    opening = f'<div class="dnb-page-open" role="group" aria-label="{translate("File", code)}"></div>'
+    return _page(texts, {"opening": opening, "hidden": " hidden", "still": ""}, data, scripts,
+                 [Editor._css, LiveView._css, bundle("file_page.css")], code)
 
 
-def write_file_page(path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
+def write_file_page(path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True) -> None:
     """Write the page of :func:`file_page_html` to a file, whole or not at all.
 
     Parameters
     ----------
     path : the file to write; ends in .html.
+    language : as of :func:`file_page_html`.
     overwrite : whether an existing file may be replaced.
     """
     _check_page(path, overwrite=overwrite)
-    text = file_page_html().encode("utf-8")
+    text = file_page_html(language).encode("utf-8")
     with atomic_write(path, overwrite=overwrite, needed=len(text)) as stream:
         stream.write(text)
 
 
-def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str]) -> dict[str, Any]:
+def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str],
+               code: str) -> dict[str, Any]:
     """What the scripts of a page get."""
     return {
+        "language": code, "words": word_table(code),
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
         "view": part.traits if part else None, "chunks": part.chunks if part else [],
         "field": part.field if part else None, "still_background": part.background if part else None,
@@ -427,7 +440,7 @@ def _as_script(module: str, name: str) -> str:
 
 
 def _page(texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], scripts: list[str],
-          styles: list[str]) -> str:
+          styles: list[str], code: str) -> str:
     scripts = [_unbroken(f"\n{script}\n") for script in scripts]
     digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
     policy = ("default-src 'none'", f"script-src {digests}", "style-src 'unsafe-inline'", "img-src data: blob:",
@@ -436,6 +449,8 @@ def _page(texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], sc
     text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
     seen = {name: _escaped(text) for name, text in texts.items()}
+    parts |= {"language": code, "controls": translate("Deformation", code),
+              "needs": translate("This page needs JavaScript.", code)}
     return _SKELETON.format(policy="; ".join(policy), **parts, silent="" if texts["about"] else " hidden",
                             styles=_unbroken("\n".join(styles)), data=text, scripts=body, **seen)
 
@@ -453,7 +468,7 @@ def _unbroken(text: str) -> str:
 _PROMISE = "This file works without a network: nothing is loaded, and nothing is sent."
 
 _SKELETON = """<!doctype html>
-<html lang="en">
+<html lang="{language}">
 <head>
 <meta charset="utf-8">
 <meta http-equiv="Content-Security-Policy" content="{policy}">
@@ -467,12 +482,12 @@ _SKELETON = """<!doctype html>
 </head>
 <body class="dnb-page">
 <header class="dnb-page-header">
-<h1>{title}</h1>
-<p class="dnb-page-about"{silent}>{about}</p>
+<h1 translate="no">{title}</h1>
+<p class="dnb-page-about" translate="no"{silent}>{about}</p>
 </header>
 {opening}
 <div class="dnb-page-alert" role="alert" hidden></div>
-<div class="dnb-page-controls" role="group" aria-label="Deformation"></div>
+<div class="dnb-page-controls" role="group" aria-label="{controls}"></div>
 <main class="dnb-page-main"{hidden}>
 <div class="dnb-page-picture"></div>
 <div class="dnb-page-volume">
@@ -480,7 +495,7 @@ _SKELETON = """<!doctype html>
 <p class="dnb-page-note" role="status" hidden></p>
 </div>
 </main>
-<noscript><p class="dnb-page-alert">This page needs JavaScript.</p></noscript>
+<noscript><p class="dnb-page-alert">{needs}</p></noscript>
 <footer class="dnb-page-footer">{facts}</footer>
 <script type="application/json" id="dnb-data">{data}</script>
 {scripts}

@@ -12,12 +12,28 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import anywidget
+import traitlets
 from comm.base_comm import BaseComm
 
-__all__ = ["LocalComm", "SyncedWidget"]
+from deformnb.words import language, word_table
+
+__all__ = ["LocalComm", "SyncedWidget", "worded_by_another"]
+
+_IS_WORDED = ContextVar("_IS_WORDED", default=False)
+
+
+@contextmanager
+def worded_by_another() -> Iterator[None]:
+    """Context in which new widgets get no words: the widget around them shows theirs in its language too."""
+    before = _IS_WORDED.set(True)
+    try:
+        yield
+    finally:
+        _IS_WORDED.reset(before)
 
 
 class LocalComm(BaseComm):
@@ -43,6 +59,11 @@ class LocalComm(BaseComm):
 class SyncedWidget(anywidget.AnyWidget):
     """An anywidget whose traits may be set from several threads.
 
+    Attributes
+    ----------
+    language : its code, chosen by :func:`deformnb.set_language` before the widget is made.
+    words : of that language by the English ones, for the front end; empty for English.
+
     Examples
     --------
     >>> widget = SyncedWidget()
@@ -50,6 +71,9 @@ class SyncedWidget(anywidget.AnyWidget):
     ...     widget.tooltip = "sent at the end"
     >>> widget.close()
     """
+
+    language = traitlets.Unicode().tag(sync=True)
+    words = traitlets.Dict().tag(sync=True)
 
     _holding_sync: bool  # ipywidgets' own mark, as are the names to send
     _states_to_send: set[str]
@@ -59,6 +83,14 @@ class SyncedWidget(anywidget.AnyWidget):
         self._sending = threading.RLock()
         self._sent_since: set[str] = set()  # since the front end has set a trait
         super().setup_instance(*given, **named)
+
+    @traitlets.default("language")
+    def _default_language(self) -> str:
+        return "" if _IS_WORDED.get() else language()
+
+    @traitlets.default("words")
+    def _default_words(self) -> dict[str, str]:
+        return word_table(self.language) if self.language else {}
 
     @contextmanager
     def hold_sync(self) -> Iterator[None]:

@@ -56,13 +56,13 @@ const options = {
 /** Folders of the packages from npm whose files are in the bundles. */
 const packages = new Set();
 
-/** Bundles the files of one name; of a module nothing but the default export is left. */
+/** Bundles the files of one name; of a module nothing but its default export is left, with its words in a language. */
 async function bundled(name, paths, format) {
   for (const loader of ["js", "css"]) {
     const own = paths.filter((path) => path.endsWith(`.${loader}`)), [first] = own;
     if (!first) continue;
     const contents = loader === "css" ? own.map((path) => `@import "./${path}";`).join("\n")
-      : format === "esm" ? `export { default } from "./${first}";` : `import "./${first}";`;
+      : format === "esm" ? `import { worded } from "./ui/words.js"; import widget from "./${first}"; export default worded(widget);` : `import "./${first}";`;
     const stdin = { contents, resolveDir: here, loader };
     const { metafile } = await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin });
     for (const input of Object.keys(metafile.inputs)) {

@@ -11,6 +11,7 @@ import { fieldAt } from "./maths/rigid_stages.js";
 import { decodedData, guarded, messageOf, pagePart, showOnPage, StandalonePage, textElement }
   from "./standalone_page.js";
 import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
+import { inLanguage, showInLanguage } from "./ui/words.js";
 import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.js";
 import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.js";
 import { bytesOfVolume, cornerPoints, factorsOf, maximumProjection, packedPicture, pictureWindow, piecesOf, stillField,
@@ -307,7 +308,7 @@ class FileOpener {
    */
   async open(file) {
     if (this.work) return;
-    if (this.isUnsaved && !window.confirm(`Open ${file.name}? What you did is not downloaded yet.`)) return;
+    if (this.isUnsaved && !window.confirm(inLanguage(`Open ${file.name}? What you did is not downloaded yet.`))) return;
     const work = new AbortController(), before = this.words.textContent ?? "";
     this.work = work;
     showOnPage("");
@@ -333,7 +334,7 @@ class FileOpener {
   async turn(side) {
     const { opened, sides } = this;
     if (!opened || this.work || side === this.side) return;
-    if (this.isUnsaved && !window.confirm("See it from another side? The points of this side are not downloaded yet.")) {
+    if (this.isUnsaved && !window.confirm(inLanguage("See it from another side? The points of this side are not downloaded yet."))) {
       sides.value = this.side;
       return;
     }
@@ -415,6 +416,7 @@ function storedWork(opened) {
 
 async function openPage() {
   const template = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  showInLanguage(document.body, template.words, template.language);
   const widgets = /** @type {any} */ (globalThis)[Symbol.for("deformnb.standalone")];
   Object.assign(document.body, { opener: new FileOpener(template, widgets) }); // for tests and for debugging
 }

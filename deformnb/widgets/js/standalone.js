@@ -2,9 +2,11 @@
 // exports under a symbol.
 
 import { decodedData, messageOf, showOnPage, StandalonePage } from "./standalone_page.js";
+import { showInLanguage } from "./ui/words.js";
 
 async function openStandalone() {
   const data = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  showInLanguage(document.body, data.words, data.language);
   const page = new StandalonePage(data, /** @type {any} */ (globalThis)[Symbol.for("deformnb.standalone")]);
   Object.assign(document.body, { deformnb: page }); // for tests and for debugging
   await page.open();

@@ -29,6 +29,8 @@ import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
  *   them
  * @property {Record<string, Open>} parameters of the controls, as deformnb/widgets/parameters.py has them
  * @property {Open | null} document
+ * @property {string} language its code
+ * @property {Record<string, string>} words of that language by the English ones; none for English
  * @property {DataView<ArrayBuffer>} [still] a picture of the volume, where the page shows none before it is opened
  */
 

@@ -58,6 +58,7 @@ class StudioHead(SyncedWidget):
     show : shows a text.
     folder : of a new file; one that is there is never written over.
     run : does it in a thread, for the checksum of a large volume takes a moment; default is here.
+    language : of all words of the studio around it; default is the one that was chosen.
 
     Attributes
     ----------
@@ -92,8 +93,9 @@ class StudioHead(SyncedWidget):
     history = traitlets.Dict().tag(sync=True)
 
     def __init__(self, session: Session, guard: Guard, show: Callable[[str], None], folder: str | PathLike[str] = ".",
-                 run: Callable[[Callable[[], None]], Any] | None = None) -> None:
-        super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume))
+                 run: Callable[[Callable[[], None]], Any] | None = None, *, language: str | None = None) -> None:
+        traits = {} if language is None else {"language": language}
+        super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume), **traits)
         self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)
         self._run = run or (lambda work: work())
         self._first = _bare(session.first)

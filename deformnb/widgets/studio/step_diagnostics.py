@@ -209,8 +209,8 @@ def _texts(found: Diagnostics) -> dict[str, str]:
     unit, texts = found.unit, dict[str, str]()
     if found.folds is not None:
         least, share = found.folds.least, found.folds.share
-        in_air = f" in tissue, {100 * found.folds.air:.2g} % in air" if found.folds.air else ""
-        how = f"none{in_air}" if least > 0 else f"{100 * share:.2g} % folded" if share else "at single places"
+        none = f"none in tissue, {100 * found.folds.air:.2g} % in air" if found.folds.air else "none"
+        how = none if least > 0 else f"{100 * share:.2g} % folded" if share else "at single places"
         texts["Folds"] = f"{how}; smallest det J {least:.3g}"
     if found.trip is not None:
         trip = found.trip

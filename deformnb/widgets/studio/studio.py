@@ -59,10 +59,12 @@ from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
+from deformnb.widgets.synced import worded_by_another
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png, with_png
 from deformnb.widgets.worker import Worker
+from deformnb.words import language as chosen_language
 
 VIEW_KINDS = ("live", "vtk")
 """Views by name: rendered in the browser, or by VTK in Python."""
@@ -230,6 +232,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     output : grid of the result, which is what can be seen; default is the document's, or the volume's own. See
         :meth:`Session.grow <deformnb.session.session.Session.grow>` and :meth:`Session.fit_output
         <deformnb.session.session.Session.fit_output>`.
+    language : of what is seen, "en" or "de"; default is the one of :func:`deformnb.set_language`.
 
     Attributes
     ----------
@@ -259,7 +262,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                  folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
                  label_names: Mapping[int, str] | None = None,
                  target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
-                 output: Grid | None = None) -> None:
+                 output: Grid | None = None, language: str | None = None) -> None:
+        self._language = chosen_language(language)
         given, channels = as_volume_and_channels(subject_from(volume))
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
         session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
@@ -281,7 +285,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         is_whole = threading.Event()
         self._worker.call(is_whole.wait)  # nothing is done for half a studio
         try:
-            with closed_on_failure(lambda: _end(vars(self))):
+            with closed_on_failure(lambda: _end(vars(self))), worded_by_another():  # by the head
                 self._make(before, labels, label_names, target)
         except BaseException:
             close_all(self._words.box, self._words.notice, self._words.status)
@@ -307,7 +311,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
         panels = self._make_panels(folder, labels, label_names, target)
         self._panels, self._wand = panels.all, panels.wand
-        head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call)
+        head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call,
+                          language=self._language)
         rows = arranged(head, self._editors, self.view, panels, self._words, height)
         if before:
             self._leave(before)
@@ -597,7 +602,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         try:
             with self.session.files.writing(path, overwrite=overwrite):
                 write_standalone(path, editor, view, title=title or self.volume.name, about=about,
-                                 limit=limit, controls=CONTROLS if controls is None else controls, progress=progress)
+                                 language=self._language, limit=limit,
+                                 controls=CONTROLS if controls is None else controls, progress=progress)
         finally:
             close_all(editor)
             close_all(view)

@@ -8,6 +8,7 @@ import { ManagerBase } from "@jupyter-widgets/base-manager";
 import * as controls from "@jupyter-widgets/controls";
 import { defined } from "./amd.js"; // before the next: anywidget's package is an AMD module
 import "anywidget";
+import { showInLanguage } from "../ui/words.js";
 import { APP_PAGE, callPython } from "./session.js";
 
 /** @import { Session } from "./types.d.ts" */
@@ -104,6 +105,8 @@ export class WidgetManager extends ManagerBase {
     const { studio, widgets } = await this.session.call("deformnb.open", []);
     this.#add(widgets);
     this.haveOpened?.();
+    const { words = {}, language = "" } = Object.values(widgets).find(({ words: its }) => Object.keys(its ?? {}).length) ?? {};
+    if (language) showInLanguage(document.body, words, language); // what stands beside the studio too
     return this.create_view(await this.get_model(studio));
   }
 

@@ -32,9 +32,14 @@ const ROW_BUTTONS = {
 };
 const LONGEST_NAME = 100;
 
-/** A time in the zone of the front end, which may be another than Python's. @param {number} seconds */
-function timeOfDay(seconds) {
-  return new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+/**
+ * A time in the zone of the front end, which may be another than Python's, as the language around it writes it.
+ * @param {number} seconds
+ * @param {Element} place
+ */
+function timeOfDay(seconds, place) {
+  const language = place.closest("[lang]")?.getAttribute("lang") || [];
+  return new Date(1000 * seconds).toLocaleTimeString(language, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
 class ItemListView {
@@ -166,12 +171,12 @@ class ItemListView {
     if (row.swatch) disc.style.background = row.swatch;
     if (!row.swatch || row.mark) disc.textContent = row.mark ?? String(k + 1);
     const cell = pageElement("td", "dnb-il-name", line);
-    const facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time)] : [])];
+    const facts = [...(row.facts || []), ...(row.time ? [timeOfDay(row.time, this.root)] : [])];
     for (let depth = 0; depth < (row.indent || 0); depth += 1) {
       pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
     }
     const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
-      title: row.tip || name, "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].join(", ")}`,
+      title: row.tip || name, "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].filter(Boolean).join(", ")}`,
       ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
     choose.textContent = name;
     choose.addEventListener("click", () => this.act("choose", k));

@@ -3,6 +3,7 @@
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
+import { showInLanguage } from "../ui/words.js";
 import { nameControls } from "./accessible_names.js";
 import { SidePanel } from "./side_panel.js";
 
@@ -32,7 +33,7 @@ class StudioHead {
     this.host = el;
     el.classList.add("dnb-head-host");
     this.root = pageElement("div", "dnb-head", el, { role: "toolbar", "aria-label": "Studio", ...OWN_KEYS });
-    this.name = pageElement("strong", "dnb-head-name", this.root);
+    this.name = pageElement("strong", "dnb-head-name", this.root, { translate: "no" });
     this.facts = pageElement("span", "dnb-head-facts", this.root);
     pageElement("span", "dnb-head-gap", this.root);
     this.undo = this.#icon("undo", () => this.#travel("undo"));
@@ -70,8 +71,14 @@ class StudioHead {
     requestAnimationFrame(() => {
       if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
       this.#arrived();
+      if (this.studio && !signal.aborted) this.#showWords(this.studio, signal);
       if (this.studio && !signal.aborted) nameControls(this.studio, signal);
     });
+  }
+
+  /** Show the whole studio in the language of the head. @param {HTMLElement} studio @param {AbortSignal} signal */
+  #showWords(studio, signal) {
+    signal.addEventListener("abort", showInLanguage(studio, this.model.get("words"), this.model.get("language")));
   }
 
   /** The studio around it, once it is in the document. @returns {HTMLElement | null} */

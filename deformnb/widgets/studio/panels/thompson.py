@@ -111,7 +111,7 @@ class ThompsonPanel(Panel):
         return ipw.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
 
     def _grid_settings(self) -> list[Any]:
-        pairs = [(f"{source} to {target}", (source, target)) for source, target in thompson_pairs()]
+        pairs = [(f"{source} \u2192 {target}", (source, target)) for source, target in thompson_pairs()]
         carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
         self.grid = ipw.Dropdown(options=pairs, value=carp, description="Grids of",
                                 layout=ipw.Layout(width="380px"),

@@ -1,0 +1,191 @@
+// The visible words in another language. The sources have the English words; a table has what is shown instead.
+//
+// A key of the table is the English text. A name in braces stands for a value: one letter ({n}) for a number; {name},
+// {file} and {text}, with digits behind where there are several, for what stays as it is, such as the name of a point;
+// any other for words that the table has too. deformnb/words/translator.py does the same in Python.
+//
+// Whatever is written into the document below a root is translated before it is drawn: texts, tooltips, and the names
+// that screen readers say. So widgets of ipywidgets are in the language too, and no module has to ask for it. What
+// users name is in an element with translate="no", the attribute of HTML by which translators leave it alone.
+
+/** @typedef {Record<string, string>} Table */
+
+const ATTRIBUTES = ["title", "aria-label", "placeholder", "alt", "label", "aria-valuetext", "aria-description",
+  "aria-roledescription"];
+const LEFT_ALONE = "[translate=no], script, style, code, pre, textarea, [contenteditable=true]";
+const FILE = /^\S+\.\w+$/; // the name of one
+const AS_GIVEN = /^(name|file|text)\d*$/;
+const WORD = /\p{L}{2}/u; // a single letter is the name of a key or an axis
+const NUMBER = "[^\\sA-Za-z\u00c0-\u024f]*\\d[^\\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\\d+)?";
+const PARTED = / \u00b7 | \| |\n+/; // between facts of a line
+const BREAKS = [/; /, /(?<=[.!?\u2026]) /, /: /, /, /]; // the strongest first
+const MOST_KNOWN = 4000; // texts whose translation is remembered
+
+/** Translates texts by a table. */
+export class Translator {
+  /** @param {Table} table */
+  constructor(table) {
+    this.table = new Map(Object.entries(table));
+    this.patterns = [...this.table].filter(([key]) => key.includes("{")).map(([key, value]) => patternOf(key, value))
+      .sort((a, b) => b.length - a.length || a.free - b.free); // what says most comes first
+    /** @type {Map<string, string | null>} */
+    this.known = new Map();
+  }
+
+  /** A text in the language; itself where the table has nothing for it. @param {string} text */
+  translate(text) {
+    const core = text.trim();
+    const found = this.#find(core.replaceAll("\u00a0", " ")); // ipywidgets' menus have such spaces
+    return found === null ? text : text.replace(core, () => found);
+  }
+
+  /** @param {string} core @returns {string | null} */
+  #find(core) {
+    if (!WORD.test(core)) return null;
+    let found = this.known.get(core);
+    if (found === undefined) {
+      found = this.table.get(core) ?? this.#inTwo(PARTED, core) ?? this.#byPattern(core) ?? this.#inPieces(core) ?? this.#withoutPeriod(core);
+      if (this.known.size > MOST_KNOWN) this.known.clear();
+      this.known.set(core, found);
+    }
+    return found;
+  }
+
+  /** @param {string} core */
+  #byPattern(core) {
+    for (const { part, regex, names, value } of this.patterns) {
+      const match = core.includes(part) && regex.exec(core);
+      if (!match) continue;
+      const values = new Map(names.map((name, k) => [name, this.#value(name, match[k + 1])]));
+      if ([...values.values()].includes(null)) continue;
+      return value.replace(/\{(\w+)\}/g, (whole, name) => values.get(name) ?? whole);
+    }
+    return null;
+  }
+
+  /**
+   * What stands in the place of a value; null if it is of words that the table does not have.
+   * @param {string} name
+   * @param {string} given
+   */
+  #value(name, given) {
+    return name.length === 1 || AS_GIVEN.test(name) ? given : this.#piece(given);
+  }
+
+  /** A part of a text, translated; null if it is of words that the table does not have. @param {string} given */
+  #piece(given) { return WORD.test(given) && !FILE.test(given) ? this.#find(given.trim()) : given; }
+
+  /** @param {RegExp} at @param {string} core */
+  #inTwo(at, core) {
+    const found = at.exec(core);
+    if (!found) return null;
+    const [first, rest] = [core.slice(0, found.index), core.slice(found.index + found[0].length)]
+      .map((piece) => this.#piece(piece));
+    return first === null || rest === null ? null : first + found[0] + rest;
+  }
+
+  /** @param {string} core */
+  #withoutPeriod(core) {
+    const found = core.endsWith(".") ? this.#find(core.slice(0, -1)) : null;
+    return found && `${found}.`;
+  }
+
+  /** Translates the pieces of a text; null unless the table has all that are words. @param {string} core */
+  #inPieces(core) {
+    for (const at of BREAKS) {
+      const made = this.#inTwo(at, core);
+      if (made !== null) return made;
+    }
+    const aside = /^(.+?) \((.+)\)(\.?)$/s.exec(core), main = aside && this.#find(aside[1]);
+    return aside && main ? `${main} (${this.translate(aside[2])})${aside[3]}` : null;
+  }
+}
+
+/** @param {string} key @param {string} value */
+function patternOf(key, value) {
+  const pieces = key.split(/\{(\w+)\}/), names = pieces.filter((_, k) => k % 2), plain = pieces.filter((_, k) => k % 2 === 0);
+  const source = pieces.map((piece, k) => {
+    if (k % 2) return piece.length === 1 ? `(${NUMBER})` : "(.*?)";
+    return piece.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
+  }).join("");
+  return { regex: new RegExp(`^${source}$`, "su"), names, value, length: plain.join("").length,
+    free: names.filter((name) => name.length > 1).length,
+    part: plain.reduce((longest, piece) => (piece.length > longest.length ? piece : longest)) };
+}
+
+/** The translator of a page that has one, for what is written elsewhere than in its document. @type {Translator | null} */
+let ofPage = null;
+
+/** A text in the language of the page, for a question of the browser. @param {string} text */
+export function inLanguage(text) { return ofPage?.translate(text) ?? text; }
+
+/** @param {Node} node */
+function isLeftAlone(node) {
+  const element = node instanceof Element ? node : node.parentElement;
+  return Boolean(element?.closest(LEFT_ALONE));
+}
+
+/**
+ * Show all words below a root in a language, now and whenever they change; returns the function that ends it.
+ * @param {HTMLElement} root
+ * @param {Table} table
+ * @param {string} language  its code, as of the attribute lang
+ */
+export function showInLanguage(root, table, language) {
+  if (!Object.keys(table).length) return () => {};
+  const translator = new Translator(table);
+  if (root === document.body) ofPage = translator;
+  root.lang = language;
+  /** @param {Node} node */
+  const text = (node) => {
+    if (!node.nodeValue || isLeftAlone(node)) return;
+    const made = translator.translate(node.nodeValue);
+    if (made !== node.nodeValue) node.nodeValue = made;
+  };
+  /** @param {Element} element @param {string} name */
+  const attribute = (element, name) => {
+    const given = element.getAttribute(name);
+    if (!given || element.closest("[translate=no]")) return;
+    const made = translator.translate(given);
+    if (made !== given) element.setAttribute(name, made);
+  };
+  /** @param {Node} node */
+  const all = (node) => {
+    if (node.nodeType === Node.TEXT_NODE) text(node);
+    if (!(node instanceof Element)) return;
+    const walker = document.createTreeWalker(node, NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT);
+    for (let at = /** @type {Node | null} */ (node); at; at = walker.nextNode()) {
+      if (at.nodeType === Node.TEXT_NODE) text(at);
+      else for (const name of ATTRIBUTES) attribute(/** @type {Element} */ (at), name);
+    }
+  };
+  const changes = new MutationObserver((records) => {
+    for (const { type, target, attributeName, addedNodes } of records) {
+      if (type === "characterData") text(target);
+      else if (type === "attributes") attribute(/** @type {Element} */ (target), attributeName ?? "");
+      else addedNodes.forEach(all);
+    }
+  });
+  changes.observe(root, { subtree: true, childList: true, characterData: true, attributeFilter: ATTRIBUTES });
+  all(root);
+  return () => changes.disconnect();
+}
+
+/** @typedef {{ render: (given: any) => any, initialize?: (given: any) => any }} AnyWidget */
+
+/**
+ * A widget whose words are in the language of its model: its traits `language` and `words`, the table.
+ * @param {AnyWidget} widget
+ * @returns {AnyWidget}
+ */
+export function worded(widget) {
+  return { ...widget, render: (given) => {
+    const { model, el } = given, words = model.get("words"), close = widget.render(given);
+    if (!words || !Object.keys(words).length) return close; // a page without Python has them once, for all of it
+    const end = showInLanguage(el, words, model.get("language"));
+    return () => {
+      end();
+      close();
+    };
+  } };
+}

@@ -1,0 +1,124 @@
+"""The languages that there are, their tables, and the one that new studios and lessons have.
+
+It is English unless it is chosen, by :func:`set_language` or the environment variable ``DEFORMNB_LANGUAGE``. The locale
+of the process is no choice of the reader: a kernel on a server has the server's, and a notebook that is sent to
+somebody else would show other words than those its text speaks of.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import cache
+from pathlib import Path
+
+from deformnb.errors import DeformError
+from deformnb.words.translator import Translator
+
+VARIABLE = "DEFORMNB_LANGUAGE"
+"""The environment variable with the language."""
+
+_FOLDER = Path(__file__).parent
+_FIRST = "en"
+
+_chosen = ""
+
+
+@cache
+def word_table(code: str) -> dict[str, str]:
+    """The words of a language by the English ones; empty for English.
+
+    Parameters
+    ----------
+    code : of :data:`LANGUAGES`.
+
+    Examples
+    --------
+    >>> word_table("de")["Undo"]
+    'R\u00fcckg\u00e4ngig'
+    """
+    if code == _FIRST:
+        return {}
+    table: dict[str, str] = json.loads((_FOLDER / f"{code}.json").read_text(encoding="utf-8"))
+    return table
+
+
+LANGUAGES: dict[str, str] = {_FIRST: "English", **{path.stem: word_table(path.stem)["English"]
+                                                   for path in sorted(_FOLDER.glob("*.json"))}}
+"""Languages by their codes, each named in its own words."""
+
+
+def set_language(code: str) -> None:
+    """Choose the language of studios, widgets, pages and answers of lessons that are made from now on.
+
+    Parameters
+    ----------
+    code : of :data:`LANGUAGES`: "en" or "de".
+
+    Raises
+    ------
+    DeformError
+        If there is no such language.
+
+    Examples
+    --------
+    >>> set_language("de")
+    >>> translate("Undo")
+    'R\u00fcckg\u00e4ngig'
+    >>> set_language("en")
+    """
+    global _chosen  # noqa: PLW0603  # a choice of the process, as is its locale
+    _chosen = checked_language(code)
+
+
+def language(code: str | None = None) -> str:
+    """The code of the language that was chosen, or this one if it is given.
+
+    Raises
+    ------
+    DeformError
+        If there is no such language, also in ``DEFORMNB_LANGUAGE``.
+
+    Examples
+    --------
+    >>> language("de")
+    'de'
+    """
+    if code is not None:
+        return checked_language(code)
+    return _chosen or checked_language(os.environ.get(VARIABLE) or _FIRST)
+
+
+def checked_language(code: object) -> str:
+    """The code of a language that there is.
+
+    Raises
+    ------
+    DeformError
+        If there is no such language.
+
+    Examples
+    --------
+    >>> checked_language("de")
+    'de'
+    """
+    if not isinstance(code, str) or code not in LANGUAGES:
+        known = ", ".join(f"{known} ({name})" for known, name in LANGUAGES.items())
+        raise DeformError(f"unknown language {code!r:.40}; choose one of {known}.")
+    return code
+
+
+def translate(text: str, code: str | None = None) -> str:
+    """A text in a language, by default in the one that was chosen.
+
+    Examples
+    --------
+    >>> translate("Undo: move 3 points", "de")
+    'R\u00fcckg\u00e4ngig: 3 Punkte verschieben'
+    """
+    return _translator(language(code)).translate(text)
+
+
+@cache
+def _translator(code: str) -> Translator:
+    return Translator(word_table(code))

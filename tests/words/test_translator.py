@@ -1,0 +1,122 @@
+"""The tables of words: complete for what the sources say, and translated alike in Python and in the front ends."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from words.sources import ROOT, python_texts, reads_as_words, script_texts, shape, wildcard
+
+from deformnb.words import LANGUAGES, Translator, translate, word_table
+from node_tasks import find_node
+
+PACKAGE = ROOT / "deformnb"
+OTHERS = [code for code in LANGUAGES if code != "en"]
+
+SHOWN_BY_PYTHON = [*(PACKAGE / "widgets" / "studio").rglob("*.py"), *(PACKAGE / "widgets" / "inputs").glob("*.py"),
+                   PACKAGE / "widgets" / "parameters.py", PACKAGE / "widgets" / "camera.py",
+                   PACKAGE / "session" / "examples.py", PACKAGE / "document" / "edits.py"]
+"""Modules whose words are seen in a studio. Other modules have some too: their texts may be keys, and need not be."""
+
+ERRORS_ONLY = ("maths", "formats", "volume", "webgl")
+"""Folders of JavaScript whose words are errors, most of them those of Python, which stay English."""
+
+NOT_SEEN = re.compile(r"""
+    use\ strict | .*dnb-.* | [#.]?[\w-]+:.* | <.* | .*\bstyle=.* | .*[{}]\ ?/\ ?\{.*   # styles, classes, markup
+    | (Arrow(Left|Right|Up|Down)|Page(Up|Down)?|Home|End|Enter|Escape|Tab|Delete|Backspace|AltGraph)  # keys of events
+    | (Alt|Shift|Control)\+.+ | [A-Z][a-z]+([A-Z]\w*)+ | row\ wrap | jupyter-.* | linear-gradient.*   # names of code
+    | Studio\(.* | Editor\(.* | \w+\(\{.*                                                              # of repr
+""", re.VERBOSE | re.DOTALL)
+
+
+ELSEWHERE = {
+    "Antigonia", "Polyprion",  # animals have the same names everywhere
+    # Parts of errors.
+    "a dictionary of direction, up, zoom, pan and perspective", "one of {}", "three rising pairs of shares from 0 to 1",
+    "a formula in z or a tuple of numbers", "rising numbers from 0 to 1", "the page has no {} of {}",
+    "the page makes no widgets of its own", "an edit could not be sent:", "there is no model {}",
+    "a volume or labels ({}), names of labels ({}), landmarks ({}) or a session ({})",
+    # Of a page of the documentation, of repr, and names of jobs.
+    " times the volume's diagonal", "# Parameters", "## Buttons", ", on a logarithmic scale", "warm up", "result box",
+    "own grid", "the first drawing", "the second drawing", "xMidYMid meet",
+    "DepthKeys(({}), selected={})",
+    ("What can be set in the studio and, partly, in an exported page, by the names that code uses. This page is "
+     "written by `python -m deformnb.widgets.parameters`."),
+}
+"""Texts of these modules that no studio shows."""
+
+
+@pytest.fixture(scope="module")
+def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, set[str]]:
+    """Shapes of all texts, by the modules they are in."""
+    found: dict[Path, set[str]] = {path: {text for _, text in python_texts(path)} for path in PACKAGE.rglob("*.py")}
+    for path, text in script_texts(PACKAGE / "widgets" / "js", tmp_path_factory.mktemp("lowered")):
+        found.setdefault(path, set()).add(text)
+    return found
+
+
+@pytest.mark.parametrize("code", OTHERS)
+def test_all_words_that_are_seen_are_in_the_table(code: str, texts: dict[Path, set[str]]) -> None:
+    keys, translator = list(word_table(code)), Translator(word_table(code))
+
+    def is_known(text: str) -> bool:
+        """Whether it is a key, or of parts that are keys; or becomes a key, with its values or within a longer text."""
+        whole, part, form = text.replace("{}", "5"), text.strip(_MARKS), wildcard(text)
+        return (translator.knows(whole) or translator.knows(whole.strip(_MARKS)) or any(map(form.fullmatch, keys))
+                or (" " in part and any(part in shape(key) for key in keys)))
+
+    scripts = {path for path in texts if path.suffix == ".js" and path.parent.name not in ERRORS_ONLY}
+    missing = {f"{path.relative_to(PACKAGE)}: {text}" for path in {*SHOWN_BY_PYTHON, *scripts} for text in texts[path]
+               if reads_as_words(text) and text not in ELSEWHERE and not NOT_SEEN.fullmatch(text)
+               and not is_known(text)}
+    assert not missing, "\n".join([f"add to deformnb/words/{code}.json:", *sorted(missing)])
+
+
+@pytest.mark.parametrize("code", OTHERS)
+def test_no_key_is_left_over(code: str, texts: dict[Path, set[str]]) -> None:
+    known = {text for found in texts.values() for text in found}
+    tables = [path.read_text("utf-8") for path in PACKAGE.rglob("*.json") if path.parent.name != "words"]
+    tables.append((PACKAGE / "volume" / "transfer.py").read_text("utf-8"))  # presets are described by their docstrings
+    in_tooltips = [text.replace(" + ", "+") for text in known]
+    all_text = "\n".join([*known, *in_tooltips, *tables]).casefold()
+    forms = [wildcard(text) for text in known if "{}" in text]
+
+    def is_used(key: str) -> bool:
+        """Whether it is made of texts of the sources, or by one of them with its values."""
+        parts = [part for part in shape(key).casefold().split("{}") if part.strip(_MARKS)]
+        return all(part.strip(_MARKS) in all_text for part in parts) or any(form.fullmatch(key) for form in forms)
+
+    left = [key for key in word_table(code) if not is_used(key)]
+    assert left == [], "\n".join([f"remove from deformnb/words/{code}.json, or follow the source:", *left])
+
+
+_MARKS = " ,;.:"
+
+
+CASES = ["Undo", "Undo (Ctrl+Z)", "3 points", "32 points, 28 dragged \u00b7 no folds", 'move "tail"', 'rename "Undo"',
+         "Undo: move 3 points", "  Redo\n", "Keep\u00a0fold-free", "B: select several: band, taps", "Other words",
+         "There are unsaved edits. Save the session in a.json (Ctrl+S)", "Node 1,2 of the grid", "12", "", "x",
+         "a.nii: Undo",
+         "Save the session in $& and $1.json (Ctrl+S)", "Point 4 Undo, at 3, 5, dragged 3 right, 2 down, locked"]
+
+
+def test_front_ends_translate_as_python_does() -> None:
+    node, _npm = find_node()
+    script = f"""import {{ Translator }} from "{(PACKAGE / 'widgets' / 'js' / 'ui' / 'words.js').as_uri()}";
+        const all = JSON.parse(await new Response(process.stdin).text());
+        const translator = new Translator(all.table);
+        console.log(JSON.stringify(all.texts.map((text) => translator.translate(text))));"""
+    for code in OTHERS:
+        table, translator = word_table(code), Translator(word_table(code))
+        given = CASES + [key.replace("{n}", "3").replace("{text}", "x y") for key in table]
+        done = subprocess.run([node, "--input-type=module", "-e", script], capture_output=True, check=True,
+                              input=json.dumps({"table": table, "texts": given}), encoding="utf-8")
+        assert json.loads(done.stdout) == [translator.translate(text) for text in given]
+
+
+def test_what_a_user_has_named_stays_as_it_is() -> None:
+    assert translate('rename "Undo"', "de") == "\u201eUndo\u201c umbenennen"
+    assert translate("Save the session in Undo (Ctrl+S)", "de") == "Sitzung in Undo speichern (Strg+S)"
