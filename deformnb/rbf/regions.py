@@ -436,7 +436,9 @@ class Mask(AbstractRegion):
         counts = np.round(np.ptp(corners, axis=0) / spacing).astype(int) + 1
         flat = np.zeros((counts[1], counts[0]), dtype=bool)
         # What hides the rest is enough; on an oblique picture places so dense that no pixel between others stays empty.
-        surface = self.values if is_aligned else self.values & ~ndimage.binary_erosion(self.values)
+        depth = int(along.argmax(axis=1).sum()) - 1  # of the array: the axis that is neither u nor v
+        surface = (self.values.any(axis=depth, keepdims=True) if is_aligned
+                   else self.values & ~ndimage.binary_erosion(self.values))
         index = np.argwhere(surface)[:, ::-1].astype(np.float64)
         counted = [1 if is_aligned else int(np.ceil(2 * s / min(grid.spacing))) for s in grid.spacing]
         for offset in product(*((np.arange(n) + 0.5) / n - 0.5 for n in counted)):
