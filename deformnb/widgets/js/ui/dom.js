@@ -94,7 +94,7 @@ function scrollsAround(element) {
     const scrolls = isPage ? overflowY !== "hidden" : overflowY === "auto" || overflowY === "scroll";
     if (scrolls && box.scrollHeight > box.clientHeight + 1) return true;
   }
-  return false;
+  return window.parent !== window; // a frame is as high as its contents, and what is around it scrolls
 }
 
 /**
