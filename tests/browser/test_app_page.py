@@ -303,7 +303,7 @@ _OPERATED = {"button", "checkbox", "combobox", "img", "image", "link", "listbox"
 def test_everything_is_reached_by_tab_and_has_a_name(tab: Tab) -> None:
     names = set()
     tab.page.evaluate("document.activeElement.blur()")
-    for _ in range(70):
+    for _ in range(110):
         tab.page.keyboard.press("Tab")
         names.add(tab.page.evaluate("""() => { const at = document.activeElement;
           const label = at.labels?.[0]?.innerText || at.closest('.jupyter-widgets')?.querySelector('label')?.innerText;

@@ -373,7 +373,7 @@ class MapPanel(Panel):
         self._support.style.description_width = "96px"
         self.add(self._support, self._shown_support,
                  lambda value: session.change(kind="support", slides=True, support=float(value)))
-        self._auto = widget_of("automatic_support", layout=ipw.Layout(width="100px"))
+        self._auto = widget_of("automatic_support")
         self.add(self._auto, lambda: not isinstance(session.step.support, float),
                  lambda on: session.change(support=None if on else float(self._support.value)))
         self.box = ipw.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
