@@ -13,13 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deformnb.checks import real_array, shown_value
+from deformnb.words import translate
 
 _COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words say it too
 
 
 @dataclass(frozen=True)
 class Result:
-    """Whether an answer is right, and a word about it; a notebook shows it.
+    """Whether an answer is right, and a word about it; a notebook shows it in the language that was chosen.
 
     Parameters
     ----------
@@ -43,14 +44,18 @@ class Result:
         return self.right
 
     def __repr__(self) -> str:
-        return f"{'Right.' if self.right else 'Not yet.'} {self.text}"
+        return f"{self._word} {translate(self.text)}"
+
+    @property
+    def _word(self) -> str:
+        return translate("Right." if self.right else "Not yet.")
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        colour, word = _COLOURS[self.right], "Right." if self.right else "Not yet."
+        colour = _COLOURS[self.right]
         return (f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em">'
-                f'<b style="color: {colour}; background: #fff; padding: 0 4px">{word}</b> '
-                f"{html.escape(self.text)}</div>"
+                f'<b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
+                f"{html.escape(translate(self.text))}</div>"
                 f"{self.drawing}")
 
 
@@ -134,7 +139,7 @@ class Choice(AbstractExercise):
     Parameters
     ----------
     question, praise : see :class:`AbstractExercise`.
-    among : all words.
+    among : all words; an answer may have them in the language that was chosen, too.
     right : those that belong to the answer, all of them.
     mistakes : what is said where one of the others is chosen.
 
@@ -153,14 +158,15 @@ class Choice(AbstractExercise):
 
     def judge(self, answer: object) -> Result:
         form = "one word in quotation marks" if len(self.right) == 1 else "words in quotation marks, in square brackets"
-        form = f"{form}, of {', '.join(self.among)}"
+        form = f"{form}, of {', '.join(map(translate, self.among))}"
         given = [answer] if isinstance(answer, str) else [] if answer is None else answer
         if not isinstance(given, list | tuple | set | frozenset):
             return self._no(f"Give {form}.")
-        words = [word.strip().lower() if isinstance(word, str) else None for word in given]
-        if not words or words == [""]:
+        known = {**{translate(word).lower(): word for word in self.among}, **{word: word for word in self.among}}
+        words = [known.get(word.strip().lower()) if isinstance(word, str) else None for word in given]
+        if not words or [word.strip() if isinstance(word, str) else word for word in given] == [""]:
             return self._no(f"There is no answer yet: give {form}.")
-        if any(word not in self.among for word in words):
+        if None in words:
             return self._no(f"Give {form}; {shown_value(answer)} has something else.")
         wrong = next((word for word in self.among if word in words and word not in self.right), None)
         if wrong is not None:

@@ -18,6 +18,7 @@ from deformnb.lessons.lesson import LESSONS
 from deformnb.lessons.studio_tasks import FishTask
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Volume
+from deformnb.words import translate
 
 _SIDE = "-x"  # from the left, where the head points left
 _CORNERS = [[0, 0], [508, 0], [508, 197], [0, 197]]
@@ -65,13 +66,15 @@ def lesson_start(name: str, volume: Volume) -> Deformation:
     return _PAGES[name].begin(volume)
 
 
-def write_lesson_page(name: str, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+def write_lesson_page(name: str, path: str | os.PathLike[str], *, language: str | None = None,
+                      overwrite: bool = False) -> None:
     """Write a lesson's picture as one offline file in which points can be dragged; it warns when tissue leaves the box.
 
     Parameters
     ----------
     name : a key of :data:`~deformnb.lessons.LESSONS`.
     path : the file to write; ends in .html.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
     overwrite : whether an existing file may be replaced.
 
     Raises
@@ -89,10 +92,10 @@ def write_lesson_page(name: str, path: str | os.PathLike[str], *, overwrite: boo
     from deformnb.widgets.studio.studio import Studio
 
     carp = lesson_carp()
-    studio = Studio(carp, lesson_start(name, carp), side=_SIDE)
+    studio = Studio(carp, lesson_start(name, carp), side=_SIDE, language=language)
     try:
-        studio.export_html(path, title=LESSONS[name].title, about=_PAGES[name].about, controls=_PAGES[name].controls,
-                           overwrite=overwrite)
+        title, about = (translate(text, language) for text in (LESSONS[name].title, _PAGES[name].about))
+        studio.export_html(path, title=title, about=about, controls=_PAGES[name].controls, overwrite=overwrite)
     finally:
         studio.close()
 

@@ -16,6 +16,7 @@ from deformnb.imaging.projection import project
 from deformnb.lessons.exercises import AbstractExercise, Result
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
+from deformnb.words import translate
 
 _NEAR = 0.5  # percent of the way, and pixels of the drawing: a smaller drag was not meant
 
@@ -121,8 +122,8 @@ def _advice(score: GridScore) -> str:
     """Where the worst node should go, in words."""
     row, column = score.worst
     right, down = score.missing[row, column]
-    ways = ((down, ("up", "down")), (right, ("left", "right")))
-    parts = [f"{abs(way):.0f} mm {words[int(way > 0)]}" for way, words in ways if abs(way) >= 1]
+    ways = ((down, ("{:.0f} mm up", "{:.0f} mm down")), (right, ("{:.0f} mm left", "{:.0f} mm right")))
+    parts = [words[int(way > 0)].format(abs(way)) for way, words in ways if abs(way) >= 1]
     return f"Node r{row} c{column} should go {' and '.join(parts)} still." if parts else "No node is a millimetre away."
 
 
@@ -139,7 +140,8 @@ def grids_svg(score: GridScore, grids: ThompsonMap) -> str:
 
     a, b = score.reached[score.worst]
     box = f"{low[0] - edge:.1f} {low[1] - edge:.1f} {size[0] + 2 * edge:.1f} {size[1] + 2 * edge:.1f}"
-    words = "Thompson's grid dashed in orange, yours in blue, and a circle around the node that is farthest away"
+    words = translate("Thompson's grid dashed in orange, yours in blue, and a circle around the node that is farthest "
+                      "away")
     return (f'<svg viewBox="{box}" role="img" aria-label="{words}" '
             f'style="width: 100%; max-width: 420px; background: #fff"><title>{words}</title>'
             + lines(grids.target_nodes, 'stroke="#d55e00" stroke-width="1.5" stroke-dasharray="5 3"')

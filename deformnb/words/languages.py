@@ -48,12 +48,12 @@ LANGUAGES: dict[str, str] = {_FIRST: "English", **{path.stem: word_table(path.st
 """Languages by their codes, each named in its own words."""
 
 
-def set_language(code: str) -> None:
+def set_language(code: str | None) -> None:
     """Choose the language of studios, widgets, pages and answers of lessons that are made from now on.
 
     Parameters
     ----------
-    code : of :data:`LANGUAGES`: "en" or "de".
+    code : of :data:`LANGUAGES`: "en" or "de"; None for the one of ``DEFORMNB_LANGUAGE``, or else English.
 
     Raises
     ------
@@ -65,10 +65,10 @@ def set_language(code: str) -> None:
     >>> set_language("de")
     >>> translate("Undo")
     'R\u00fcckg\u00e4ngig'
-    >>> set_language("en")
+    >>> set_language(None)
     """
     global _chosen  # noqa: PLW0603  # a choice of the process, as is its locale
-    _chosen = checked_language(code)
+    _chosen = "" if code is None else checked_language(code)
 
 
 def language(code: str | None = None) -> str:

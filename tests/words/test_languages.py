@@ -33,12 +33,17 @@ def test_keys_stand_in_the_order_of_the_alphabet() -> None:
 
 
 def test_the_language_is_chosen_for_all_by_a_call_or_by_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    dn.set_language(None)
     monkeypatch.setenv("DEFORMNB_LANGUAGE", "de")
     assert language() == "de"
     dn.set_language("en")
     assert language() == "en"
     assert language("de") == "de"
+    dn.set_language(None)
+    assert language() == "de"
+    dn.set_language("en")
     monkeypatch.setenv("DEFORMNB_LANGUAGE", "xx")
     with pytest.raises(DeformError, match="unknown language 'xx'; choose one of en \\(English\\), de \\(Deutsch\\)"):
         set_language("xx")
     assert translate("Undo") == "Undo"
+    dn.set_language(None)

@@ -16,10 +16,11 @@ from node_tasks import find_node
 PACKAGE = ROOT / "deformnb"
 OTHERS = [code for code in LANGUAGES if code != "en"]
 
-SHOWN_BY_PYTHON = [*(PACKAGE / "widgets" / "studio").rglob("*.py"), *(PACKAGE / "widgets" / "inputs").glob("*.py"),
+SHOWN = [*(PACKAGE / "widgets" / "studio").rglob("*.py"), *(PACKAGE / "widgets" / "inputs").glob("*.py"),
                    PACKAGE / "widgets" / "parameters.py", PACKAGE / "widgets" / "camera.py",
-                   PACKAGE / "session" / "examples.py", PACKAGE / "document" / "edits.py"]
-"""Modules whose words are seen in a studio. Other modules have some too: their texts may be keys, and need not be."""
+                   *(PACKAGE / "lessons").glob("*.py"), PACKAGE / "session" / "examples.py",
+                   PACKAGE / "document" / "edits.py"]
+"""Modules of Python whose words are seen in a studio or a lesson. Texts of other modules may be keys, and need not."""
 
 ERRORS_ONLY = ("maths", "formats", "volume", "webgl")
 """Folders of JavaScript whose words are errors, most of them those of Python, which stay English."""
@@ -41,7 +42,7 @@ ELSEWHERE = {
     "a volume or labels ({}), names of labels ({}), landmarks ({}) or a session ({})",
     # Of a page of the documentation, of repr, and names of jobs.
     " times the volume's diagonal", "# Parameters", "## Buttons", ", on a logarithmic scale", "warm up", "result box",
-    "own grid", "the first drawing", "the second drawing", "xMidYMid meet",
+    "own grid", "the first drawing", "the second drawing", "xMidYMid meet", "deformnb as dn",
     "DepthKeys(({}), selected={})",
     ("What can be set in the studio and, partly, in an exported page, by the names that code uses. This page is "
      "written by `python -m deformnb.widgets.parameters`."),
@@ -69,7 +70,7 @@ def test_all_words_that_are_seen_are_in_the_table(code: str, texts: dict[Path, s
                 or (" " in part and any(part in shape(key) for key in keys)))
 
     scripts = {path for path in texts if path.suffix == ".js" and path.parent.name not in ERRORS_ONLY}
-    missing = {f"{path.relative_to(PACKAGE)}: {text}" for path in {*SHOWN_BY_PYTHON, *scripts} for text in texts[path]
+    missing = {f"{path.relative_to(PACKAGE)}: {text}" for path in {*SHOWN, *scripts} for text in texts[path]
                if reads_as_words(text) and text not in ELSEWHERE and not NOT_SEEN.fullmatch(text)
                and not is_known(text)}
     assert not missing, "\n".join([f"add to deformnb/words/{code}.json:", *sorted(missing)])
