@@ -7,7 +7,8 @@ to compare on a busy machine. Memory is the resident memory of this process and 
 seconds in which JAX compiled are part of the time and stated beside it.
 
 ``--workers`` measures instead how much two workers of dask with one thread each gain over one, beside two processes of
-plain C over one, each process on a processor of its own.
+plain C over one, each process on a processor of its own; and how much processor time two take for the same work as one,
+which is what to compare on a busy machine.
 """
 
 from __future__ import annotations
@@ -82,15 +83,17 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
         print(flush=True)
 
 
-def _in_turns(cases: dict[str, Callable[[], Any]], rounds: int) -> dict[str, tuple[float, float, int]]:
-    """Medians of seconds and of processor seconds, and the largest memory of each."""
+def _in_turns(cases: dict[str, Callable[[], Any]], rounds: int,
+              processor: Callable[[str], float] = lambda _name: time.process_time()) -> dict[
+                  str, tuple[float, float, int]]:
+    """Medians of seconds and of processor seconds, by a clock for each case, and the largest memory of each."""
     measured: dict[str, list[tuple[float, float, int]]] = {name: [] for name in cases}
     for _ in range(rounds):
         for name, run in cases.items():
             with _PeakMemory() as peak:
-                start, cpu = time.perf_counter(), time.process_time()
+                start, cpu = time.perf_counter(), processor(name)
                 run()
-                taken = time.perf_counter() - start, time.process_time() - cpu
+                taken = time.perf_counter() - start, processor(name) - cpu
             measured[name].append((*taken, peak.bytes))
     return {name: (statistics.median(r[0] for r in rows), statistics.median(r[1] for r in rows),
                    max(r[2] for r in rows)) for name, rows in measured.items()}
@@ -110,10 +113,11 @@ def _run_workers(folder: Path, options: argparse.Namespace) -> None:
         field, rounds = _field(name, Grid((n, n, n))), {"replicated": 300, "general": 20}[name]
         with ExitStack() as stack:
             cases: dict[str, Callable[[], Any]] = {}
+            clients = {}
             for count in (1, 2):
                 cluster = stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1,
                                                            dashboard_address=":0"))
-                client = stack.enter_context(Client(cluster))
+                client = clients[f"deformnb {count}"] = stack.enter_context(Client(cluster))
                 client.wait_for_workers(count)
                 for worker, processor in zip(client.scheduler_info()["workers"], processors, strict=False):
                     client.run(_pin, processor, workers=[worker])
@@ -123,12 +127,23 @@ def _run_workers(folder: Path, options: argparse.Namespace) -> None:
                                               processors[:count])
             for count in (1, 2):
                 cases[f"deformnb {count}"]()  # compiles
-            times = _in_turns(cases, options.rounds)
+            times = _in_turns(cases, options.rounds, partial(_processor_seconds, clients))
+        more = {name: times[f"{name} 2"][1] / times[f"{name} 1"][1] / (2 if name == "C" else 1)
+                for name in ("deformnb", "C")}
         one, two = (n**3 / times[f"deformnb {count}"][0] / 1e6 for count in (1, 2))
         gain_of_c = 2 * times["C 1"][0] / times["C 2"][0]
         print(f"{name:11} {n}^3: one worker {one:.1f}, two workers {two:.1f} Mvoxel/s, gain {two / one:.2f}; two "
               f"processes of C gain {gain_of_c:.2f}; peak of all processes, both clusters included "
-              f"{times['deformnb 2'][2] / 1e9:.2f} GB; load {os.getloadavg()[0]:.1f}", flush=True)
+              f"{times['deformnb 2'][2] / 1e9:.2f} GB; processor time of the same work in two for one: "
+              f"{more['deformnb']:.2f}, in C {more['C']:.2f}; load {os.getloadavg()[0]:.1f}", flush=True)
+
+
+def _processor_seconds(clients: dict[str, Any], name: str) -> float:
+    """Of the workers of a cluster and of this process, or of the processes that have ended."""
+    if name in clients:
+        return time.process_time() + sum(clients[name].run(time.process_time).values())
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return ended.ru_utime + ended.ru_stime
 
 
 def _pin(processor: int) -> None:

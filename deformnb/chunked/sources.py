@@ -25,7 +25,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io import ome_zarr
 from deformnb.io.formats import describe_file
-from deformnb.io.headers import Damage, as_path, fail, regular_file, shown, volume_shape
+from deformnb.io.headers import Damage, as_path, fail, regular_file, shown, unpacking, volume_shape
 from deformnb.io.memory import default_limit
 from deformnb.volume.volume import DTYPES, Grid, Volume, optional_package, voxel_checksum
 
@@ -150,7 +150,8 @@ class _Hdf5:
     chunks: tuple[int, ...] | None
 
     def read(self, part: Part) -> NDArray[Any]:
-        with optional_package("h5py").File(self.path, "r") as file:
+        h5py = optional_package("h5py")
+        with unpacking(Path(self.path)), h5py.File(self.path, "r") as file:
             return np.asarray(file[self.name][part])
 
     def identity(self) -> str:
@@ -168,7 +169,7 @@ class _Tiff:
 
     def read(self, part: Part) -> NDArray[Any]:
         tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
-        with tifffile.imread(self.path, aszarr=True, level=0) as store:
+        with unpacking(Path(self.path)), tifffile.imread(self.path, aszarr=True, level=0) as store:
             array = zarr.open_array(store, mode="r")
             found = np.asarray(array[part[-array.ndim:]])
         return found if found.ndim == 3 else found[None]
@@ -256,8 +257,8 @@ class LargeVolume:
         return native
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        """All voxels, for ``np.asarray``."""
-        return np.asarray(self.read((slice(None),) * 3), dtype=dtype)
+        """All voxels, for ``np.asarray``, as :meth:`to_volume` reads them."""
+        return np.asarray(self.to_volume().values, dtype=dtype)
 
     def to_volume(self, *, max_bytes: int | None = None) -> Volume:
         """All voxels as a :class:`Volume`; refused where they take more than 60 % of the free memory."""
@@ -440,7 +441,7 @@ def _of_path(text: str, level: int) -> LargeVolume:
         return _of_zarr(path, level)
     if level != 0:
         raise fail(path, f"it is no pyramid, so it has no level {level}.")
-    with Damage(path, "name a smaller file"):
+    with unpacking(path), Damage(path, "name a smaller file"):
         if lower.endswith(HDF5):
             return _of_hdf5(regular_file(path), dataset)
         if lower.endswith(_TIFF):

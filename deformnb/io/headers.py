@@ -15,6 +15,7 @@ import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -234,6 +235,17 @@ class Damage:
             raise fail(self._path, f"it cannot be read: {why}.") from error
         if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
             raise fail(self._path, str(error)) from error
+
+
+@contextmanager
+def unpacking(path: Path) -> Iterator[None]:
+    """Turn what packed data raise, which can be anything where they are damaged, into an error that names the file."""
+    try:
+        yield
+    except (MemoryError, DeformError):
+        raise
+    except Exception as error:
+        raise fail(path, f"it cannot be read: {shown(error) or type(error).__name__}.") from error
 
 
 def human_bytes(count: int) -> str:

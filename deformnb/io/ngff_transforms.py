@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.io.atomic import check_target
-from deformnb.io.headers import fail, human_bytes, shown
+from deformnb.io.headers import fail, human_bytes, shown, unpacking
 from deformnb.io.memory import available_memory
 from deformnb.io.transform_parts import sampled_parts
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose
@@ -299,10 +299,8 @@ class _Reader:
         if need > available_memory() // 3:
             raise fail(self.path, f"its {' x '.join(map(str, shape[:0:-1]))} vectors in chunks of {chunks} take "
                                   f"{human_bytes(need)}, more than a third of the memory that is free.")
-        try:
+        with unpacking(self.path):
             return np.asarray(array[...])
-        except Exception as error:
-            raise fail(self.path, f"its displacements cannot be read ({shown(error, 100)}).") from None
 
 
 def _on_turned_grids(parts: list[AbstractField]) -> list[AbstractField]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.atomic import atomic_folder
-from deformnb.io.headers import HEADER_BYTES, Header, fail, shown, volume_shape
+from deformnb.io.headers import HEADER_BYTES, Header, fail, shown, unpacking, volume_shape
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
 if TYPE_CHECKING:
@@ -95,12 +95,8 @@ class Level:
         """Voxels of a part [z, y, x]."""
         given = iter(part)
         at = [next(given) if isinstance(one, slice) else one for one in self.index]
-        try:
+        with unpacking(self.path):
             found = np.asarray(self.array[tuple(at)])
-        except MemoryError:
-            raise
-        except Exception as error:  # packed data that are damaged raise anything
-            raise fail(self.path, f"it cannot be read: {shown(error) or type(error).__name__}.") from error
         return found if found.ndim == 3 else found[None]
 
     @property

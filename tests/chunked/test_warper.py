@@ -28,16 +28,17 @@ def volume() -> Volume:
     return Volume.from_array(values, (1.0, 1.0, 1.5), (3.0, 4.0, 5.0))
 
 
-POINTS = ControlPoints.from_arrays([[8, 8], [28, 28], [20, 10]], [[12, 8], [26, 31], [20, 16]])
+# No round numbers: a place on the border itself may lie on either side of it.
+POINTS = ControlPoints.from_arrays([[8, 8], [28, 28], [20, 10]], [[12.1, 8.2], [26.3, 31.1], [20, 16.2]])
 SPACE = Deformation.in_space(ControlPoints.from_arrays([[10, 14, 12], [35, 30, 30], [20, 40, 10], [38, 8, 33]],
                                                        [[14, 14, 14], [33, 34, 27], [20, 35, 12], [38, 12, 30]]))
 
 
-def assert_same(found: Any, wanted: Volume) -> None:
+def assert_same(found: Any, wanted: Volume, share: float = 1e-3) -> None:
     """Equal but for a rounding of values at a half."""
     difference = np.abs(np.asarray(found).astype(int) - wanted.values.astype(int))
     assert difference.max() <= 1
-    assert np.mean(difference > 0) < 1e-3
+    assert np.mean(difference > 0) < share
 
 
 @pytest.mark.parametrize("kind", ["replicated", "space", pytest.param("cut", marks=pytest.mark.nightly),
@@ -51,7 +52,8 @@ def test_the_voxels_are_those_of_the_warp_in_memory(kind: str, method: str, volu
                 "cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,)),
                 "modulated cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,), extrusion="modulate")}[kind]
     found = chunked.warp(volume, document, Volume, chunks=CHUNKS, method=method)
-    assert_same(found, dn.warp(volume, document, method=method))
+    # Compositions are interpolated to a hundredth of a voxel, from nodes that are others in each block.
+    assert_same(found, dn.warp(volume, document, method=method), 1e-2 if kind == "composed" else 1e-3)
     assert found.grid == volume.grid
 
 

@@ -37,7 +37,10 @@ import faulthandler, random, resource, signal, sys
 from pathlib import Path
 import numpy as np
 from deformnb import DeformError
-from deformnb.io import describe_file, open_series, read_landmarks, read_transform, read_volume
+from deformnb.chunked import open_volume
+from deformnb.io import describe_file, open_series, read_label_names, read_landmarks, read_transform, read_volume
+from deformnb.io.label_names import read_label_table
+from deformnb.io.transforms import describe_transform
 from deformnb.volume.volume import Grid
 for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outside the limits
     try:
@@ -58,7 +61,17 @@ def check(volume):
     assert volume.values.shape == volume.grid.shape and volume.values.nbytes <= 2**27, last
     assert np.isfinite(volume.grid.corners()).all(), last
 
+def read_in_parts():
+    source = open_volume(folder / name)
+    part = source.read(tuple(slice(0, min(n, 4)) for n in source.shape))
+    assert part.shape == tuple(min(n, 4) for n in source.shape) and part.dtype == source.dtype, last
+
+def read_names():
+    found = read_label_table(folder / name) or read_label_names(folder / name)
+    assert all(isinstance(number, int) and isinstance(text, str) for number, text in found.items()), last
+
 def read_a_transform():
+    describe_transform(folder / name)
     field = read_transform(folder / name, Grid((3, 3, 3)))
     assert field.dim == 3 and field.displacement(np.zeros((1, 3))).shape == (1, 3), last
 
@@ -66,7 +79,7 @@ def read_some_landmarks():
     assert np.isfinite(read_landmarks(folder / name).points).all(), last
 
 read = {"volume": read_a_volume, "series": read_a_series, "transform": read_a_transform,
-        "landmarks": read_some_landmarks}[kind]
+        "landmarks": read_some_landmarks, "parts": read_in_parts, "names": read_names}[kind]
 faulthandler.enable()
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if sys.platform == "linux" else 0
 if used:  # half a gibibyte more than now, of which a volume may take an eighth
@@ -173,6 +186,46 @@ def transform_seeds(folder: Path, suffix: str) -> str:
     return name
 
 
+PARTS = ["a.h5", "a.tif", "a.npy", "a.zarr", "two.zarr"]
+
+
+def part_seeds(folder: Path, name: str) -> str:
+    """A volume of several chunks in an empty folder; returns its name."""
+    values = np.arange(720, dtype=np.int16).reshape(8, 9, 10)
+    if name == "a.h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(folder / name, "w") as file:
+            file.create_dataset("scan", data=values, chunks=(4, 4, 4), compression="gzip")
+            file["scan"].attrs["element_size_um"] = (2.0, 1.0, 1.0)
+    elif name == "a.tif":
+        tifffile = pytest.importorskip("tifffile")
+        tifffile.imwrite(folder / name, values, compression="zlib", photometric="minisblack", metadata=None)
+    elif name == "two.zarr":
+        zarr = pytest.importorskip("zarr")
+        array = zarr.create_array(str(folder / name), shape=values.shape, chunks=(4, 4, 4), dtype=values.dtype,
+                                  zarr_format=2)
+        array[...] = values
+    else:
+        write_volume(Volume.from_array(values, (1, 2, 3)), folder / name)
+    return name
+
+
+NAMES = {"a.csv": "label,name\n1,femur\n2,tibia\n", "a.tsv": "value\tstructure\n7\taorta\n",
+         "a.ctbl": "# colours\n1 femur 10 20 30 255\n2 tibia 40 50 60 255\n",
+         "a.label": '1 255 0 0 1 1 1 "femur"\n2 0 255 0 1 1 1 "tibia"\n', "a.seg.nrrd": ""}
+
+
+def name_seeds(folder: Path, name: str) -> str:
+    """A table of the names of labels, or a segmentation of 3D Slicer that names them; returns its name."""
+    (folder / name).write_text(NAMES[name])
+    if not NAMES[name]:
+        segments = "".join(f"Segment{k}_{key}:={value}\n" for k in range(2) for key, value in (
+            ("ID", f"s{k}"), ("Name", f"bone {k}"), ("LabelValue", k + 1), ("Layer", 0), ("Extent", "0 1 0 1 0 1")))
+        (folder / name).write_bytes(f"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n{segments}\n"
+                                    .encode() + bytes([0, 1, 2, 0, 1, 2, 0, 1]))
+    return name
+
+
 def landmark_seeds(folder: Path, suffix: str) -> str:
     """Five landmarks, with fixed places where the format has room for them; returns the name of their file."""
     places = np.random.default_rng(0).normal(size=(2, 5, 3)) * 100
@@ -180,13 +233,13 @@ def landmark_seeds(folder: Path, suffix: str) -> str:
     return f"a{suffix}"
 
 
-def _damage(folder: Path, name: str, kind: str, seed: int) -> None:
+def _damage(folder: Path, name: str, kind: str, seed: int, *, may_be_read: bool = False) -> None:
     command = [sys.executable, "-W", "ignore", "-c", CHILD, str(folder), name, kind, str(seed), str(CASES),
                str(SECONDS)]
     child = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     last = (folder / "was.txt").read_text() if (folder / "was.txt").exists() else "before the first case"
     assert child.returncode == 0, f"{last}:\n{child.stderr[-3000:]}"
-    assert int(child.stdout) < CASES  # some damage was noticed
+    assert may_be_read or int(child.stdout) < CASES  # some damage was noticed
 
 
 ONLY_POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
@@ -218,6 +271,20 @@ def test_random_damage_ends_in_a_transform_or_one_sentence(suffix: str, tmp_path
 @pytest.mark.parametrize("kind", LANDMARK_FORMATS)
 def test_random_damage_ends_in_landmarks_or_one_sentence(kind: str, tmp_path: Path) -> None:
     _damage(tmp_path, landmark_seeds(tmp_path, LANDMARK_FORMATS[kind].suffix), "landmarks", len(kind))
+
+
+@pytest.mark.nightly
+@ONLY_POSIX
+@pytest.mark.parametrize("name", PARTS)
+def test_random_damage_ends_in_parts_or_one_sentence(name: str, tmp_path: Path) -> None:
+    _damage(tmp_path, part_seeds(tmp_path, name), "parts", PARTS.index(name))
+
+
+@pytest.mark.nightly
+@ONLY_POSIX
+@pytest.mark.parametrize("name", NAMES)
+def test_random_damage_ends_in_names_or_none(name: str, tmp_path: Path) -> None:
+    _damage(tmp_path, name_seeds(tmp_path, name), "names", len(name), may_be_read=True)
 
 
 def test_random_damage_in_a_folder_of_slices(tmp_path: Path) -> None:
