@@ -45,8 +45,8 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds of each group (default 9)")
     parser.add_argument("--groups", nargs="*", help="run only groups whose name contains one of these")
     parser.add_argument("--dtype", default="uint8", choices=["uint8", "int16", "float32"], help="voxel type")
-    parser.add_argument("--loops", action="store_true", help="leave the libraries out of the warps (W1 to W3): only "
-                                                             "our own results beside the loops in C and numba")
+    parser.add_argument("--loops", action="store_true", help="leave the libraries out of RBF, W and E: only our own "
+                                                             "results beside the loops in C and numba")
     parser.add_argument("--ratios", type=Path, metavar="FILE",
                         help="compare the ratios to these loops with those of earlier runs in FILE, add this run to it "
                              "and exit with 1 where one is 35 %% worse, or 20 %% in three runs one after the other")

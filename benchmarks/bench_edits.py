@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import RBFInterpolator
 
-from benchmarks import peers, problem
+from benchmarks import c_loops, peers, problem
 from benchmarks.timing import Case, Group
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut, sides_of
@@ -40,13 +40,23 @@ def groups(options: Namespace) -> Iterator[Group]:
     middle = (options.size - 1) / 2
     cut = Cut(Line(((middle, options.size), (middle + 3, middle), (middle, -1.0))))
     on_picture = Step((flat,), plane, kernel="thin_plate", cuts=(cut,), cut_rule="paper")
-    yield _beside_a_cut(volume, on_picture)
+    loop = _loop(volume, solid)
+    yield _beside_a_cut(volume, on_picture, loop, options)
     ground = RigidPart(HalfSpace((0.0, 1.02 * options.size), (0.0, -1.0)))
-    yield _alone(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)))
+    yield _alone(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)), loop)
     below = RigidPart(HalfSpace((0.0, 0.0, -0.02 * options.size), (0.0, 0.0, 1.0)))
-    yield _alone(volume, "E2: rigid part in space", Step((solid,), parts=(below,)))
-    yield _in_space(volume, Step((solid,), kernel="thin_plate"))
-    yield _composed(volume, flat, solid, plane, cut)
+    yield _alone(volume, "E2: rigid part in space", Step((solid,), parts=(below,)), loop)
+    yield _replicated(volume, Step((flat,), plane), loop, options)
+    yield _in_space(volume, Step((solid,), kernel="thin_plate"), loop, options)
+    yield _composed(volume, flat, solid, plane, cut, loop)
+
+
+def _loop(volume: Volume, solid: ControlPoints) -> list[Case]:
+    """The general warp in C, its field given: what an edit of every kind is measured by."""
+    if c_loops.why_absent():
+        return []
+    field = Step((solid,)).field(volume.grid).on_grid(volume.grid)
+    return [Case("C loop", c_loops.general(volume.values, field, FILL))]
 
 
 def _edits(volume: Volume, edited: Step, **options: Any) -> Callable[[], NDArray[Any]]:
@@ -68,14 +78,34 @@ def _preview(volume: Volume, edited: Step, **options: Any) -> Case:
     return Case("deformnb, preview of half the resolution", _edits(half, edited, **options), ours=True)
 
 
-def _composed(volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut) -> Group:
+def _replicated(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
+    cases = [Case("deformnb", _edits(volume, step), ours=True), *loop]
+    if not options.loops:
+        cases.append(Case("scipy RBFInterpolator and map_coordinates", _scipy_picture(volume, step)))
+    return Group(f"E3: points on a picture, replicated, {volume.dtype}", cases, 0, "grey levels")
+
+
+def _scipy_picture(volume: Volume, step: Step) -> Callable[[], NDArray[Any]]:
+    raster = np.stack(np.meshgrid(*[np.arange(n, dtype=float) for n in volume.shape[:0:-1]]), axis=-1)
+
+    def edit() -> NDArray[Any]:
+        there = raster + RBFInterpolator(step.points.target, step.points.displacement, degree=1)(
+            raster.reshape(-1, 2)).reshape(raster.shape)
+        return np.stack([ndimage.map_coordinates(plane, [there[..., 1], there[..., 0]], order=1)
+                         for plane in volume.values])
+
+    return edit
+
+
+def _composed(volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut,
+              loop: list[Case]) -> Group:
     """Chains of displacements beside one fit in space that is evaluated at every voxel."""
     side = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     first, then = Step((flat,), front), Step((flat,), side)
     chains = {"two planes": (first, then), "two planes, one with a cut": (replace(first, cuts=(cut,)), then),
               "16 stages in space": (Step((solid,), stages=16),), "one fit in space": (Step((solid,)),)}
     cases = [Case(f"deformnb, {name}", _edits_of_steps(volume, steps), ours=True) for name, steps in chains.items()]
-    return Group(f"E4: composed, {volume.dtype}", cases, 0, "grey levels")
+    return Group(f"E4: composed, {volume.dtype}", cases + loop, 0, "grey levels")
 
 
 def _edits_of_steps(volume: Volume, steps: tuple[Step, ...]) -> Callable[[], NDArray[Any]]:
@@ -89,15 +119,15 @@ def _edits_of_steps(volume: Volume, steps: tuple[Step, ...]) -> Callable[[], NDA
     return edit
 
 
-def _alone(volume: Volume, name: str, step: Step) -> Group:
+def _alone(volume: Volume, name: str, step: Step, loop: list[Case]) -> Group:
     coarse = {} if step.plane is not None else {"step": STEP}
     free = replace(step, parts=())
     cases = [Case("deformnb", _edits(volume, step, **coarse), ours=True), _preview(volume, step, **coarse),
              Case("deformnb, without the part", _edits(volume, free, **coarse), ours=True)]
-    return Group(f"{name}, {volume.dtype}", cases, 0, "grey levels")
+    return Group(f"{name}, {volume.dtype}", cases + loop, 0, "grey levels")
 
 
-def _beside_a_cut(volume: Volume, step: Step) -> Group:
+def _beside_a_cut(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
     truth = _edits(volume, step)().astype(np.float32)
     field = step.field(volume.grid)
     raster = np.stack(np.meshgrid(*[np.arange(n, dtype=float) for n in volume.shape[:0:-1]]), axis=-1)
@@ -109,8 +139,9 @@ def _beside_a_cut(volume: Volume, step: Step) -> Group:
 
     cases = [Case("deformnb", _edits(volume, step), error, ours=True), _preview(volume, step),
              Case("deformnb, modulated by sin(pi z)", _edits(volume, replace(step, extrusion="modulate",
-                                                                            curve="sin(pi*z)")), ours=True),
-             Case("scipy RBFInterpolator and map_coordinates", _scipy_cut(volume, step, raster), error)]
+                                                                            curve="sin(pi*z)")), ours=True), *loop]
+    if not options.loops:
+        cases.append(Case("scipy RBFInterpolator and map_coordinates", _scipy_cut(volume, step, raster), error))
     tolerance = 1.01 if volume.dtype.kind in "iu" else 0.1
     return Group(f"E1: cut, replicated, {volume.dtype}", cases, tolerance, "grey levels")
 
@@ -139,7 +170,7 @@ def _scipy_cut(volume: Volume, step: Step, raster: NDArray[np.float64]) -> Calla
     return edit
 
 
-def _in_space(volume: Volume, step: Step) -> Group:
+def _in_space(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
     truth = _edits(volume, step, step=STEP)().astype(np.float32)
 
     def error(result: NDArray[Any]) -> NDArray[np.float32]:
@@ -148,8 +179,10 @@ def _in_space(volume: Volume, step: Step) -> Group:
 
     cases = [Case(f"deformnb, a node every {STEP} voxels", _edits(volume, step, step=STEP), error, ours=True),
              _preview(volume, step, step=STEP),
-             Case("deformnb, every voxel", _edits(volume, step), ours=True),
-             Case(f"scipy RBFInterpolator every {STEP} voxels, map_coordinates", _scipy_space(volume, step), error)]
+             Case("deformnb, every voxel", _edits(volume, step), ours=True), *loop]
+    if not options.loops:
+        cases.append(Case(f"scipy RBFInterpolator every {STEP} voxels, map_coordinates", _scipy_space(volume, step),
+                          error))
     # Along x we have a node at every voxel and the peer every fourth: 2 grey levels where it bends most.
     return Group(f"E3: points in space, {volume.dtype}", cases, 6.0, "grey levels")
 

@@ -1,17 +1,19 @@
-"""From control points to a map: solve and evaluate on a picture, as one edit does it."""
+"""From control points to a map: solve and evaluate on a picture, as one edit does it, and a drag of one of many."""
 
 from __future__ import annotations
 
 import importlib.util
+import itertools
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
-from benchmarks import problem
+from benchmarks import c_loops, problem
 from benchmarks.timing import Case, Group
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
@@ -20,48 +22,79 @@ from deformnb.volume.plane import Raster
 
 def groups(options: Namespace) -> Iterator[Group]:
     size = options.size
+    raster = Raster((size, size), (1.0, 1.0), (0.0, 0.0))
     for count in sorted({8, options.points, 128}):
-        points = problem.control_points(count, 2, size)
-        raster = Raster((size, size), (1.0, 1.0), (0.0, 0.0))
         # a wrong formula is wrong by pixels; how exact each one is stands in the table
         name = f"RBF: solve {count} points and evaluate {size} x {size}"
-        yield Group(name, _cases(points, raster, size), 0.01, "pixels")
-    yield from many()
+        yield Group(name, _cases(problem.control_points(count, 2, size), raster, options), 0.01, "pixels")
+    for count, share in ((512, 0.2), (2048, 0.1)):
+        yield _many(count, share * (size - 1), raster, options)
 
 
-def many() -> Iterator[Group]:
-    """Many points of compact support on a small picture: lists of centres against the sums of others."""
-    size, count = 256, 2048
-    points = problem.control_points(count, 2, size)
-    raster, support = Raster((size, size), (1.0, 1.0), (0.0, 0.0)), 0.1 * (size - 1)
-    at, d = np.asarray(points.target), np.asarray(points.source) - np.asarray(points.target)
-    pixels = raster.points().reshape(-1, 2)
+MOVES = 40
+"""Sets of points that take turns, each moved a little: more than the factors that are kept, so that none is found."""
+
+
+def _moving(points: ControlPoints, which: Any) -> Callable[[], ControlPoints]:
+    """Every call gives the points with some of them elsewhere; made beforehand, for an editor has them already."""
+    sets = []
+    for k in range(1, MOVES + 1):
+        target = np.array(points.target)
+        target[which] += 1e-3 * k * np.cos(np.arange(len(target)))[which, None]
+        sets.append(replace(points, target=target))
+    return itertools.cycle(sets).__next__
+
+
+def _many(count: int, support: float, raster: Raster, options: Namespace) -> Group:
+    """Many points of compact support: from scratch, and a drag of one of them."""
+    points = problem.control_points(count, 2, options.size)
     fit = fit_rbf(points, support=support)
     exact = np.moveaxis(fit.displacement(raster.points()), -1, 0)
+    every, one = _moving(points, slice(None)), _moving(points, [count // 2])
+
+    def error(result: NDArray[Any]) -> NDArray[Any]:
+        return result - exact
+
+    def solve(moved: Callable[[], ControlPoints]) -> Any:
+        return fit_rbf(moved(), support=support)
+
+    cases = [
+        Case("deformnb: evaluate", lambda: fit.on_raster(raster), error, ours=True),
+        Case("deformnb: solve", lambda: solve(every), ours=True),
+        Case("deformnb: solve and evaluate", lambda: solve(every).on_raster(raster), error, ours=True),
+        Case("deformnb: drag of one point", lambda: solve(one), ours=True),
+        Case("deformnb: drag of one point and evaluate", lambda: solve(one).on_raster(raster), error, ours=True),
+    ]
+    if not c_loops.why_absent():
+        cases.append(Case("C loop", c_loops.sums(fit, raster), error))
+    if not options.loops:
+        cases += _scipy_of_many(points, raster)
+    name = f"RBF: {count} points on {raster.shape[1]} x {raster.shape[0]}, Wendland C2 of support {support:.3g}"
+    return Group(name, cases, 1.0, "pixels")
+
+
+def _scipy_of_many(points: ControlPoints, raster: Raster) -> list[Case]:
+    at, d = np.asarray(points.target), np.asarray(points.displacement)
+    pixels, shape = raster.points().reshape(-1, 2), (2, *raster.shape)
     theirs = RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1)
     near = RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1, neighbors=32)
-    thin = theirs(pixels).T.reshape(exact.shape)
-    name = f"RBF: {count} points on {size} x {size}, Wendland C2 of support {support:.3g}"
-    yield Group(name, [
-        Case("deformnb: evaluate", lambda: fit.on_raster(raster), lambda r: r - exact, ours=True),
-        Case("deformnb: solve and evaluate", lambda: fit_rbf(points, support=support).on_raster(raster),
-             lambda r: r - exact, ours=True),
-        Case("scipy RBFInterpolator, thin plate: evaluate", lambda: theirs(pixels).T.reshape(exact.shape),
-             lambda r: r - thin),
-        Case("scipy RBFInterpolator, 32 neighbours: evaluate", lambda: near(pixels).T.reshape(exact.shape),
-             lambda r: r - thin),
-    ], 1.0, "pixels")
+    return [
+        Case("scipy RBFInterpolator, thin plate: solve", lambda: RBFInterpolator(at, d, degree=1)),
+        Case("scipy RBFInterpolator, thin plate: evaluate", lambda: theirs(pixels).T.reshape(shape)),
+        Case("scipy RBFInterpolator, 32 neighbours: evaluate", lambda: near(pixels).T.reshape(shape)),
+    ]
 
 
-def _cases(points: ControlPoints, raster: Raster, size: int) -> list[Case]:
+def _cases(points: ControlPoints, raster: Raster, options: Namespace) -> list[Case]:
     at, d = np.asarray(points.target), np.asarray(points.source) - np.asarray(points.target)
     pixels = raster.points().reshape(-1, 2)
-    support = problem.SUPPORT * (size - 1)
+    support = problem.SUPPORT * (options.size - 1)
     thin = RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1)(pixels).T.reshape(2, *raster.shape)
-    compact = fit_rbf(points, support=support).displacement(raster.points())
+    fit = fit_rbf(points, support=support)
+    compact = np.moveaxis(fit.displacement(raster.points()), -1, 0)
 
-    def ours(**options: Any) -> Callable[[], NDArray[Any]]:
-        return lambda: fit_rbf(points, **options).on_raster(raster)
+    def ours(**settings: Any) -> Callable[[], NDArray[Any]]:
+        return lambda: fit_rbf(points, **settings).on_raster(raster)
 
     def scipy() -> NDArray[Any]:
         return RBFInterpolator(at, d, kernel="thin_plate_spline", degree=1)(pixels).T.reshape(2, *raster.shape)
@@ -70,10 +103,14 @@ def _cases(points: ControlPoints, raster: Raster, size: int) -> list[Case]:
         return result - thin
 
     cases = [
-        Case("deformnb, Wendland C2", ours(support=support), lambda r: r - np.moveaxis(compact, -1, 0), ours=True),
+        Case("deformnb, Wendland C2", ours(support=support), lambda r: r - compact, ours=True),
         Case("deformnb, thin plate", ours(kernel="thin_plate"), error, ours=True),
-        Case("scipy RBFInterpolator, thin plate", scipy, error),
     ]
+    if not c_loops.why_absent():
+        cases.append(Case("C loop", c_loops.sums(fit, raster), lambda r: r - compact))  # without the solve
+    if options.loops:
+        return cases
+    cases.append(Case("scipy RBFInterpolator, thin plate", scipy, error))
     if importlib.util.find_spec("vtkmodules"):
         cases.append(Case("VTK ThinPlateSpline + TransformToGrid", _vtk(at, d, raster), error))
     if importlib.util.find_spec("skimage"):

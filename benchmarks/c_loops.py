@@ -15,7 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fopenmp", "-shared", "-fPIC")
+from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.volume.plane import Raster
+
+_FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fopenmp", "-shared", "-fPIC", "-lm")
 # Voxel types with their names in C, those of the option --dtype.
 _TYPES = {"uint8": "uint8_t", "int16": "int16_t", "float32": "float"}
 
@@ -73,3 +76,19 @@ def modulated(values: NDArray[Any], row: NDArray[Any], column: NDArray[Any], wei
 def general(values: NDArray[Any], displacement: NDArray[Any], fill: float) -> Callable[[], NDArray[Any]]:
     """Any field (z, y, x, 3)."""
     return _call("general", values, [displacement], fill)
+
+
+def sums(fit: RBFInterpolant, raster: Raster) -> Callable[[], NDArray[Any]]:
+    """The displacement (2, rows, columns) of a solved fit of Wendland's C2 kernel on a raster."""
+    n, call = int(fit.count), _library("uint8").sums  # type: ignore[union-attr]
+    trend = np.concatenate([np.asarray(fit.constant)[:, None], np.asarray(fit.linear)], axis=1)
+    lines = [(line - o) / fit.support for line, o in zip((raster.rows, raster.columns), fit.origin[::-1], strict=True)]
+    given = (np.asarray(fit.centers)[:n], np.asarray(fit.coefficients)[:n], trend, *lines)
+    inputs = [np.ascontiguousarray(a, np.float32) for a in given]
+
+    def run() -> NDArray[Any]:
+        out = np.empty((2, *raster.shape), np.float32)
+        call(*(ctypes.c_void_p(a.ctypes.data) for a in (*inputs, out)), *map(ctypes.c_int, (n, *raster.shape)))
+        return out
+
+    return run

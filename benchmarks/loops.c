@@ -1,5 +1,6 @@
 /* The loops one would write in C: the arithmetic of loops.py, a row at a time. VOXEL is the type of voxels, HALF what is
    added before they are cut off. Arrays are [z][y][x]; places more than half a voxel outside get the fill value. */
+#include <math.h>
 #include <stdint.h>
 #include <stddef.h>
 
@@ -92,4 +93,29 @@ void general(const VOXEL *restrict values, const float *restrict displacement, V
                 target[i] = ok[i] ? (VOXEL)(a + t[i] * (c - a) + HALF) : (VOXEL)fill;
             }
         }
+}
+
+/* The sum of Wendland's C2 functions of n centres (x, y) and the trend (for both components 1, x, y) at all pixels. */
+void sums(const float *restrict centers, const float *restrict coefficients, const float *restrict trend,
+          const float *restrict rows, const float *restrict columns, float *restrict out, int n, int ny, int nx) {
+    #pragma omp parallel for schedule(dynamic, 4)
+    for (int j = 0; j < ny; j++) {
+        float *restrict u = out + (size_t)j * nx, *restrict v = u + (size_t)ny * nx;
+        for (int i = 0; i < nx; i++) {
+            u[i] = trend[0] + trend[1] * columns[i] + trend[2] * rows[j];
+            v[i] = trend[3] + trend[4] * columns[i] + trend[5] * rows[j];
+        }
+        for (int c = 0; c < n; c++) {
+            float x = centers[2 * c], y = rows[j] - centers[2 * c + 1], a = coefficients[2 * c], b = coefficients[2 * c + 1];
+            if (y * y >= 1) continue;
+            #pragma omp simd
+            for (int i = 0; i < nx; i++) {
+                float r = columns[i] - x, t = 1 - sqrtf(r * r + y * y);
+                t = t > 0 ? t : 0;
+                float q = t * t, phi = q * q * (5 - 4 * t);
+                u[i] += a * phi;
+                v[i] += b * phi;
+            }
+        }
+    }
 }

@@ -229,30 +229,44 @@ class Warper:
         out = np.empty(self.output.shape, self._voxels.dtype)
         before = (slice(None),) * axis
         first = int(self._places.whole[axis][axis, 0])
+        moved = self._replicated(plan) if plan.weights is None else partial(self._modulated, plan)
         # A slice along x has a voxel of every row, so thin parts are slow to cut out: 46 ms for 16 at once, 16 for 64.
-        most = planning.BLOCK_VOXELS * (4 if axis == 2 else 1) * n // self.output.size
+        most = planning.BLOCK_VOXELS * (4 if axis == 2 or plan.weights is None else 1) * n // self.output.size
 
         def work(part: slice) -> None:
             voxels = self._voxels[*before, slice(first + part.start, first + part.stop)]
             with self._arithmetic():
-                out[*before, part] = self._slices(plan, voxels, None if plan.weights is None else plan.weights[:, part])
+                out[*before, part] = moved(voxels, part)
 
         _share([self], planning.parts(n, most), work, progress)
         return out
 
-    def _slices(self, plan: planning.Extruded, voxels: NDArray[Any], weights: Any) -> NDArray[Any]:
-        settings = self._settings() | {"shape": voxels.shape}
-        if plan.normal == 2:  # rows lie in memory as they move
-            at, settings = self._places.along([0, 1], plan.matrix), settings | {"shape": voxels.shape[:2]}
-            table = sampling.on_device(voxels, (-1, voxels.shape[2]))
-            return np.asarray(sampling.rows(table, plan.maps[0], at.matrix, at.whole, at.part, self._fill, **settings))
-        whole, part = list(self._places.whole), list(self._places.part)
+    def _replicated(self, plan: planning.Extruded) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
+        """Slices under one map: a few are turned so that what moves together lies together, moved, and turned back."""
+        normal, axes = plan.normal, [axis for axis in range(3) if axis != plan.normal]
+        at = self._places.along(axes, plan.matrix)
+        settings = self._settings() | {"shape": tuple(self.volume.shape[axis] for axis in axes)}
+        with self._arithmetic():
+            taps, ok = sampling.row_taps(plan.maps[0], at.matrix, at.whole, at.part, **settings)
+
+        def moved(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
+            rows = sampling.rows_by(sampling.turned(voxels, normal, 2), taps, ok, self._fill, method=self.method,
+                                    compute=self._compute)
+            return np.asarray(rows if normal == 2 else sampling.turned(np.asarray(rows), 2, normal))
+
+        return moved
+
+    def _modulated(self, plan: planning.Extruded, voxels: NDArray[Any], part: slice) -> NDArray[Any]:
+        """Slices under maps whose weights change from one to the next."""
+        assert plan.weights is not None
+        whole, fraction = list(self._places.whole), list(self._places.part)
         whole[plan.normal] = np.zeros((3, voxels.shape[plan.normal]), np.int32)
         whole[plan.normal][plan.normal] = np.arange(voxels.shape[plan.normal])
-        part[plan.normal] = np.zeros(whole[plan.normal].shape, self._compute)
+        fraction[plan.normal] = np.zeros(whole[plan.normal].shape, self._compute)
         maps = np.expand_dims(plan.maps, plan.normal + 2)
-        return np.asarray(sampling.extruded(sampling.on_device(voxels, (-1,)), maps, weights, plan.matrix, tuple(whole),
-                                            tuple(part), self._fill, normal=plan.normal, **settings))
+        return np.asarray(sampling.extruded(
+            sampling.on_device(voxels, (-1,)), maps, plan.weights[:, part], plan.matrix, tuple(whole), tuple(fraction),
+            self._fill, normal=plan.normal, **self._settings() | {"shape": voxels.shape}))
 
     def _along_rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """Maps that change along x: parts along z and y, for slices would have to be cut out of every row."""
