@@ -72,7 +72,7 @@ class AbstractKernel(ABC):
     """The longest support that a fit chooses for points in a row, in gaps between them: longer ones extrapolate wildly
     across the row. Measured with one point dragged by a tenth of rows of 3 to 33."""
     steepest: ClassVar[float] = 2.0
-    """The largest |d phi / d rho| within the support, about: how errors of a place count beside those of values."""
+    """The largest slope of phi within the support, about: how errors of a place count beside those of values."""
     of_square: ClassVar[Callable[[Any], Any]]
     """phi as a function of s, with ``slope`` as its derivative: what the solver and the evaluation call."""
 

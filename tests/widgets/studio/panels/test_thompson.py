@@ -128,8 +128,7 @@ def test_lines_and_overlay_are_those_of_the_editor() -> None:
     editor = make_editor(session, 200)
     panel = ThompsonPanel(session, lambda action: action() is None, editor)
     try:
-        widgets = {w.description: w for row in panel.box.children[1].children for w in row.children
-                   if hasattr(w, "description")}
+        widgets = {w.description: w for w in all_of(panel.box) if hasattr(w, "description")}
         widgets["Lines"].value = 7
         widgets["Overlay"].value = "strain"
         assert (editor.density, editor.overlay) == (7, "strain")
