@@ -51,12 +51,15 @@ class Result:
         return translate("Right." if self.right else "Not yet.")
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """What a notebook shows: the words, and the drawing below them."""
+        return self.words_html() + self.drawing
+
+    def words_html(self) -> str:
+        """The words without the drawing."""
         colour = _COLOURS[self.right]
-        return (f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em">'
-                f'<b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
-                f"{html.escape(translate(self.text))}</div>"
-                f"{self.drawing}")
+        return (f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em; '
+                f'line-height: 1.4"><b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
+                f"{html.escape(translate(self.text))}</div>")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,8 @@ from deformnb.errors import DeformError
 from deformnb.lessons.exercises import AbstractExercise, Result
 from deformnb.lessons.studio_tasks import session_of
 
+_HEIGHT = 150  # CSS pixels: a studio below does not jump when the drawing comes
+
 
 class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
     """What a check of the studio answers, judged again after each gesture.
@@ -54,7 +56,9 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
 
     def _judge(self, _change: Any = None) -> None:
         self.result = self._exercise.judge(self._session)
-        self.value = self.result._repr_html_()
+        drawing = f'<div style="flex: none; width: 230px">{self.result.drawing}</div>' if self.result.drawing else ""
+        self.value = (f'<div style="display: flex; gap: 12px; align-items: center; min-height: {_HEIGHT}px">'
+                      f"{self.result.words_html()}{drawing}</div>")  # low, so that the picture below is seen too
 
     def close(self) -> None:
         """Follow no more."""

@@ -143,7 +143,7 @@ def grids_svg(score: GridScore, grids: ThompsonMap) -> str:
     words = translate("Thompson's grid dashed in orange, yours in blue, and a circle around the node that is farthest "
                       "away")
     return (f'<svg viewBox="{box}" role="img" aria-label="{words}" '
-            f'style="width: 100%; max-width: 420px; background: #fff"><title>{words}</title>'
+            f'style="width: 100%; max-width: 420px; max-height: 420px; background: #fff"><title>{words}</title>'
             + lines(grids.target_nodes, 'stroke="#d55e00" stroke-width="1.5" stroke-dasharray="5 3"')
             + lines(score.reached, 'stroke="#0072b2" stroke-width="1.5"')
             + f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{edge:.1f}" fill="none" stroke="#000" stroke-width="1.5" '
