@@ -13,7 +13,8 @@ import numpy as np
 from docutils import nodes
 
 import deformnb as dn
-from deformnb.datasets import PHANTOMS
+from deformnb.datasets import DATASETS, PHANTOMS
+from deformnb.lessons import LESSONS, write_lesson_page
 
 HERE = Path(__file__).parent
 
@@ -23,7 +24,7 @@ version = release = dn.__version__
 
 extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode",
               "sphinx_copybutton", "sphinx_design"]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "api/_datasets.md"]
 
 # -- pages in Markdown, and the notebooks ------------------------------------------------------------------------------
 myst_enable_extensions = ["colon_fence", "dollarmath", "fieldlist"]
@@ -81,6 +82,19 @@ def _make_live_pages() -> None:
     dn.Studio(carp, bend, side="-x").export_html(target, title="A carp", controls=["strength", "shows", "reset"],
                                               overwrite=True)
     dn.widgets.write_file_page(HERE / "_made" / "deformnb.html")
+
+
+def _make_lesson_pages() -> None:
+    for name in LESSONS:
+        write_lesson_page(name, HERE / "_made" / f"lesson_{name}.html", overwrite=True)
+
+
+def _make_datasets() -> None:
+    """The table of the volumes that are downloaded, as a part of a page."""
+    rows = ["| name | what | credit | terms | from |", "|---|---|---|---|---|"]
+    rows += [f"| `{name}` | {row.title} | {row.credit} | {row.licence} | {row.source} |" for name, row in DATASETS.items()]
+    (HERE / "api").mkdir(exist_ok=True)
+    (HERE / "api" / "_datasets.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 def _public() -> dict[str, list[str]]:
@@ -158,5 +172,7 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", _spread, priority=100)  # before numpydoc
     app.connect("missing-reference", _find)
     _make_live_pages()
+    _make_lesson_pages()
+    _make_datasets()
     _make_reference()
     _copy_notebooks()

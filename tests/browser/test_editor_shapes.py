@@ -106,6 +106,28 @@ def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(opened: 
     assert bar.get_by_label("Front only").is_hidden()
 
 
+def test_an_outline_that_was_traced_becomes_points_in_its_place(opened: Any, picture: Picture) -> None:
+    page = opened(Editor(picture))
+    bar = page.page.get_by_role("group", name="Chosen cut")
+    corners = [(40.0, 10.0), (100.0, 10.0), (100.0, 45.0), (40.0, 45.0)]
+    draw(page, "x", [*corners, corners[0]], None)  # closed where it began
+    assert bar.get_by_role("button", name="Pull open").is_hidden()
+    (cut,) = page.editor.cuts
+    outline = np.array([*cut.region.vertices, cut.region.vertices[0]])
+    bar.get_by_role("button", name="Make points").click()
+    page.answered()
+    assert page.editor.cuts == ()
+    points = page.editor.points
+    assert points.names == tuple(f"outline {k}" for k in range(1, 17))
+    assert not points.displacement.any()
+    ways = np.diff(outline, axis=0)
+    shares = [np.clip(((points.source - a) @ way) / (way @ way), 0, 1) for a, way in zip(outline[:-1], ways, strict=True)]
+    away = [np.linalg.norm(points.source - a - share[:, None] * way, axis=1)
+            for a, way, share in zip(outline[:-1], ways, shares, strict=True)]
+    np.testing.assert_allclose(np.min(away, axis=0), 0, atol=1e-9)
+    assert bar.is_hidden()
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 @pytest.mark.parametrize("region", [Line([(71, -20), (78, 10), (64, 30), (76, 70)]),

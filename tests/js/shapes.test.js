@@ -5,7 +5,7 @@ import test from "node:test";
 import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
 import {
   cornersOf, fixedSideThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, openingPlaces, partTurned,
-  placeBefore, placeMoved, removedCorner, shapeLabel, simplified, stopsAt, turnAndShift, turnedRegion, wayBefore,
+  placeBefore, placeMoved, placesAlong, removedCorner, shapeLabel, simplified, stopsAt, turnAndShift, turnedRegion, wayBefore,
   withStop,
 } from "../../deformnb/widgets/js/maths/shapes.js";
 
@@ -99,4 +99,10 @@ test("the points that open a cut lie on its sides, in the box, and hold its ends
   assert.deepEqual(held.slice(0, 2), [[50, 8], [50, 92]]);
   const narrow = openingPlaces(vertices, [45, 52, 0, 100]);
   assert.ok([...narrow.held, ...narrow.pulled.map(({ to }) => to)].every(([a]) => a > 45 - 1e-9 && a < 52 + 1e-9));
+});
+
+test("places are spread evenly along a line, and around a closed one", () => {
+  assert.deepEqual(placesAlong([[0, 0], [3, 0], [3, 3]], 3, false), [[0, 0], [3, 0], [3, 3]]);
+  assert.deepEqual(placesAlong([[0, 0], [2, 0], [2, 2], [0, 2]], 8, true),
+    [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]);
 });

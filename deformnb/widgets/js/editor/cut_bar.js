@@ -1,14 +1,16 @@
 // The options of the chosen cut, in a bar over the picture: whether it stops at its ends, whether it opens in front only,
-// and points that pull it open.
+// points that pull it open, and points along it in its place: so an outline that was traced becomes points.
 // The trait "front_only" is null where nobody answers: then the depth is not offered.
 
 import { nextId, newPoint } from "../maths/points.js";
-import { openingPlaces, stopsAt } from "../maths/shapes.js";
+import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.js";
 import { OWN_KEYS, pageElement } from "../ui/dom.js";
 
 /** @import { RegionData } from "../types.d.ts" */
+/** @typedef {Extract<RegionData, { vertices: number[][] }>} LineRegion */
 /** @import { EditorView } from "./editor.js" */
 
+const CLOSED_POINTS = 16, OPEN_POINTS = 9; // along a line that was traced
 const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
 
 export class CutBar {
@@ -21,10 +23,19 @@ export class CutBar {
       (isOn) => editor.shapeTools.stopAtEnds(isOn));
     this.front = this.#box("Front only", "The front of the volume comes apart, and the back stays as it is; "
       + "the group Depth has the curve", (isOn) => editor.set("front_only", isOn));
-    this.pull = pageElement("button", "dnb-ed-button", this.bar, { type: "button", "aria-label": "Pull open",
-      title: "Put a point on either side and pull them apart; points around them hold the rest", ...OWN_KEYS });
-    this.pull.textContent = "Pull open";
-    this.pull.addEventListener("click", () => editor.guard(() => this.#pullOpen()));
+    this.pull = this.#button("Pull open", "Put a point on either side and pull them apart; points around them hold the rest",
+      () => this.#pullOpen());
+    this.#button("Make points", "Points along the line, in its place: an outline that was traced becomes points to drag",
+      () => this.#makePoints());
+  }
+
+  /** @param {string} words @param {string} title @param {() => void} act */
+  #button(words, title, act) {
+    const button = pageElement("button", "dnb-ed-button", this.bar, { type: "button", "aria-label": words, title,
+      ...OWN_KEYS });
+    button.textContent = words;
+    button.addEventListener("click", () => this.editor.guard(act));
+    return button;
   }
 
   /** @param {string} words @param {string} title @param {(isOn: boolean) => void} act */
@@ -39,14 +50,37 @@ export class CutBar {
   /** The line of the chosen cut; null where it is closed, or none is chosen. @returns {RegionData | null} */
   get #line() { return this.editor.shapeTools.canStop ? this.editor.shapeTools.chosenShape?.region ?? null : null; }
 
+  /** The chosen cut if it is a line, open or closed. @returns {LineRegion | null} */
+  get #outline() {
+    const { chosen, chosenShape } = this.editor.shapeTools, region = chosen?.what === "cuts" ? chosenShape?.region : null;
+    return region?.kind === "line" || region?.kind === "polygon" ? region : null;
+  }
+
   show() {
     const { editor } = this, region = this.#line, isFront = editor.model.get("front_only");
     const isBusy = editor.pen.isOn || editor.brush.isOn || editor.wand.isOn || editor.isLocked || editor.isBefore;
-    this.bar.hidden = !region || isBusy || region.kind !== "line";
-    if (!region || this.bar.hidden || region.kind !== "line") return;
+    this.bar.hidden = !this.#outline || isBusy;
+    const isOpen = region?.kind === "line";
+    for (const part of [this.stops.parentElement, this.pull]) part?.toggleAttribute("hidden", !isOpen);
+    this.front.parentElement?.toggleAttribute("hidden", !isOpen || typeof isFront !== "boolean");
+    if (this.bar.hidden || !isOpen) return;
     this.stops.checked = Boolean(stopsAt(region, 0) && stopsAt(region, region.vertices.length - 1));
     this.front.checked = isFront === true;
-    this.front.parentElement?.toggleAttribute("hidden", typeof isFront !== "boolean");
+  }
+
+  #makePoints() {
+    const { editor, editor: { pointTools, shapeTools } } = this, region = this.#outline;
+    if (!region) return;
+    const made = [...editor.points], isClosed = region.kind === "polygon";
+    let id = nextId(made, editor.sender.nextId), count = 0;
+    for (const place of placesAlong(region.vertices, isClosed ? CLOSED_POINTS : OPEN_POINTS, isClosed)) {
+      const source = pointTools.seenAt(place);
+      if (source !== null) made.push(newPoint(id++, source, place, `outline ${++count}`));
+    }
+    if (!pointTools.edit(made, "add")) return;
+    shapeTools.remove();
+    editor.announce(`${count} points along the line, in its place`);
+    editor.hint("Drag the points; Undo brings the line back", 4000);
   }
 
   #pullOpen() {

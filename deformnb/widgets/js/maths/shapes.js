@@ -149,6 +149,17 @@ export function withStop(region, k, isStop) {
 }
 
 /**
+ * Places evenly spread along a line, of an open one with both ends.
+ * @param {number[][]} vertices
+ * @param {number} count
+ * @param {boolean} isClosed
+ */
+export function placesAlong(vertices, count, isClosed) {
+  const line = isClosed ? [...vertices, vertices[0]] : vertices;
+  return Array.from({ length: count }, (_, k) => alongLine(line, k / (isClosed ? count : count - 1)).place);
+}
+
+/**
  * The places of points that open a cut: `pulled`, one on either side of its middle and where each is dragged to, and
  * `held` around them, in a box.
  * @param {number[][]} vertices  of the cut
