@@ -92,7 +92,8 @@ def _make_lesson_pages() -> None:
 def _make_datasets() -> None:
     """The table of the volumes that are downloaded, as a part of a page."""
     rows = ["| name | what | credit | terms | from |", "|---|---|---|---|---|"]
-    rows += [f"| `{name}` | {row.title} | {row.credit} | {row.licence} | {row.source} |" for name, row in DATASETS.items()]
+    rows += [f"| `{name}` | {row.title} | {row.credit} | {row.licence} | {row.source} |"
+             for name, row in DATASETS.items()]
     (HERE / "api").mkdir(exist_ok=True)
     (HERE / "api" / "_datasets.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
 

@@ -426,3 +426,23 @@ def test_no_file_names_a_place_on_somebodys_machine() -> None:
             continue  # a picture or other data
         found += [f"{path.relative_to(ROOT)}: {line.strip()}" for line in text.splitlines() if place.search(line)]
     assert found == []
+
+
+# -- what comes along --------------------------------------------------------------------------------------------------
+
+
+def test_the_notice_names_every_package_whose_scripts_are_in_the_bundles() -> None:
+    licences = (PACKAGE / "widgets" / "static" / "licences.txt").read_text(encoding="utf-8")
+    packages = dict(re.findall(r"^([@a-z][\w@/.-]*) \d[\w.]* \(([^)]+)\)$", licences, re.MULTILINE))
+    notice = (ROOT / "NOTICE").read_text(encoding="utf-8")
+    rows = re.findall(r"^((?:BSD|ISC|MIT|Apache)[\w.-]*): ((?:.|\n {2})*)\.$", notice, re.MULTILINE)
+    named = {name.strip(): licence for licence, names in rows for name in names.split(",")}
+    assert named == packages
+    assert "NOTICE" in PROJECT["license-files"]
+
+
+def test_every_data_set_says_whom_to_name_and_on_which_terms() -> None:
+    for name, row in deformnb.datasets.DATASETS.items():
+        assert row.credit, name
+        assert row.licence, name
+        assert row.source, name

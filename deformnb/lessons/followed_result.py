@@ -62,6 +62,7 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
 
     def close(self) -> None:
         """Follow no more."""
-        if hasattr(self, "_session"):  # ipywidgets closes a half-made widget too
-            self._session.unobserve(self._judge, ["deformation", "index"])
+        session = self.__dict__.pop("_session", None)  # ipywidgets closes a half-made widget too, and each one twice
+        if session is not None:
+            session.unobserve(self._judge, ["deformation", "index"])
         super().close()

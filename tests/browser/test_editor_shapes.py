@@ -121,7 +121,8 @@ def test_an_outline_that_was_traced_becomes_points_in_its_place(opened: Any, pic
     assert points.names == tuple(f"outline {k}" for k in range(1, 17))
     assert not points.displacement.any()
     ways = np.diff(outline, axis=0)
-    shares = [np.clip(((points.source - a) @ way) / (way @ way), 0, 1) for a, way in zip(outline[:-1], ways, strict=True)]
+    shares = [np.clip(((points.source - a) @ way) / (way @ way), 0, 1)
+              for a, way in zip(outline[:-1], ways, strict=True)]
     away = [np.linalg.norm(points.source - a - share[:, None] * way, axis=1)
             for a, way, share in zip(outline[:-1], ways, shares, strict=True)]
     np.testing.assert_allclose(np.min(away, axis=0), 0, atol=1e-9)

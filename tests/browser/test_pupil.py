@@ -1,4 +1,4 @@
-"""The way of a pupil: a lesson in JupyterLab, the carp turned into Antigonia, and the page of it on a phone, offline."""
+"""The way of a pupil: a lesson in JupyterLab, the carp turned into Antigonia, and its page on a phone, offline."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
         np.testing.assert_allclose(way[0], np.array([30, 20]) / view["k"], atol=0.5)
         assert not way[1:].any()
         phone.js(f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
-                 "({ ...p, target: [p.source[0], p.source[1] - 70] })) })")
+                 "({ ...p, target: [p.source[0], p.source[1] - 100] })) })")
         phone.settled()
         phone.volume()
         phone.wait("!document.querySelector('.dnb-page-note').hidden")

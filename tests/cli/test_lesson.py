@@ -66,3 +66,22 @@ def test_voila_shows_a_lesson_without_its_code(tmp_path: Path) -> None:
             server.terminate()
     assert "Lesson 1: coordinates and grids" in page
     assert "lesson.check(" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL), "the code is hidden"
+
+
+def test_a_lesson_is_copied_and_not_opened_where_a_server_asks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("deformnb.cli.lesson.open_lab", lambda *given: pytest.fail("it was opened"))
+    assert run(tmp_path, "lesson affine mine --copy", monkeypatch) == 0
+    assert capsys.readouterr().out.startswith("new")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == [LESSONS["affine"].notebook]
+
+
+def test_the_picture_of_a_lesson_is_written_as_a_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, "lesson affine pages --page", monkeypatch) == 0
+    assert "wrote pages/affine.html" in capsys.readouterr().out.replace(os.sep, "/")
+    text = (tmp_path / "pages" / "affine.html").read_text("utf-8")
+    assert "<title>Rigid, similar, affine</title>" in text
+    assert "Nothing but head and tail holds this carp." in text

@@ -1,0 +1,39 @@
+"""A result that follows the studio."""
+
+from __future__ import annotations
+
+import pytest
+
+from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
+from deformnb.lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, lesson_start
+from deformnb.session.session import Session
+
+
+def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:
+    carp, lesson = lesson_carp(), LESSONS["coordinates"]
+    task = lesson.exercises["antigonia"]
+    assert isinstance(task, FishTask)
+    goal = task.grids(carp).points.take(GOAL_NODES)
+    session = Session(carp, lesson_start("coordinates", carp))
+    followed = lesson.follow("antigonia", session)
+    assert not followed.result.right
+    assert "<svg" not in followed.value
+    session.edit_points(goal.scaled(0.4))
+    assert "% of the way" in followed.value
+    assert "<svg" in followed.value
+    assert not followed.result.right
+    session.deformation = Deformation.on_picture(carp, "-x", goal)
+    assert followed.result.right
+    assert followed.result.text == lesson.check("antigonia", session).text
+    followed.close()
+    session.undo()
+    assert followed.result.right, "it follows no more"
+
+
+@pytest.mark.parametrize("what", [None, 7, "studio"])
+def test_what_is_no_studio_is_refused(what: object) -> None:
+    with pytest.raises(DeformError, match="follows a studio"):
+        LESSONS["coordinates"].follow("antigonia", what)
+    with pytest.raises(DeformError, match="no exercise"):
+        LESSONS["coordinates"].follow("antigony", what)
