@@ -93,6 +93,7 @@ function scrollsAround(element) {
     const { overflowY } = getComputedStyle(box), isPage = box === document.scrollingElement;
     const scrolls = isPage ? overflowY !== "hidden" : overflowY === "auto" || overflowY === "scroll";
     if (scrolls && box.scrollHeight > box.clientHeight + 1) return true;
+    if (box === document.fullscreenElement) return false; // what is around it is not seen
   }
   return window.parent !== window; // a frame is as high as its contents, and what is around it scrolls
 }
