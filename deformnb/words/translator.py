@@ -13,7 +13,7 @@ _NAME = re.compile(r"\{(\w+)\}")
 _WORD = re.compile(r"[^\W\d_]{2}")  # a single letter is the name of a key or an axis
 _NUMBER = r"([^\sA-Za-z\u00c0-\u024f]*\d[^\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\d+)?)"
 _FILE = re.compile(r"\S+\.\w+")
-_AS_GIVEN = re.compile(r"(name|file|text)\d*")
+_AS_GIVEN, _ANY = re.compile(r"(name|file)\d*"), re.compile(r"text\d*")
 _PARTED = re.compile(r" \u00b7 | \| |\n+")  # between facts of a line
 _BREAKS = tuple(map(re.compile, ("; ", r"(?<=[.!?\u2026]) ", ": ", ", ")))  # the strongest first
 _ASIDE = re.compile(r"(.+?) \((.+)\)(\.?)", re.DOTALL)
@@ -34,9 +34,9 @@ class Translator:
 
     Parameters
     ----------
-    table : by the English text; in both, a name in braces stands for a value: one letter for a number; "name", "file"
-        and "text", with digits behind where there are several, for what stays as it is, such as the name of a point;
-        any other for words that the table has too.
+    table : by the English text; in both, a name in braces stands for a value: one letter for a number; "name" and
+        "file", with digits behind where there are several, for what stays as it is; "text" for what is translated if
+        the table has it; any other for words that the table must have.
 
     Examples
     --------
@@ -92,7 +92,10 @@ class Translator:
 
     def _value(self, name: str, given: str) -> str | None:
         """What stands in the place of a value; None if it is of words that the table does not have."""
-        return given if len(name) == 1 or _AS_GIVEN.fullmatch(name) else self._piece(given)
+        if len(name) == 1 or _AS_GIVEN.fullmatch(name):
+            return given
+        found = self._piece(given)
+        return given if found is None and _ANY.fullmatch(name) else found
 
     def _piece(self, given: str) -> str | None:
         """A part of a text, translated; None if it is of words that the table does not have."""

@@ -1,8 +1,8 @@
 // The visible words in another language. The sources have the English words; a table has what is shown instead.
 //
-// A key of the table is the English text. A name in braces stands for a value: one letter ({n}) for a number; {name},
-// {file} and {text}, with digits behind where there are several, for what stays as it is, such as the name of a point;
-// any other for words that the table has too. deformnb/words/translator.py does the same in Python.
+// A key of the table is the English text. A name in braces stands for a value: one letter ({n}) for a number; {name} and
+// {file}, with digits behind where there are several, for what stays as it is; {text} for what is translated if the table
+// has it; any other for words that the table must have. deformnb/words/translator.py does the same in Python.
 //
 // Whatever is written into the document below a root is translated before it is drawn: texts, tooltips, and the names
 // that screen readers say. So widgets of ipywidgets are in the language too, and no module has to ask for it. What
@@ -14,7 +14,7 @@ const ATTRIBUTES = ["title", "aria-label", "placeholder", "alt", "label", "aria-
   "aria-roledescription"];
 const LEFT_ALONE = "[translate=no], script, style, code, pre, textarea, [contenteditable=true]";
 const FILE = /^\S+\.\w+$/; // the name of one
-const AS_GIVEN = /^(name|file|text)\d*$/;
+const AS_GIVEN = /^(name|file)\d*$/, ANY = /^text\d*$/;
 const WORD = /\p{L}{2}/u; // a single letter is the name of a key or an axis
 const NUMBER = "[^\\sA-Za-z\u00c0-\u024f]*\\d[^\\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\\d+)?";
 const PARTED = / \u00b7 | \| |\n+/; // between facts of a line
@@ -69,7 +69,8 @@ export class Translator {
    * @param {string} given
    */
   #value(name, given) {
-    return name.length === 1 || AS_GIVEN.test(name) ? given : this.#piece(given);
+    if (name.length === 1 || AS_GIVEN.test(name)) return given;
+    return this.#piece(given) ?? (ANY.test(name) ? given : null);
   }
 
   /** A part of a text, translated; null if it is of words that the table does not have. @param {string} given */
