@@ -55,13 +55,19 @@ def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], 
     # What is computed on a worker can be computed again if that dies; what is scattered lies on each of them.
     shared = client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(
         _same, work, pure=False)
-    following = iter(numbers)
+    # Neighbours read the same chunks, which each worker keeps for itself: each begins with a run of its own. Any other
+    # one may take a block over.
+    slots = [address for address, threads in sorted(client.nthreads().items()) for _ in range(threads)]
+    are_all = at_once >= len(slots)
+    following = iter((number, [slots[k * len(slots) // len(numbers)]] if are_all else None)
+                     for k, number in enumerate(numbers))
 
     def submitted(count: int | None) -> dict[Any, int]:
-        return {client.submit(_call, shared, number, pure=False, retries=_RETRIES): number
-                for number in islice(following, count)}
+        return {client.submit(_call, shared, number, pure=False, retries=_RETRIES, workers=workers,
+                              allow_other_workers=workers is not None): number
+                for number, workers in islice(following, count)}
 
-    futures = submitted(at_once if at_once < threads_of(client) else None)
+    futures = submitted(None if are_all else at_once)
     finished = as_completed(list(futures))
     try:
         for future in finished:
