@@ -19,7 +19,8 @@ _MODULES = {"R": bench_rbf, "W": bench_warp, "E": bench_edits, "M": bench_maps, 
 
 _SUMMARY = """### Summary
 
-Milliseconds are medians; the ratios to the loops are those of the least times (of one thread: of the processor).
+Milliseconds and ratios are those of the least times; of one thread: of the processor, which others that use the machine
+change least.
 
 | | ms | C | numba | best library | / C | / numba |
 |---|---|---|---|---|---|---|"""
@@ -44,8 +45,9 @@ def run(options: Namespace) -> int:
                 print(_row(result, results[0]))
             print(flush=True)
             for result in filter(lambda result: result.case.ours, results):
-                beside = _beside(result, results, one_thread=options.threads == 1)
-                summary.append(_line(group.name, result, results, beside))
+                one_thread = options.threads == 1
+                summary.append(_line(group.name, result, results, one_thread=one_thread))
+                beside = _beside(result, results, one_thread=one_thread)
                 kept |= {f"{group.name} | {result.case.name} / {peer}": ratio for peer, ratio in beside.items()}
     print("\n".join(summary), flush=True)
     if options.ratios is None:
@@ -56,24 +58,27 @@ def run(options: Namespace) -> int:
     return 1 if found else 0
 
 
+def _least(measured: Measured, *, one_thread: bool) -> float:
+    return min(measured.processor if one_thread else measured.seconds)
+
+
 def _beside(result: Measured, results: list[Measured], *, one_thread: bool) -> dict[str, float]:
-    """How many times as long as the loops one of ours takes: of one thread in processor time, which others that use
-    the machine change least."""
-    def least(measured: Measured) -> float:
-        return min(measured.processor if one_thread else measured.seconds)
-
-    return {other.case.name: least(result) / least(other) for other in results if other.case.name in ratios.PEERS}
+    """How many times as long as the loops one of ours takes."""
+    own = _least(result, one_thread=one_thread)
+    return {other.case.name: own / _least(other, one_thread=one_thread) for other in results
+            if other.case.name in ratios.PEERS}
 
 
-def _line(group: str, result: Measured, results: list[Measured], beside: dict[str, float]) -> str:
+def _line(group: str, result: Measured, results: list[Measured], *, one_thread: bool) -> str:
     """A row of the summary."""
-    by_name = {other.case.name: other for other in results}
-    times = [f"{1e3 * by_name[peer].median:.3g}" if peer in by_name else "-" for peer in ratios.PEERS]
-    rest = [other for other in results if not other.case.ours and other.case.name not in ratios.PEERS]
-    best = min(rest, key=lambda other: other.median, default=None)
-    library = f"{best.case.name} {1e3 * best.median:.3g}" if best else "-"
-    shares = [f"{beside[peer]:.2f}" if peer in beside else "-" for peer in ratios.PEERS]
-    cells = [f"{group.partition(',')[0]}: {result.case.name}", f"{1e3 * result.median:.3g}", *times, library, *shares]
+    least = {other.case.name: 1e3 * _least(other, one_thread=one_thread) for other in results}
+    times = [f"{least[peer]:.3g}" if peer in least else "-" for peer in ratios.PEERS]
+    rest = [other.case.name for other in results if not other.case.ours and other.case.name not in ratios.PEERS]
+    best = min(rest, key=least.__getitem__, default=None)
+    library = f"{best} {least[best]:.3g}" if best else "-"
+    own = least[result.case.name]
+    shares = [f"{own / least[peer]:.2f}" if peer in least else "-" for peer in ratios.PEERS]
+    cells = [f"{group.partition(',')[0]}: {result.case.name}", f"{own:.3g}", *times, library, *shares]
     return f"| {' | '.join(cells)} |"
 
 

@@ -21,6 +21,7 @@ from deformnb._jax import compiled, float64, jax, jnp, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
+from deformnb.volume.sampling import aligned_empty
 from deformnb.volume.volume import Grid, Volume, as_grid
 
 BLOCK = 2**16
@@ -245,7 +246,9 @@ class DisplacementField(AbstractField):
             found = as_field(field).on_raster(lattice)
             return cls(np.ascontiguousarray(np.moveaxis(found, 0, -1)), lattice)
         grid = as_grid(lattice)
-        return cls(as_field(field, grid).on_grid(grid), grid)
+        values = aligned_empty((*grid.shape, 3), np.dtype(np.float32))  # which the kernels read without a copy
+        np.copyto(values, np.moveaxis(as_field(field, grid).components_on_grid(grid), 0, -1))
+        return cls(values, grid)
 
     @property
     def dim(self) -> int:

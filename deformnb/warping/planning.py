@@ -316,7 +316,7 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
-            return checked(d)
+            return on_device(checked(d))
     if step > 1 and grid.shape[2] > step:
         return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
     return tuple(on_device(d) for d in checked(field.components_on_grid(grid)))
