@@ -13,7 +13,7 @@ ROWS, COLUMNS, SPACING = 24, 30, (2.0, 1.5)
 
 PLANAR = """({ maps, shape, spacing, weights, count }) => {
     const planar = { maps: Float32Array.from(maps), shape, spacing, weights: Float32Array.from(weights) };
-    return planarFolds(planar, count, planarBounds(planar.maps, shape, spacing).steep); }"""
+    return planarFolds(planar, count, planarSlopes(planar.maps, shape, spacing)); }"""
 
 
 def bump(height: float, width: float = 9.0) -> np.ndarray:

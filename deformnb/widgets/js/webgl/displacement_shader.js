@@ -41,21 +41,18 @@ const int chosen = 0;
 // Found by origin() for the last place. Of a region's coverage half lies on each side of its edge.
 float seen;    // share of what is there that has not been cut away
 float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
-float firm;    // how far one may go until another region may count, or what counts may begin or end
 uniform float softness, faceWidth;
 
 ${CUT_CHOICE}
-// The choice as far as the place's own region goes, into which its map leads by a depth; edge: distance of the place to
-// the region's boundary; wide: how far it is covered with the ramp of a cut face.
-Choice fromOwn(int own, float depth, float edge, out float wide) {
-  firm = min(firm, min(edge, abs(depth) - .5 * softness));
+// The choice as far as the place's own region goes, into which its map leads by a depth; wide: how far it is covered
+// with the ramp of a cut face.
+Choice fromOwn(int own, float depth, out float wide) {
   wide = covered(depth, faceWidth);
   return begun(own, covered(depth, softness));
 }
 
 // Adds another region into which its map leads from the place; true if it is the one that is seen so far.
 bool fromOther(inout Choice choice, inout float wide, int region, float depth) {
-  firm = min(firm, abs(depth) - .5 * softness);
   wide += covered(depth, faceWidth);
   return adds(choice, region, covered(depth, softness));
 }
@@ -97,7 +94,7 @@ vec3 fromPlane(vec3 x) {
   float known = into(own, at + d * cutScale, isNear ? cutCount : 0);
   if (isNear) depth = known;
   float wide;
-  Choice choice = fromOwn(own, depth, edge, wide);
+  Choice choice = fromOwn(own, depth, wide);
 #ifdef BY_PLACE
   choice.cover = closedByPlace(choice.cover, edge, softness);
   wide = closedByPlace(wide, edge, faceWidth);
@@ -135,7 +132,7 @@ vec3 fromSpace(vec3 x) {
   }
   vec4 move = textureLod(space, inLayer(x, own), 0.);
   float wide;
-  Choice choice = fromOwn(own, move.w, edge, wide);
+  Choice choice = fromOwn(own, move.w, wide);
 #ifdef SPACE_BY_PLACE
   choice.cover = closedByPlace(choice.cover, edge, softness);
   wide = closedByPlace(wide, edge, faceWidth);
@@ -169,7 +166,6 @@ vec3 sampled(vec3 x) {
 vec3 origin(vec3 x) {
 #ifdef CUT
   seen = closed = 1.;
-  firm = 1e9;
 #endif
 #ifdef PLANE_CUT
   x = fromPlane(x);

@@ -3,6 +3,10 @@
 
 import { DISPLACEMENT } from "./displacement_shader.js";
 import { FOLDS_GLSL } from "./fold_mesh.js";
+import { OPACITY_SHARE } from "./volume_blocks.js";
+
+const LITTLE = "0.05"; // share of the light that one sample stops at most, if several steps are taken at once
+const MOST_STEPS = "8.";
 
 export const VERTEX = `#version 300 es
 in vec2 corner;
@@ -12,17 +16,18 @@ export const FRAGMENT = `#version 300 es
 precision highp float; precision highp int;
 precision highp sampler2D; precision highp sampler3D; precision highp sampler2DArray;
 uniform sampler3D volume;      // gradient (128 is zero) and value
-uniform sampler3D blocks;      // rings of transparent blocks around each, largest value near it
+uniform sampler3D cells;       // of the result: rings of empty cells around each, its largest opacity or value
 uniform sampler3D ambience;    // how much light reaches a place
 uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
 uniform vec2 place, resolution, shift; uniform float phase, stride;
-uniform vec3 boxLow, boxHigh, toTexture, toTexture0, blockScale, blockSize, slope;
+uniform vec3 boxLow, boxHigh, toTexture, toTexture0, cellCount, toCells, toCells0;
 uniform vec3 middle;           // of what is seen when nothing is cut away
 #ifdef CLIPPED
 uniform vec3 openLow, openHigh; uniform float bareDepth; // 1 where a side of the box is a cut; how deep its face is lit
 #endif
-uniform float stepLength, outside, outsideOpacity, certain, reach, rate;
+uniform float stepLength, outside, outsideOpacity, certain, reach;
+uniform float layers;          // thicknesses that the opacities of cells are of, in a step
 uniform float steep;           // opacity of a step, from which on its surface is looked for
 uniform vec3 lamp, halfway, fillLamp; uniform vec2 grey;
 uniform vec3 ink;
@@ -80,60 +85,71 @@ void main() {
 #endif
   // Neighbouring rays start at different depths: what would be rings becomes a fine grain, and later frames average it.
   float noise = fract(grain(pixel) + phase);
-  // How far one may go until the place of origin may have left its block, upwards and downwards along each axis.
-  vec3 upward = blockSize / max(ray + slope, vec3(1e-6)), downward = blockSize / max(slope - ray, vec3(1e-6));
-  vec4 sum = vec4(0.); float most = 0., entries = float(textureSize(table, 0).x);
+  vec3 cell0 = start * toCells + toCells0, toCell = safe * toCells;
+  vec3 perCell = 1. / abs(toCell), isForth = step(0., toCell);
+  vec4 sum = vec4(0.); float most = 0., entries = float(textureSize(table, 0).x - 1);
   float thin = 0.;                            // opacity of the sample before
 #ifdef FOLDS
   bool turned = false;                        // what is seen of a largest value
 #endif
   float t = t0 + noise * stepLength, nearT = dot(middle - start, ray) - .25 * reach;
+  // A software renderer executes all of a loop's body for all rays: so what is rare is not in the body of what is not.
   for (int i = 0; i < 4096; i++) {
-    if (t >= t1) break;
-    vec3 x = start + t * ray, from = origin(x), q = from * toTexture + toTexture0;
-    vec3 cell = clamp(q, 0., 1.) * blockScale;
-#ifdef CUT
-    float fixedFor = max(0., firm) / rate;     // nothing of the cuts changes until then
-    if (seen <= .002) { most = max(most, outside); t += max(1., floor(fixedFor / stepLength)) * stepLength; continue; }
-#endif
-    vec2 block = textureLod(blocks, cell, 0.).rg * 255.;
+    vec3 x, from, q; vec4 here, rgba = vec4(0.);
+    float steps = 1.;                         // that one sample stands for
+    for (int j = 0; j < 4096; j++) {
+      for (int k = 0; k < 4096; k++) {
+        if (t >= t1) break;
+        vec3 cell = clamp(cell0 + t * toCell, vec3(0.), cellCount - .001);
+        vec2 about = texelFetch(cells, ivec3(cell), 0).rg;
 #ifdef MIP
-    bool skip = block.g <= most * 255. + .5;
-    float rings = 1.;                         // the value counts the neighbours too
+        bool isEmpty = about.g <= most + .002;
+        float rings = 1.;
 #else
-    bool skip = block.r > .5;
-    float rings = block.r - 1.;
+        bool isEmpty = about.r > 0.;
+        float rings = max(about.r * 255. - 1., 0.);
 #endif
-    if (skip) {
-      thin = 0.;
-      vec3 inside = fract(cell * vec3(textureSize(blocks, 0)));
-      vec3 room = min((1. - inside + rings) * upward, (inside + rings) * downward);
-      float free = min(min(room.x, room.y), room.z);
-#ifdef CUT
-      free = min(free, fixedFor);
+        vec3 inside = fract(cell), room = (rings + mix(inside, 1. - inside, isForth)) * perCell;
+        float leave = max(1., ceil(min(min(room.x, room.y), room.z) / stepLength));
+#ifndef MIP
+        // As many steps at once as stop little light in the densest of the cell, but none of another cell; the face of
+        // a body that the box cuts through is seen in single ones.
+        float stopped = max((1. - sum.a) * layers * ${OPACITY_SHARE} * about.g, 1e-6);
+        steps = t - t0 < 3. * stepLength ? 1. : clamp(floor(${LITTLE} / stopped), 1., min(leave, ${MOST_STEPS}));
 #endif
-      t += max(1., floor(free / stepLength)) * stepLength;
-      continue;
-    }
-    t += stepLength;
-    bool out_ = any(lessThan(q, vec3(0.))) || any(greaterThanEqual(q, vec3(1.)));
+        if (!isEmpty) break;
+        thin = 0.;
+        t += leave * stepLength;
+      }
+      if (t >= t1) break;
+      x = start + (t + .5 * (steps - 1.) * stepLength) * ray; // the middle of what it stands for
+      from = origin(x);
+      q = from * toTexture + toTexture0;
+      t += steps * stepLength;
+      bool out_ = any(lessThan(q, vec3(0.))) || any(greaterThanEqual(q, vec3(1.)));
 #ifdef MIP
-    float value = out_ ? outside : textureLod(volume, q, 0.).a;
+      float value = out_ ? outside : textureLod(volume, q, 0.).a;
 #ifdef CUT
-    value = mix(outside, value, seen);
+      value = mix(outside, value, seen);
 #endif
 #ifdef FOLDS
-    if (value > most) turned = folded(x, from);
+      if (value > most) turned = folded(x, from);
 #endif
-    most = max(most, value);
+      most = max(most, value);
 #else
-    if (out_ && outsideOpacity == 0.) { thin = 0.; continue; }
-    vec4 here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
-    vec4 rgba = textureLod(table, vec2((here.a * (entries - 1.) + .5) / entries, .5), 0.);
-    if (rgba.a <= 0.) { thin = 0.; continue; }
+      here = out_ ? vec4(vec3(128. / 255.), outside) : textureLod(volume, q, 0.);
+      rgba = texelFetch(table, ivec2(here.a * entries + .5, 0), 0);
 #ifdef CUT
-    rgba.a *= seen;
+      rgba.a *= step(.002, seen) * seen;
 #endif
+      if (rgba.a > 0.) break;
+      thin = 0.;
+#endif
+    }
+#ifdef MIP
+    break;
+#else
+    if (rgba.a <= 0.) break;
 #ifdef FOLDS
     if (folded(x, from)) rgba.rgb = foldRed(rgba.rgb);
 #endif
@@ -150,7 +166,7 @@ void main() {
       for (int once = 0; once < 3; once++) {
         vec3 between = .5 * (deep + bare);
         float v = textureLod(volume, between, 0.).a;
-        if (textureLod(table, vec2((v * (entries - 1.) + .5) / entries, .5), 0.).a > .4 * rgba.a) deep = between;
+        if (texelFetch(table, ivec2(v * entries + .5, 0), 0).a > .4 * rgba.a) deep = between;
         else bare = between;
       }
       g = textureLod(volume, deep, 0.).rgb * 255. - 128.;
@@ -179,8 +195,8 @@ void main() {
 #endif
     rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));
 #endif
-    sum += (1. - sum.a) * rgba.a * vec4(rgba.rgb, 1.);
-    if (sum.a > .985) { sum /= sum.a; break; }
+    sum += (1. - sum.a) * (1. - pow(1. - min(rgba.a, .9999), steps)) * vec4(rgba.rgb, 1.);
+    if (sum.a > .97) { sum /= sum.a; break; }
 #endif
   }
 #ifdef MIP
@@ -210,7 +226,6 @@ uniform sampler3D volume;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0;
 uniform vec3 beyond;           // how far, in shares of the box
 uniform float tissue;          // values above are tissue
-uniform float rate;
 out vec4 color;
 ${DISPLACEMENT}
 void main() {

@@ -10,12 +10,13 @@
 import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
 import { AMBIENT_CELL } from "../maths/constants.js";
+import { blockPairs, emptyCells, SpaceRanges } from "./empty_space.js";
 import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
 import {
-  ambientLight, BLOCK, blockExtremes, emptyRings, extrusionSlope, gradientSlab, opacityOfByte,
-  planarBounds, spaceSlope, STEEPEST,
+  ambientLight, blockExtremes, blockOpacities, gradientSlab, OPACITY_SHARE, opacityOfByte, planarSlopes, spaceSlope,
+  STEEPEST,
 } from "./volume_blocks.js";
 
 /** @typedef {Record<string, WebGLUniformLocation | null>} Uniforms locations of a program's uniforms, by name */
@@ -31,6 +32,10 @@ import {
  * @typedef {{stride: number, x: number, y: number}} Quarter
  */
 /** @typedef {keyof typeof UNITS} Unit */
+/**
+ * Cells that rays may skip: what they were found of, how many there are, the edges of one, and where they begin.
+ * @typedef {{of: unknown[], size: Vector3, edge: Vector3, low: number[]}} Cells
+ */
 
 // ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
 
@@ -107,9 +112,10 @@ function definesOf(projection, planar, space, { folds = false, clipped = false, 
 
 // ---- the ray caster -------------------------------------------------------------------------------------------------
 
-const UNITS = { volume: 0, blocks: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
-  depths: 9, second: 10 };
+const UNITS = { volume: 0, cells: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
+  depths: 9, second: 10, ownCells: 11 };
 
+const FINEST = 2047; // entries of the table that is looked up without interpolation: 2048 fit into any texture
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
@@ -157,6 +163,11 @@ export class RayCaster {
     this.space = null;
     /** @type {SpaceField | null} */
     this.givenSpace = null; // the field that `space` was made of
+    /** @type {Record<"opacity" | "value", Uint8Array>} */
+    this.pairs = { opacity: new Uint8Array(), value: new Uint8Array() }; // of the volume's blocks: see empty_space.js
+    /** @type {Record<"cells" | "ownCells", Cells | null>} */
+    this.empty = { cells: null, ownCells: null }; // of the result and of the volume as it was
+    this.skips = true; // false: rays take every sample
     /** @type {Float32Array | null} */
     this.distances = null; // of the cuts that the texture was made of
     this.projection = "shaded";
@@ -201,7 +212,7 @@ export class RayCaster {
   // A program reads every sampler it declares, so each unit holds something of its kind from the start.
   #plain() {
     const gl = this.gl;
-    for (const name of /** @type {const} */ (["volume", "blocks", "ambience", "space", "depths"])) {
+    for (const name of /** @type {const} */ (["volume", "cells", "ownCells", "ambience", "space", "depths"])) {
       this.#texture(name, gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
@@ -287,8 +298,8 @@ export class RayCaster {
     if (!this.volume?.extremes) return;
     const gl = this.gl, { extremes, values, shape, spacing } = this.volume;
     const alphas = Float32Array.from({ length: rgba.length / 4 }, (_, i) => rgba[4 * i + 3]);
-    this.#texture("blocks", gl.TEXTURE_3D, false);
-    gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG8, ...extremes.size, 0, gl.RG, gl.UNSIGNED_BYTE, emptyRings(extremes, alphas));
+    this.pairs = { opacity: blockPairs(blockOpacities(extremes, alphas), extremes.size),
+      value: blockPairs(extremes.high, extremes.size) };
     const light = ambientLight(values, shape, alphas, (AMBIENT_CELL * Math.min(...spacing)) / unit);
     this.#texture("ambience", gl.TEXTURE_3D, true);
     gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, ...light.size, 0, gl.RED, gl.UNSIGNED_BYTE, light.values);
@@ -304,9 +315,14 @@ export class RayCaster {
     const { rgba, unit } = table, gl = this.gl;
     if (table.step === step) return;
     table.step = step;
-    const fitted = Float32Array.from(rgba);
-    for (let i = 3; i < fitted.length; i += 4) fitted[i] = 1 - (1 - Math.min(fitted[i], 0.9999)) ** (step / unit);
-    this.#texture("table", gl.TEXTURE_2D, true);
+    const entries = rgba.length / 4 - 1, finer = Math.max(1, Math.floor(FINEST / entries));
+    const fitted = new Float32Array(4 * (finer * entries + 1));
+    for (let i = 0; i < fitted.length; i++) {
+      const at = Math.floor(i / 4) / finer, k = Math.min(entries - 1, Math.floor(at)), from = 4 * k + (i % 4);
+      const value = rgba[from] + (at - k) * (rgba[from + 4] - rgba[from]);
+      fitted[i] = i % 4 === 3 ? 1 - (1 - Math.min(value, 0.9999)) ** (step / unit) : value;
+    }
+    this.#texture("table", gl.TEXTURE_2D, false);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, fitted.length / 4, 1, 0, gl.RGBA, gl.FLOAT, fitted);
   }
 
@@ -327,12 +343,7 @@ export class RayCaster {
     const lengths = [spacing[0] * columns, spacing[1] * rows, (c1 - c0) * knots / Math.max(1, knots - 1)];
     const starts = [origin[0] - spacing[0] / 2, origin[1] - spacing[1] / 2,
       c0 - (c1 - c0) / Math.max(1, knots - 1) / 2];
-    const { steep, far } = planarBounds(maps, shape, spacing);
-    const slopes = Array.from({ length: regions }, (_, r) => {
-      const own = { steep: steep.subarray(r * count, (r + 1) * count), far: far.subarray(r * count, (r + 1) * count) };
-      return extrusionSlope(own, weights, count, knots, c1 - c0);
-    });
-    this.planar = { ...planar, count, slope: Math.max(...slopes), folds: planarFolds(planar, count, steep),
+    this.planar = { ...planar, count, folds: planarFolds(planar, count, planarSlopes(maps, shape, spacing)),
       toMap: toTextures(plane, starts, lengths), cut: planar.cut && this.#castCut(planar.cut, plane) };
   }
 
@@ -363,7 +374,7 @@ export class RayCaster {
   setSpace(given) {
     if (given === this.givenSpace) return;
     this.givenSpace = given;
-    this.space = given && { ...given, ...this.#castSpace(given),
+    this.space = given && { ...given, ...this.#castSpace(given), ranges: new SpaceRanges(given),
       toSpace: given.shape.map((n, i) => 1 / (n * given.spacing[i])),
       toSpace0: given.origin.map((o, i) => (0.5 * given.spacing[i] - o) / (given.shape[i] * given.spacing[i])) };
   }
@@ -373,19 +384,46 @@ export class RayCaster {
     const gl = this.gl;
     this.#texture("space", gl.TEXTURE_3D, true);
     if (cut) {
-      const { slope } = cut, [nx, ny, nz] = shape, deep = nz * cut.regions; // one region behind the other
+      const [nx, ny, nz] = shape, deep = nz * cut.regions; // one region behind the other
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, nx, ny, deep, 0, gl.RGBA, gl.HALF_FLOAT, values);
       this.#texture("depths", gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, nx, ny, deep, 0, gl.RG, gl.HALF_FLOAT, depths ?? null);
-      return { slope, folds: slope >= 1 }; // at least it may
+      return { folds: cut.slope >= 1 }; // at least it may
     }
     const floats = /** @type {Float32Array} */ (values), padded = new Float32Array((floats.length / 3) * 4);
     for (let i = 0, j = 0; i < floats.length; i += 3, j += 4) {
       padded[j] = floats[i]; padded[j + 1] = floats[i + 1]; padded[j + 2] = floats[i + 2];
     }
-    const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F, slope = spaceSlope(floats, shape, spacing);
+    const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F;
     gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
-    return { slope, folds: slope >= 1 && spaceFolds(floats, shape, spacing) };
+    return { folds: spaceSlope(floats, shape, spacing) >= 1 && spaceFolds(floats, shape, spacing) };
+  }
+
+  /**
+   * What rays may skip of a box of the result; found anew only where something of it has changed.
+   * @param {CastVolume} volume
+   * @param {ColorTable} table
+   * @param {{planar: CastPlanar | null, space: CastSpace | null}} field
+   * @param {boolean} isOriginal
+   */
+  #cells(volume, table, { planar, space }, isOriginal) {
+    const { extremes, outside, shape, spacing } = volume, { gl, skips } = this;
+    if (!extremes) throw new Error("nothing to draw");
+    /** @type {"cells" | "ownCells"} */
+    const name = isOriginal ? "ownCells" : "cells";
+    const isLargest = this.projection === "mip", box = isOriginal ? volume.ownBox : volume.box;
+    const known = isLargest ? this.pairs.value : this.pairs.opacity;
+    const of = [planar, space, box, known, skips], old = this.empty[name];
+    if (old?.of.every((part, i) => part === of[i])) return { name, cells: old };
+    const pairs = skips ? known : new Uint8Array(known.length).fill(255);
+    const opacity = Math.min(255, Math.ceil((255 * opacityOfByte(table.rgba, outside)) / OPACITY_SHARE));
+    const beyond = !skips ? 255 : isLargest ? outside : opacity;
+    const found = emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest }, { planar, space });
+    this.#texture(name, gl.TEXTURE_3D, false);
+    gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG8, ...found.size, 0, gl.RG, gl.UNSIGNED_BYTE, found.cells);
+    const cells = { of, size: found.size, edge: found.edge, low: box.low };
+    this.empty[name] = cells;
+    return { name, cells };
   }
 
   /** @param {{planar: CastPlanar | null, space: CastSpace | null}} field */
@@ -457,6 +495,12 @@ export class RayCaster {
     gl.uniform1f(at.stride, stride);
     gl.uniform2f(at.place, whole.x + before(left, x), before(low, y));
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
+    const { name: unit, cells: { size, edge, low: corner } } = this.#cells(volume, table, { planar, space }, original);
+    gl.uniform1i(at.cells, UNITS[unit]);
+    gl.uniform3fv(at.cellCount, size);
+    gl.uniform1f(at.layers, step / table.unit);
+    gl.uniform3fv(at.toCells, edge.map((e) => 1 / e));
+    gl.uniform3fv(at.toCells0, corner.map((c, i) => -c / edge[i]));
     this.#setFieldNumbers(at, planar, space, volume.spacing);
     if (pass > 0) {
       gl.enable(gl.BLEND);
@@ -506,14 +550,12 @@ export class RayCaster {
    * @param {Sides} box
    */
   #setVolumeNumbers(at, volume, table, step, box) {
-    const gl = this.gl, { shape, spacing, extremes } = volume;
+    const gl = this.gl, { shape, spacing } = volume;
     gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
     gl.uniform3fv(at.middle, box.low.map((low, i) => (low + box.high[i]) / 2));
     this.#setBox(at, volume, step, box);
     gl.uniform3fv(at.toTexture, shape.map((n, i) => 1 / (n * spacing[i])));
     gl.uniform3fv(at.toTexture0, shape.map((n) => 0.5 / n));
-    if (extremes) gl.uniform3fv(at.blockScale, shape.map((n, i) => n / (BLOCK * extremes.size[i])));
-    gl.uniform3fv(at.blockSize, spacing.map((s) => s * BLOCK));
     gl.uniform1f(at.stepLength, step);
     gl.uniform1f(at.steep, step > LONG * Math.min(...spacing) ? 0.08 : 2);
     gl.uniform1f(at.outside, volume.outside / 255);
@@ -548,12 +590,7 @@ export class RayCaster {
    */
   #setFieldNumbers(at, planar, space, spacing) {
     const gl = this.gl, finest = Math.min(...spacing);
-    const plane = planar ? planar.slope : 0, rest = space ? space.slope * (1 + plane) : 0;
-    // Of a composition: (1 + a)(1 + b) - 1, and nothing of a along the normal; a little more, because GPUs interpolate
-    // with few digits.
     const axes = planar ? planar.plane : { u: [1, 0, 0], v: [0, 1, 0], n: [0, 0, 1] };
-    const slope = [0, 1, 2].map((i) => 1.02 * (rest + plane * Math.hypot(axes.u[i], axes.v[i])));
-    gl.uniform3fv(at.slope, slope);
     gl.uniform3fv(at.axisU, axes.u);
     gl.uniform3fv(at.axisV, axes.v);
     gl.uniform3fv(at.axisN, axes.n);
@@ -568,7 +605,6 @@ export class RayCaster {
       const softness = Math.max(needed, finest);
       gl.uniform1f(at.softness, softness);
       gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
-      gl.uniform1f(at.rate, 1.2 * (1 + Math.hypot(...slope))); // more than 1: sampled distances are not quite such
     }
     if (space?.cut) {
       gl.uniform1i(at.spaceRegions, space.cut.regions);

@@ -2,6 +2,7 @@
 // volume, from its first voxel (its own frame).
 
 import type { Sides, Vector2, Vector3 } from "../types.d.ts";
+import type { SpaceRanges } from "./empty_space.js";
 
 /** Smallest and largest value of every block of voxels. */
 export interface Extremes {
@@ -119,8 +120,6 @@ export interface CastPlanar extends PlanarField {
   /** Maps of each region. */
   count: number;
   folds: boolean;
-  /** The largest change of the displacement per length. */
-  slope: number;
   toMap: ToTexture;
   cut: (PlaneCut & { toCut: ToTexture; scale: Vector2; bits: number[] }) | null;
 }
@@ -128,7 +127,7 @@ export interface CastPlanar extends PlanarField {
 /** A displacement in space with what the shader needs to know of it. */
 export interface CastSpace extends SpaceField {
   folds: boolean;
-  slope: number;
+  ranges: SpaceRanges;
   toSpace: number[];
   toSpace0: number[];
 }

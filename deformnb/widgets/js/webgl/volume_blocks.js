@@ -6,7 +6,7 @@ import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } 
 /** @import { Vector2, Vector3 } from "../types.d.ts" */
 /** @import { Extremes } from "./types.d.ts" */
 
-export const BLOCK = 8; // voxels along the edge of a block: a ray that skips one saves 8 samples
+export const BLOCK = 4; // voxels along the edge of a block
 
 // Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one
 // voxel is 127, but a surface that steep is as certain as one of 64, and half the range doubles the digits of faint
@@ -139,62 +139,24 @@ export function blockExtremes(values, shape) {
   return { size, low, high };
 }
 
-/**
- * Calls visit(at, neighbour) along an axis, forth and back: the two sweeps of a distance transform.
- * @param {Vector3} size
- * @param {number} axis
- * @param {(at: number, neighbour: number) => void} visit
- */
-function sweep(size, axis, visit) {
-  const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis];
-  const total = size[0] * size[1] * size[2];
-  for (let start = 0; start < total; start++) {
-    if (Math.floor(start / stride) % n !== 0) continue;
-    for (let k = 1; k < n; k++) visit(start + k * stride, start + (k - 1) * stride);
-    for (let k = n - 2; k >= 0; k--) visit(start + k * stride, start + (k + 1) * stride);
-  }
-}
+export const OPACITY_SHARE = 0.25; // opacity of 255 and more, since rays take small steps through all that is denser
 
 /**
- * The number of blocks around every block that are all transparent, along every axis at once (R), and the largest value
- * within one block of it (G).
+ * The largest opacity of every block, in units of OPACITY_SHARE / 255 and rounded up: 0 only where nothing stops light.
  * @param {Extremes} extremes
- * @param {Float32Array} alphas
+ * @param {Float32Array} alphas of the entries of a table of colours
  */
-export function emptyRings({ size, low, high }, alphas) {
-  const before = new Int32Array(alphas.length + 1), each = entriesOfByte(alphas.length);
-  // before[i]: the number of entries below i that stop light
-  for (let i = 0; i < alphas.length; i++) before[i + 1] = before[i] + (alphas[i] > 0 ? 1 : 0);
-  const total = low.length, out = new Uint8Array(2 * total);
-  // The maximum norm is separable for a threshold only: so grow the filled blocks ring by ring, axis after axis.
-  /** @type {Uint8Array} */
-  let filled = new Uint8Array(total);
-  for (let i = 0; i < total; i++) filled[i] = before[each * high[i] + 1] > before[each * low[i]] ? 1 : 0;
-  const most = 24; // rings beyond this save no more than a few samples of a ray
-  for (let ring = 0; ring < most; ring++) {
-    let empty = 0;
-    for (let i = 0; i < total; i++) if (!filled[i]) { out[2 * i] = ring + 1; empty++; }
-    if (empty === 0) break;
-    filled = grown(filled, size);
-  }
-  const wide = grown(high, size);
-  for (let i = 0; i < total; i++) out[2 * i + 1] = wide[i];
-  return out;
-}
-
-/**
- * The largest of every value and its 26 neighbours.
- * @param {Uint8Array} values
- * @param {Vector3} size
- */
-function grown(values, size) {
-  let from = values;
-  for (let axis = 0; axis < 3; axis++) {
-    const source = from, to = from.slice();
-    sweep(size, axis, (at, next) => { if (source[next] > to[at]) to[at] = source[next]; });
-    from = to;
-  }
-  return from;
+export function blockOpacities({ low, high }, alphas) {
+  const each = entriesOfByte(alphas.length), known = new Int16Array(65536).fill(-1);
+  return Uint8Array.from(low, (least, i) => {
+    const key = 256 * least + high[i];
+    if (known[key] < 0) {
+      let most = 0;
+      for (let k = each * least; k <= each * high[i]; k++) most = Math.max(most, alphas[k]);
+      known[key] = Math.min(255, Math.ceil((255 * most) / OPACITY_SHARE));
+    }
+    return known[key];
+  });
 }
 
 /**
@@ -309,15 +271,15 @@ function blurred(values, size, r) {
 }
 
 /**
- * Largest displacement (far) and largest change of it per length (steep) of each of maps [k][row][column][2].
+ * The largest change per length of the displacement of each of maps [k][row][column][2].
  * @param {Float32Array} maps
  * @param {Vector3} shape
  * @param {Vector2} spacing
  */
-export function planarBounds(maps, [count, rows, columns], [da, db]) {
-  const steep = new Float64Array(count), far = new Float64Array(count);
+export function planarSlopes(maps, [count, rows, columns], [da, db]) {
+  const steep = new Float64Array(count);
   for (let k = 0, i = 0; k < count; k++) {
-    let steepest = 0, farthest = 0; // squared: a root for each node would take ten times as long
+    let steepest = 0; // squared: a root for each node would take ten times as long
     for (let r = 0; r < rows; r++) {
       for (let c = 0; c < columns; c++, i += 2) {
         const u = maps[i], v = maps[i + 1], east = i + (c < columns - 1 ? 2 : 0);
@@ -325,35 +287,11 @@ export function planarBounds(maps, [count, rows, columns], [da, db]) {
         const ua = (maps[east] - u) / da, va = (maps[east + 1] - v) / da;
         const ub = (maps[south] - u) / db, vb = (maps[south + 1] - v) / db;
         steepest = Math.max(steepest, ua * ua + va * va + ub * ub + vb * vb);
-        farthest = Math.max(farthest, u * u + v * v);
       }
     }
     steep[k] = Math.sqrt(steepest);
-    far[k] = Math.sqrt(farthest);
   }
-  return { steep, far };
-}
-
-/**
- * The largest change per length of the displacement of an extrusion: along the plane and along its normal.
- * @param {{steep: Float64Array, far: Float64Array}} bounds
- * @param {Float32Array} weights
- * @param {number} count
- * @param {number} knots
- * @param {number} length
- */
-export function extrusionSlope(bounds, weights, count, knots, length) {
-  let along = 0, across = 0;
-  for (let i = 0; i < knots; i++) {
-    let plane = 0, normal = 0;
-    for (let k = 0; k < count; k++) {
-      const w = weights[k * knots + i], next = weights[k * knots + Math.min(i + 1, knots - 1)];
-      plane += Math.abs(w) * bounds.steep[k];
-      normal += Math.abs(next - w) * bounds.far[k];
-    }
-    along = Math.max(along, plane); across = Math.max(across, normal * (knots - 1));
-  }
-  return Math.hypot(along, length > 0 ? across / length : 0);
+  return steep;
 }
 
 /**

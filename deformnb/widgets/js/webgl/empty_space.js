@@ -1,0 +1,389 @@
+// Cells of the result from which nothing is seen, so that rays pass them without asking where anything comes from: for
+// each cell a box is found that holds the origins of all of its places, and the blocks of the volume in it are looked
+// at. Pure arithmetic; no DOM, no WebGL. Lengths are physical, along the index axes of the volume (its own frame).
+
+import { BLOCK } from "./volume_blocks.js";
+
+/** @import { Sides, Vector3 } from "../types.d.ts" */
+/** @import { CastPlanar, CastSpace, Extremes, SpaceField } from "./types.d.ts" */
+
+export const CELL = 8; // voxels along the edge of a cell
+const MOST_CELLS = 64; // along an axis: of a box much larger than the volume they are larger
+const MOST_RINGS = 250; // a byte holds them
+const PLANAR_TILE = 4, SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are kept
+const MARGIN = 0.1; // voxels: GPUs interpolate with few digits
+
+/**
+ * The ranges of a planar field's maps over boxes of one size.
+ */
+class PlanarRanges {
+  /**
+   * @param {CastPlanar} planar
+   * @param {Vector3} half extents of a box
+   */
+  constructor(planar, half) {
+    const { maps, shape: [layers, rows, columns], weights, count, toMap: { matrix, offset } } = planar;
+    this.planar = planar;
+    this.knots = weights.length / count;
+    this.size = [columns, rows, this.knots];
+    this.matrix = matrix.map((m, i) => m * this.size[i % 3]); // to (column, row, knot)
+    this.offset = offset.map((o, i) => o * this.size[i] - 0.5);
+    this.half = [0, 1, 2].map((i) => half.reduce((sum, h, j) => sum + h * Math.abs(this.matrix[3 * j + i]), 0));
+    this.tiles = [columns, rows].map((n) => Math.max(1, Math.ceil((n - 1) / PLANAR_TILE)));
+    this.values = planarTiles(maps, [layers, rows, columns], this.tiles);
+    [0, 1].forEach((axis) => { // of all tiles that a box meets, at the first of them: one look-up for each box
+      const stride = axis ? 4 * this.tiles[0] : 4, most = Math.ceil((2 * this.half[axis]) / PLANAR_TILE);
+      this.values = gathered(this.values, stride, this.tiles[axis], most);
+    });
+  }
+
+  /**
+   * Widens a box around `middle` by what a region's displacement is in it.
+   * @param {Float64Array} middle
+   * @param {number} region
+   * @param {Float64Array} box low and high along x, y, z
+   */
+  widen(middle, region, box) {
+    const { planar: { count, isReplicated, weights, plane }, matrix: m, offset, half, values } = this;
+    const [wide, high] = this.tiles;
+    const x = middle[0], y = middle[1], z = middle[2];
+    const column = tileOf(m[0] * x + m[3] * y + m[6] * z + offset[0] - half[0], PLANAR_TILE, wide);
+    const row = tileOf(m[1] * x + m[4] * y + m[7] * z + offset[1] - half[1], PLANAR_TILE, high);
+    let u0 = 0, u1 = 0, v0 = 0, v1 = 0;
+    for (let k = 0; k < count; k++) {
+      const i = 4 * (((region * count + k) * high + row) * wide + column);
+      const lowU = values[i], highU = values[i + 1], lowV = values[i + 2], highV = values[i + 3];
+      let w0 = 1, w1 = 1;
+      if (!isReplicated) {
+        const depth = m[2] * x + m[5] * y + m[8] * z + offset[2], last = this.knots - 1;
+        const from = Math.max(0, Math.min(last, Math.floor(depth - half[2])));
+        const to = Math.max(0, Math.min(last, Math.ceil(depth + half[2])));
+        w0 = Infinity; w1 = -Infinity;
+        for (let n = from; n <= to; n++) {
+          const w = weights[k * this.knots + n];
+          w0 = Math.min(w0, w); w1 = Math.max(w1, w);
+        }
+      }
+      u0 += Math.min(w0 * lowU, w0 * highU, w1 * lowU, w1 * highU);
+      u1 += Math.max(w0 * lowU, w0 * highU, w1 * lowU, w1 * highU);
+      v0 += Math.min(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
+      v1 += Math.max(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
+    }
+    for (let i = 0; i < 3; i++) {
+      const u = plane.u[i], v = plane.v[i];
+      box[i] += Math.min(u * u0, u * u1) + Math.min(v * v0, v * v1);
+      box[3 + i] += Math.max(u * u0, u * u1) + Math.max(v * v0, v * v1);
+    }
+  }
+}
+
+/**
+ * The tile of a node, with those beyond the edge in the outermost ones.
+ * @param {number} node
+ * @param {number} edge
+ * @param {number} count
+ */
+function tileOf(node, edge, count) { return Math.max(0, Math.min(count - 1, Math.floor(node / edge))); }
+
+/**
+ * Smallest (even places) and largest values (odd ones) of every tile and as many as `most` behind it along an axis.
+ * @param {Float32Array} values four of each tile
+ * @param {number} stride
+ * @param {number} tiles along the axis
+ * @param {number} most
+ */
+function gathered(values, stride, tiles, most) {
+  const out = values.slice();
+  for (let i = 0; i < values.length; i++) {
+    const left = Math.min(most, tiles - 1 - (Math.floor(i / stride) % tiles));
+    for (let k = 1; k <= left; k++) {
+      const other = values[i + k * stride];
+      if (i % 2 ? other > out[i] : other < out[i]) out[i] = other;
+    }
+  }
+  return out;
+}
+
+/**
+ * Smallest and largest value of both components in every tile, whose outermost nodes it shares with its neighbours.
+ * @param {Float32Array} maps
+ * @param {Vector3} shape
+ * @param {number[]} tiles columns and rows of them
+ */
+function planarTiles(maps, [layers, rows, columns], [wide, high]) {
+  const out = new Float32Array(4 * layers * high * wide);
+  for (let layer = 0, o = 0; layer < layers; layer++) {
+    for (let b = 0; b < high; b++) {
+      const rowEnd = Math.min(rows - 1, (b + 1) * PLANAR_TILE);
+      for (let a = 0; a < wide; a++, o += 4) {
+        const end = Math.min(columns - 1, (a + 1) * PLANAR_TILE);
+        let lowU = Infinity, highU = -Infinity, lowV = Infinity, highV = -Infinity;
+        for (let row = b * PLANAR_TILE; row <= rowEnd; row++) {
+          let i = 2 * ((layer * rows + row) * columns + a * PLANAR_TILE);
+          for (let column = a * PLANAR_TILE; column <= end; column++, i += 2) {
+            const u = maps[i], v = maps[i + 1];
+            if (u < lowU) lowU = u;
+            if (u > highU) highU = u;
+            if (v < lowV) lowV = v;
+            if (v > highV) highV = v;
+          }
+        }
+        out[o] = lowU; out[o + 1] = highU; out[o + 2] = lowV; out[o + 3] = highV;
+      }
+    }
+  }
+  return out;
+}
+
+/** The ranges of a displacement sampled in space, over boxes. */
+export class SpaceRanges {
+  /** @param {SpaceField} space */
+  constructor(space) {
+    const { shape, spacing, origin, values, cut } = space;
+    this.spacing = spacing;
+    this.origin = origin;
+    this.regions = cut ? cut.regions : 1;
+    this.tiles = shape.map(tilesOf);
+    const parts = cut ? 4 : 3, floats = cut ? halfFloats(/** @type {Uint16Array} */ (values)) : values;
+    const each = shape[0] * shape[1] * shape[2] * parts;
+    /** Smallest and largest values along x, y, z in every tile of each region. */
+    this.ranges = Array.from({ length: this.regions }, (_, r) => spaceTiles(
+      floats.subarray(r * each, (r + 1) * each), shape, parts));
+  }
+
+  /**
+   * Widens a box by what a region's displacement is in it.
+   * @param {number} region
+   * @param {Float64Array} box low and high along x, y, z
+   */
+  widen(region, box) {
+    const { tiles: [wide, high, deep], origin, spacing, ranges } = this;
+    const x0 = tileOf((box[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
+    const x1 = tileOf((box[3] - origin[0]) / spacing[0], SPACE_TILE, wide);
+    const y0 = tileOf((box[1] - origin[1]) / spacing[1], SPACE_TILE, high);
+    const y1 = tileOf((box[4] - origin[1]) / spacing[1], SPACE_TILE, high);
+    const z0 = tileOf((box[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
+    const z1 = tileOf((box[5] - origin[2]) / spacing[2], SPACE_TILE, deep);
+    const own = ranges[region], moves = MOVES.fill(Infinity, 0, 3).fill(-Infinity, 3);
+    for (let z = z0; z <= z1; z++) {
+      for (let y = y0; y <= y1; y++) {
+        for (let x = x0, i = 6 * ((z * high + y) * wide + x0); x <= x1; x++, i += 6) {
+          for (let c = 0; c < 3; c++) {
+            if (own[i + c] < moves[c]) moves[c] = own[i + c];
+            if (own[i + 3 + c] > moves[3 + c]) moves[3 + c] = own[i + 3 + c];
+          }
+        }
+      }
+    }
+    for (let c = 0; c < 6; c++) box[c] += moves[c];
+  }
+}
+
+const MOVES = new Float64Array(6); // one for all: an array for each box would take longer than the rest
+
+/**
+ * The smallest values of the three components, then the largest, in every tile.
+ * @param {Float32Array | Uint16Array} values [z][y][x][parts]
+ * @param {Vector3} shape
+ * @param {number} parts
+ */
+function spaceTiles(values, [nx, ny, nz], parts) {
+  const [wide, high, deep] = [nx, ny, nz].map(tilesOf), out = new Float32Array(6 * wide * high * deep);
+  let o = 0;
+  for (let z = 0; z < deep; z++) {
+    const endZ = Math.min(nz - 1, (z + 1) * SPACE_TILE);
+    for (let y = 0; y < high; y++) {
+      const endY = Math.min(ny - 1, (y + 1) * SPACE_TILE);
+      for (let x = 0; x < wide; x++, o += 6) {
+        const endX = Math.min(nx - 1, (x + 1) * SPACE_TILE);
+        out.fill(Infinity, o, o + 3);
+        out.fill(-Infinity, o + 3, o + 6);
+        for (let k = z * SPACE_TILE; k <= endZ; k++) {
+          for (let j = y * SPACE_TILE; j <= endY; j++) {
+            for (let i = x * SPACE_TILE, at = parts * ((k * ny + j) * nx + i); i <= endX; i++, at += parts) {
+              for (let c = 0; c < 3; c++) {
+                if (values[at + c] < out[o + c]) out[o + c] = values[at + c];
+                if (values[at + c] > out[o + 3 + c]) out[o + 3 + c] = values[at + c];
+              }
+            }
+          }
+        }
+      }
+    }
+  }
+  return out;
+}
+
+/**
+ * Tiles along an axis of a lattice.
+ * @param {number} nodes
+ */
+function tilesOf(nodes) { return Math.max(1, Math.ceil((nodes - 1) / SPACE_TILE)); }
+
+/**
+ * Numbers of half precision.
+ * @param {Uint16Array} bits
+ */
+function halfFloats(bits) {
+  const known = Float32Array.from({ length: 2 ** 16 }, (_, h) => {
+    const exponent = (h >> 10) & 31, share = h & 1023, sign = h & 0x8000 ? -1 : 1;
+    if (exponent === 31) return share ? 0 : sign * Infinity;
+    return sign * (exponent ? (1 + share / 1024) * 2 ** (exponent - 15) : share * 2 ** -24);
+  });
+  return Float32Array.from(bits, (h) => known[h]);
+}
+
+/**
+ * Of each cell of a box two bytes: how many rings of cells around it, itself being one, have nothing that is seen, and
+ * the largest opacity in it. For a projection of largest values the second is the largest value within one cell of it.
+ * @param {object} seen
+ * @param {Sides} seen.box of the result
+ * @param {Vector3} seen.shape of the volume
+ * @param {Vector3} seen.spacing
+ * @param {Extremes} seen.extremes of its blocks
+ * @param {Uint8Array} seen.pairs of the largest values of the blocks, or of their largest opacities
+ * @param {number} seen.beyond the same of what lies outside the volume
+ * @param {boolean} seen.isLargest whether largest values are projected
+ * @param {{planar: CastPlanar | null, space: CastSpace | null}} field
+ * @returns {{size: Vector3, cells: Uint8Array, edge: Vector3}} `edge`: lengths of a cell's edges
+ */
+export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest }, { planar, space }) {
+  const lengths = box.low.map((low, i) => box.high[i] - low);
+  const size = /** @type {Vector3} */ (lengths.map((l, i) => (
+    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (CELL * spacing[i]) - 1e-6))))));
+  const edge = /** @type {Vector3} */ (lengths.map((l, i) => Math.max(CELL * spacing[i], l / size[i])));
+  const half = /** @type {Vector3} */ (edge.map((e) => e / 2));
+  const plane = planar && new PlanarRanges(planar, half), rest = space?.ranges;
+  const regions = planar?.cut ? planar.cut.bits.length : 1, later = rest ? rest.regions : 1;
+  const margin = planar || space ? MARGIN : 0, values = new Uint8Array(size[0] * size[1] * size[2]);
+  const middle = new Float64Array(3), first = new Float64Array(6), last = new Float64Array(6);
+  let o = 0;
+  for (let z = 0; z < size[2]; z++) {
+    middle[2] = box.low[2] + (z + 0.5) * edge[2];
+    for (let y = 0; y < size[1]; y++) {
+      middle[1] = box.low[1] + (y + 0.5) * edge[1];
+      for (let x = 0; x < size[0]; x++, o++) {
+        middle[0] = box.low[0] + (x + 0.5) * edge[0];
+        let found = 0;
+        for (let r = 0; r < regions && found < 255; r++) {
+          for (let i = 0; i < 3; i++) { first[i] = middle[i] - half[i]; first[3 + i] = middle[i] + half[i]; }
+          plane?.widen(middle, r, first);
+          for (let s = 0; s < later && found < 255; s++) {
+            last.set(first);
+            rest?.widen(s, last);
+            found = Math.max(found, largestIn(last, shape, spacing, margin, extremes.size, pairs, beyond));
+          }
+        }
+        values[o] = found;
+      }
+    }
+  }
+  const rings = emptyRings(values, size), most = isLargest ? grown(values, size) : values;
+  const cells = new Uint8Array(2 * o);
+  for (let i = 0; i < o; i++) { cells[2 * i] = rings[i]; cells[2 * i + 1] = most[i]; }
+  return { size, edge, cells };
+}
+
+/**
+ * The largest value of the blocks that a box meets.
+ * @param {Float64Array} box
+ * @param {Vector3} shape
+ * @param {Vector3} spacing
+ * @param {number} margin
+ * @param {Vector3} size
+ * @param {Uint8Array} pairs
+ * @param {number} beyond
+ */
+function largestIn(box, shape, spacing, margin, [nx, ny, nz], pairs, beyond) {
+  const x0 = box[0] / spacing[0] + 0.5 - margin, x1 = box[3] / spacing[0] + 0.5 + margin;
+  const y0 = box[1] / spacing[1] + 0.5 - margin, y1 = box[4] / spacing[1] + 0.5 + margin;
+  const z0 = box[2] / spacing[2] + 0.5 - margin, z1 = box[5] / spacing[2] + 0.5 + margin;
+  const isBeyond = x0 < 0 || y0 < 0 || z0 < 0 || x1 > shape[0] || y1 > shape[1] || z1 > shape[2];
+  let most = isBeyond ? beyond : 0;
+  const small = 1e-5; // of a block: a cell that ends where a block does is not in the next one
+  const a0 = Math.max(0, Math.floor(x0 / BLOCK + small)), a1 = Math.min(nx, Math.ceil(x1 / BLOCK - small));
+  const b0 = Math.max(0, Math.floor(y0 / BLOCK + small)), b1 = Math.min(ny, Math.ceil(y1 / BLOCK - small));
+  const c0 = Math.max(0, Math.floor(z0 / BLOCK + small)), c1 = Math.min(nz, Math.ceil(z1 / BLOCK - small));
+  for (let c = c0; c < c1; c += 2) {
+    const slice = Math.max(c0, Math.min(c, c1 - 2)) * ny;
+    for (let b = b0; b < b1; b += 2) {
+      const line = (slice + Math.max(b0, Math.min(b, b1 - 2))) * nx;
+      for (let a = a0; a < a1; a += 2) {
+        const value = pairs[line + Math.max(a0, Math.min(a, a1 - 2))];
+        if (value > most) most = value;
+      }
+    }
+  }
+  return most;
+}
+
+/**
+ * The largest value of each block and its next neighbours along the three axes and between them: eight blocks. A box
+ * that meets fewer than two blocks along an axis gets the neighbour's as well.
+ * @param {Uint8Array} blocks
+ * @param {Vector3} size
+ */
+export function blockPairs(blocks, size) {
+  let from = blocks;
+  for (let axis = 0; axis < 3; axis++) {
+    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis], to = from.slice();
+    for (let i = 0; i < from.length; i++) {
+      if (Math.floor(i / stride) % n < n - 1 && from[i + stride] > to[i]) to[i] = from[i + stride];
+    }
+    from = to;
+  }
+  return from;
+}
+
+/**
+ * The number of rings of cells that are 0, itself being one; a sweep forth and one back find the distance in the
+ * largest of the three coordinates (Rosenfeld and Pfaltz 1966).
+ * @param {Uint8Array} values
+ * @param {Vector3} size
+ */
+export function emptyRings(values, [nx, ny, nz]) {
+  const [row, slice] = [nx + 2, (nx + 2) * (ny + 2)], wide = new Uint8Array(slice * (nz + 2)).fill(MOST_RINGS);
+  const before = new Int32Array(13);
+  before.set([-row - slice, -slice, row - slice, -row].flatMap((line) => [line - 1, line, line + 1]));
+  before[12] = -1;
+  for (let z = 0, i = 0; z < nz; z++) {
+    for (let y = 0; y < ny; y++) {
+      for (let at = (z + 1) * slice + (y + 1) * row + 1, end = at + nx; at < end; at++, i++) {
+        let least = MOST_RINGS - 1;
+        if (values[i]) least = -1;
+        else for (let k = 0; k < 13; k++) if (wide[at + before[k]] < least) least = wide[at + before[k]];
+        wide[at] = least + 1;
+      }
+    }
+  }
+  const out = new Uint8Array(values.length);
+  for (let z = nz - 1, i = out.length - 1; z >= 0; z--) {
+    for (let y = ny - 1; y >= 0; y--) {
+      for (let at = (z + 1) * slice + (y + 1) * row + nx, end = at - nx; at > end; at--, i--) {
+        let least = wide[at] - 1;
+        for (let k = 0; k < 13; k++) if (wide[at - before[k]] < least) least = wide[at - before[k]];
+        out[i] = wide[at] = least + 1;
+      }
+    }
+  }
+  return out;
+}
+
+/**
+ * The largest of every value and its 26 neighbours.
+ * @param {Uint8Array} values
+ * @param {Vector3} size
+ */
+function grown(values, size) {
+  let from = values;
+  for (let axis = 0; axis < 3; axis++) {
+    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis], to = from.slice();
+    for (let i = 0; i < from.length; i++) {
+      const place = Math.floor(i / stride) % n;
+      if (place > 0 && from[i - stride] > to[i]) to[i] = from[i - stride];
+      if (place < n - 1 && from[i + stride] > to[i]) to[i] = from[i + stride];
+    }
+    from = to;
+  }
+  return from;
+}
