@@ -433,6 +433,11 @@ def _is_whole_map(array: np.memmap[Any, Any]) -> bool:
     return isinstance(array.base, mmap.mmap)
 
 
+def is_read_in_parts(path: Path) -> bool:
+    """Check whether a file or folder is of a kind of which parts can be read; any other is loaded as a whole."""
+    return ome_zarr.is_zarr(path) or path.name.lower().endswith((*HDF5, *_TIFF, ".npy"))
+
+
 def _of_path(text: str, level: int) -> LargeVolume:
     file, _, dataset = text.partition("::")
     path = as_path(file)

@@ -11,6 +11,7 @@ import contextlib
 import csv
 import io
 import json
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -342,13 +343,26 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
 
 
 def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
-    from deformnb.chunked import open_volume
+    from deformnb.chunked import open_volume, unpack
+    from deformnb.chunked.unpacking import must_be_unpacked
 
-    stage(f"open {Path(options.input).name}")
-    source = open_volume(options.input, spacing=options.spacing and tuple(options.spacing),
-                         is_labels=options.labels or None)
+    given, name = options.input, Path(options.input).name
+    if must_be_unpacked(given):
+        given = _unpacked_beside(options)
+        if not given.exists():
+            note(f"{name} takes more memory than there is and cannot be read in parts: it is written as Zarr first")
+            unpack(options.input, given, progress=stage(f"unpack {name}"))
+    stage(f"open {name}")
+    source = open_volume(given, spacing=options.spacing and tuple(options.spacing), is_labels=options.labels or None,
+                         name=None if given is options.input else name)
     note(*source.notes)
     return source
+
+
+def _unpacked_beside(options: argparse.Namespace) -> Path:
+    """Where the input is unpacked beside the output, until that is complete; another input has another name."""
+    about, target = Path(options.input.partition("::")[0]).stat(), Path(options.output)
+    return target.with_name(f".{target.name}.{about.st_size}-{about.st_mtime_ns}.source.zarr")
 
 
 def _write_parts(source: LargeVolume, deformation: Deformation | AbstractField, options: argparse.Namespace,
@@ -357,6 +371,7 @@ def _write_parts(source: LargeVolume, deformation: Deformation | AbstractField, 
 
     warp(source, deformation, options.output, output=output, fill=options.fill, method=options.method,
          memory=options.memory, overwrite=options.force, progress=stage("deform"))
+    shutil.rmtree(_unpacked_beside(options), ignore_errors=True)
 
 
 def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:

@@ -397,9 +397,7 @@ def _load(header: Header, stride: int, progress: Progress | None) -> NDArray[Any
     with closing(header.blocks()) as blocks:  # type: ignore[type-var]  # generators can be closed
         for block in blocks:
             first = -start % stride
-            part = block[first::stride, ::stride, ::stride]
-            if header.is_scaled:
-                part = part.astype(np.float64) * header.slope + header.intercept
+            part = header.scaled(block[first::stride, ::stride, ::stride])
             at = (start + first) // stride
             out[at:at + len(part)] = part
             start += len(block)

@@ -159,6 +159,10 @@ class Header:
         """Native type of the voxels once loaded; scaled ones become float32, or float64 where 24 bits are too few."""
         return np.result_type(self.dtype, np.float32) if self.is_scaled else self.dtype.newbyteorder("=")
 
+    def scaled(self, stored: NDArray[Any]) -> NDArray[Any]:
+        """The values that stored numbers mean; float64 if they are scaled."""
+        return stored.astype(np.float64) * self.slope + self.intercept if self.is_scaled else stored
+
     def grid(self, spacing: Float3 | None = None) -> tuple[Grid, tuple[str, ...]]:
         """Grid of the voxels, with another spacing if given, and remarks; a negative spacing flips its direction."""
         notes: tuple[str, ...] = ()
