@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import tempfile
@@ -70,13 +71,17 @@ follow(*given)
 times = []
 """
 
-# Tasks of more than 50 ms on the main thread.
+# Tasks of more than 50 ms on the main thread, which is what a browser calls long.
 _WATCH = """() => {
   const watch = (window.deformnbTasks = { tasks: [] });
   watch.observer = new PerformanceObserver((list) => watch.tasks.push(...list.getEntries().map((e) => e.duration)));
   watch.observer.observe({ type: "longtask" });
 }"""
 _WATCHED = """() => { const { observer, tasks } = window.deformnbTasks; observer.disconnect(); return tasks; }"""
+
+
+_BINS = (50.0, 75.0, 100.0, 150.0)
+"""Lower ends of the histogram of long tasks, in ms."""
 
 
 def cells(case: str, checkout: Path) -> list[str]:
@@ -86,8 +91,8 @@ def cells(case: str, checkout: Path) -> list[str]:
     return [_CELL.format(checkout=str(checkout), size=size, editor=editor), "HBox([editor, view])"]
 
 
-def drag(seat: Seat, seconds: float) -> dict[str, float]:
-    """Pictures and grids a second, the longest task of the main thread, and its own time for a picture, in ms."""
+def drag(seat: Seat, seconds: float) -> dict[str, Any]:
+    """Pictures and grids a second, the long tasks of the main thread, and its own time for a picture, in ms."""
     seat.hand.move(0.0)
     seat.rest(600)
     seat.fresh()
@@ -105,7 +110,8 @@ def drag(seat: Seat, seconds: float) -> dict[str, float]:
              for kind in ("picture", "grid", "view")}
     seat.hand.release()
     seat.rest(600)
-    return {**rates, "pause": max([50.0, *tasks]), "work": 1e3 * worked / max(1, len(seat.seen.picture))}
+    work = 1e3 * worked / max(1, len(seat.seen.picture))
+    return {**rates, "tasks": tasks, "pause": max([50.0, *tasks]), "work": work}
 
 
 def _worked(session: Any) -> float:
@@ -126,11 +132,12 @@ def main(arguments: list[str]) -> int:
     here = Path(__file__).resolve().parents[1]
     checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
     print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
-          "the main thread's time for one picture, whoever else is on the processor.\n")
-    measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms"
+          "the main thread's time for one picture, whoever else is on the processor. Long tasks are counted from "
+          f"{', '.join(f'{low:.0f}' for low in _BINS)} ms on, in the drag that has fewest.\n")
+    measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms", "long tasks"
     columns = [f"{what}, {name}" for name in checkouts for what in measured]
     print(f"| case | {' | '.join(columns)} |\n|---{'|---' * len(columns)}|")
-    found: dict[str, dict[str, list[dict[str, float]]]] = {}
+    found: dict[str, dict[str, list[dict[str, Any]]]] = {}
     for case in CASES:
         if not options.cases or any(part in case for part in options.cases):
             found[case] = _measured(case, checkouts, options)
@@ -141,16 +148,24 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _row(rounds: list[dict[str, float]]) -> str:
+def _row(rounds: list[dict[str, Any]]) -> str:
     best = [f"{max(r[kind] for r in rounds):.0f}" for kind in ("picture", "grid", "view")]
-    return " | ".join([*best, *(f"{min(r[kind] for r in rounds):.0f}" for kind in ("pause", "work"))])
+    least = [f"{min(r[kind] for r in rounds):.0f}" for kind in ("pause", "work")]
+    fewest = min((_histogram(r["tasks"]) for r in rounds), key=sum)
+    return " | ".join([*best, *least, " ".join(map(str, fewest))])
+
+
+def _histogram(tasks: list[float]) -> list[int]:
+    """How many tasks there are in each bin; the last has all that are longer."""
+    ends = [*_BINS[1:], math.inf]
+    return [sum(low <= task < high for task in tasks) for low, high in zip(_BINS, ends, strict=True)]
 
 
 def _measured(case: str, checkouts: dict[str, Path], options: argparse.Namespace) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
     make_lab, browser_arguments = _hosts()
-    rounds: dict[str, list[dict[str, float]]] = {name: [] for name in checkouts}
+    rounds: dict[str, list[dict[str, Any]]] = {name: [] for name in checkouts}
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as p:
         lab = make_lab(Path(folder))
         browser = p.chromium.launch(executable_path=_chromium(), headless=True, args=browser_arguments)
