@@ -103,7 +103,8 @@ def _public() -> dict[str, list[str]]:
     packages = {"deformnb": dn} | {f"deformnb.{name}": value for name in dir(dn)
                                    if isinstance(value := getattr(dn, name), ModuleType)}
     return {name: [one for one in dir(package)
-                   if not one.startswith("_") and not isinstance(getattr(package, one), ModuleType)]
+                   if not one.startswith("_") and not isinstance(value := getattr(package, one), ModuleType)
+                   and not (isinstance(value, type) and not value.__module__.startswith("deformnb"))]
             for name, package in packages.items()}
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import html
 import re
 import subprocess
 import sys
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
@@ -27,6 +29,28 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pyte
     assert "dn" in scope
 
 
+def dead_links(folder: Path) -> set[tuple[str, str]]:
+    """Links within the documentation that lead to no file, or to no place in it."""
+    pages = {page: page.read_text("utf-8") for page in folder.rglob("*.html")}
+    places = {page: set(re.findall(r"\s(?:id|name)=\"([^\"]+)\"", text)) for page, text in pages.items()}
+    dead = set()
+    for page, text in pages.items():
+        for link in re.findall(r"<a[^>]*\shref=\"([^\"]*)\"", text):
+            url = urlsplit(html.unescape(link))
+            if url.scheme or url.netloc or "_modules" in page.parts:
+                continue  # Sphinx links its listings of sources to those of Python, which it does not have
+            target = (page.parent / unquote(url.path)).resolve() if url.path else page
+            known = places.get(target, set())
+            if not target.exists() or (url.fragment and known and unquote(url.fragment) not in known):
+                dead.add((page.relative_to(folder).as_posix(), link))
+    return dead
+
+
+def test_a_link_to_nowhere_is_found(tmp_path: Path) -> None:
+    (tmp_path / "a.html").write_text('<a href="b.html">b</a> <a id="here" href="#here">a</a> <a href="#gone">a</a>')
+    assert dead_links(tmp_path) == {("a.html", "b.html"), ("a.html", "#gone")}
+
+
 @pytest.mark.nightly
 def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-m", "sphinx", "--builder", "html", "--fail-on-warning", "--keep-going",
@@ -42,4 +66,5 @@ def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) ->
               + re.findall(r"<link[^>]*rel=\"(?:stylesheet|preload|icon)\"[^>]*href=\"(\w+:[^\"]*)\"", text)}
     assert {(name, url) for name, url in loaded if not url.startswith("data:")} == set()
     assert "<math" in pages["how_it_works.html"]
+    assert dead_links(tmp_path / "html") == set()
     assert "\\begin" not in pages["how_it_works.html"]

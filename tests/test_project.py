@@ -338,6 +338,25 @@ def test_public_names_are_documented(package: Any) -> None:
     assert {name for name, thing in public.items() if not inspect.getdoc(thing)} - constants == set()
 
 
+@pytest.mark.parametrize("package", [deformnb, *(
+    value for name in dir(deformnb) if inspect.ismodule(value := getattr(deformnb, name)))],
+    ids=lambda package: package.__name__)
+def test_public_functions_and_classes_have_an_example(package: Any) -> None:
+    """It may be that of a class's method; an error is shown by those who raise it."""
+    without = []
+    for name in dir(package):
+        thing = getattr(package, name)
+        if name.startswith("_") or not callable(thing) or not str(thing.__module__).startswith("deformnb"):
+            continue
+        if inspect.isclass(thing) and issubclass(thing, BaseException):
+            continue
+        parts = vars(thing).values() if inspect.isclass(thing) else ()
+        texts = [thing.__doc__, *(getattr(part, "__doc__", "") for part in parts)]
+        if not any(">>>" in (text or "") for text in texts):
+            without.append(name)
+    assert without == []
+
+
 def test_docstrings_of_modules_begin_with_their_subject_and_name_modules_that_exist() -> None:
     for path in sorted(PACKAGE.rglob("*.py")):
         text = path.read_text(encoding="utf-8")

@@ -45,6 +45,11 @@ class Folds:
     place : the node where that is, physical: (a, b) on a plane, (x, y, z) in space.
     share : the part of the nodes that lie in folds, from 0 to 1.
     air : the part of the nodes that lie in folds where there is no tissue; they count in neither of the above.
+
+    Examples
+    --------
+    >>> Folds(-0.2, (10.0, 4.0), 0.03).share
+    0.03
     """
 
     least: float

@@ -296,6 +296,13 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     ------
     DeformError
         Where the fit does, and if there are too few points to estimate a scale.
+
+    Examples
+    --------
+    >>> points = ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10], [10, 10]], [[0, 0], [12, 0], [0, 10], [10, 11]])
+    >>> spread = uncertainty(points)
+    >>> bool(spread.at([[10.0, 11.0]]) < spread.at([[5.0, 5.0]]))
+    True
     """
     if sigma is not None and not 0 <= sigma < np.inf:
         raise DeformError(f"sigma must be 0 or a positive length, got {sigma}.")

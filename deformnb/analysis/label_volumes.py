@@ -23,6 +23,12 @@ class LabelVolume:
     label : the number of its voxels.
     name : what it is called; empty if that is not known.
     before, after : its volume, in the cube of the unit of the spacing (mm³).
+
+    Examples
+    --------
+    >>> row = LabelVolume(3, "liver", 1500.0, 1530.0)
+    >>> row.after - row.before
+    30.0
     """
 
     label: int

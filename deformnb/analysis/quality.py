@@ -102,6 +102,14 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     ------
     DeformError
         Where the fit does, and if no point is active.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> square = [[0, 0], [10, 0], [0, 10], [10, 10], [5, 5]]
+    >>> moved = [[0, 0], [10, 0], [0, 10], [10, 10], [9, 5]]
+    >>> fit_quality(ControlPoints.from_arrays(square, moved)).root_mean_square > 1
+    True
     """
     options: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
     active = points.take(np.flatnonzero(points.active))

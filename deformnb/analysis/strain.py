@@ -33,6 +33,12 @@ class Stretches:
     principal : (..., dim) stretches along the principal directions, largest first; 1 keeps lengths. Their product is
         ``area``, their logarithms are the principal (Hencky) strains.
     directions : (..., dim, dim) unit rows, the principal directions in the result; of either sign.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> Stretches(np.array([1.5]), np.array([[1.5, 1.0]]), np.eye(2)[None]).area.tolist()
+    [1.5]
     """
 
     area: Array

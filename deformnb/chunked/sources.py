@@ -197,6 +197,17 @@ class LargeVolume:
     notes : remarks.
     levels : the grids of all resolutions of a pyramid, the finest first.
     path : of the file; None for an array.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from deformnb.io import write_volume
+    >>> from deformnb.volume.volume import Volume
+    >>> file = Path(tempfile.mkdtemp()) / "small.nrrd"
+    >>> write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), file)
+    >>> open_volume(file).grid.shape
+    (2, 3, 4)
     """
 
     reader: Reader

@@ -44,6 +44,11 @@ class ThompsonGrid:
     quality : what is uncertain about the nodes; empty where the usual 2 pixels hold.
     nodes : (rows, columns, 2) in pixels of the scan, x right and y down; rows from back to belly, columns from head to
         tail.
+
+    Examples
+    --------
+    >>> len(thompson_grid("Polyprion").polylines())
+    15
     """
 
     figure: int
@@ -66,6 +71,11 @@ class ThompsonMap:
     ----------
     source, target : the grids of the figures.
     source_nodes, target_nodes : (rows, columns, 2), the same in picture coordinates (a, b).
+
+    Examples
+    --------
+    >>> thompson_map("Polyprion", "Scorpaena").points.names[:2]
+    ('r0 c0', 'r0 c1')
     """
 
     source: ThompsonGrid

@@ -44,6 +44,11 @@ class Dataset:
     remark : what else a user should know.
     variable : name of the array [x, y, z] in the MATLAB file that is downloaded; ``file`` is written from it.
     is_mesh : the file is a mesh, for :func:`deformnb.read_mesh`.
+
+    Examples
+    --------
+    >>> DATASETS["carp"].phantom
+    'fish'
     """
 
     title: str
@@ -204,7 +209,15 @@ def _convert(data: Dataset, source: Path, path: Path) -> None:
 
 def load(name: str, *, progress: bool | Progress | None = None,
          folder: str | os.PathLike[str] | None = None) -> Volume:
-    """A real volume with its true spacing, downloaded the first time; parameters and errors as :func:`fetch`."""
+    """A real volume with its true spacing, downloaded the first time; parameters and errors as :func:`fetch`.
+
+    Examples
+    --------
+    >>> load("horse")
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.DeformError: horse is a mesh and no volume; use ...
+    """
     from deformnb.io import read_volume
 
     data = _row(name)

@@ -76,6 +76,14 @@ class Step(AbstractFitSettings):
     ------
     DeformError
         If the parts do not fit together.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> points = ControlPoints.from_arrays([[5, 5], [20, 5]], [[5, 5], [26, 5]])
+    >>> step = Step((points,), Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)), trend="rigid")
+    >>> step.trend, len(step.points)
+    ('rigid', 2)
     """
 
     maps: tuple[ControlPoints, ...] = field(kw_only=False, metadata={"label": "points"})
@@ -268,6 +276,11 @@ class VolumeReference:
     shape, spacing : of its grid.
     sha256 : of type, shape and voxels.
     origin, direction : of its grid; None in documents of before 1.2.
+
+    Examples
+    --------
+    >>> VolumeReference("scan", (4, 5, 6), (1.0, 1.0, 2.0), "0" * 64).shape
+    (4, 5, 6)
     """
 
     name: str
@@ -325,6 +338,13 @@ class Keyframe:
     ----------
     time : seconds from the beginning.
     steps : as they are then.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> step = Step((ControlPoints.from_arrays([[0, 0, 0]], [[4, 0, 0]]),))
+    >>> Keyframe(0.5, (step,)).time
+    0.5
     """
 
     time: float

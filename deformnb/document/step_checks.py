@@ -209,7 +209,15 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
 
 
 def safe_strength(step: Step, grid: Grid, least: float = LEAST, *, is_tissue: IsTissue | None = None) -> float:
-    """The strength of a step, at most its own, at which it does not fold; its own if it does not."""
+    """The strength of a step, at most its own, at which it does not fold; its own if it does not.
+
+    Examples
+    --------
+    >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    >>> step = Step((ControlPoints.from_arrays([[10, 10]], [[18, 10]]),), plane, trend="none", support=10.0)
+    >>> safe_strength(step, Grid((1, 20, 30), (1.0, 1.0, 1.0))) < 1
+    True
+    """
     return step.strength * largest_safe_share(
         lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least, is_tissue))
 
@@ -232,6 +240,15 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
     ------
     DeformError
         If the map folds before the way begins.
+
+    Examples
+    --------
+    >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    >>> before = ControlPoints.from_arrays([[10, 10]], [[10, 10]])
+    >>> step = Step((before,), plane, trend="none", support=10.0)
+    >>> after = before.move(0, [18, 10])
+    >>> bool(safe_points(step, before, after, Grid((1, 20, 30), (1.0, 1.0, 1.0))).target[0, 0] < 18)
+    True
     """
     start = after.target.copy()
     known = {i: k for k, i in enumerate(before.ids)}
@@ -264,6 +281,13 @@ def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     ------
     DeformError
         If no point is active, or the fit raises.
+
+    Examples
+    --------
+    >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [9, 9]], [[0, 0], [9, 0], [0, 9], [12, 9]])
+    >>> step_quality(Step((points,), plane), Grid((1, 10, 10), (1.0, 1.0, 1.0))).root_mean_square > 0
+    True
     """
     points = _dragged(step, key)
     found = [_quality_of(some, step, grid) for _, some in _groups(step, points)]
@@ -387,6 +411,14 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     ------
     DeformError
         If there are too few points to estimate a scale.
+
+    Examples
+    --------
+    >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [9, 9]], [[0, 0], [9, 0], [0, 9], [12, 9]])
+    >>> spread = step_uncertainty(Step((points,), plane), Grid((1, 10, 10), (1.0, 1.0, 1.0)))
+    >>> type(spread).__name__
+    'StepUncertainty'
     """
     points = _dragged(step, key)
     kept, scales = [], []

@@ -76,6 +76,14 @@ def draw_pictures(pictures: Picture | Sequence[Picture], *,
     Returns
     -------
     matplotlib Figure, not registered with pyplot.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> from deformnb.imaging.projection import project
+    >>> figure = draw_pictures([project(PHANTOMS["bar"].make((8, 8, 16)), "+y")], titles=["a bar"])
+    >>> len(figure.axes)
+    1
     """
     from matplotlib.figure import Figure
 

@@ -58,6 +58,12 @@ def render_volume(volume: Volume, *, transfer: TransferFunction | str | None = N
     ------
     DeformError
         If an argument is not what it must be, or VTK was chosen and cannot draw here.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> render_volume(PHANTOMS["bar"].make((8, 8, 16)), size=(64, 48), backend="core").shape
+    (48, 64, 3)
     """
     renderer = RENDERERS[renderer_named(backend)](as_transfer(transfer, as_volume(volume)), size, background)
     camera = _camera(volume.grid, direction, up, height, size)
@@ -195,6 +201,13 @@ def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | No
 
     ``size`` is that of one half; ``path`` writes a PNG, whole or not at all. The transfer function is made for the
     volume before, so that what is not changed looks the same.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> bar = PHANTOMS["bar"].make((8, 8, 16))
+    >>> render_pair(bar, bar, size=(64, 48)).ndim
+    3
     """
     function = as_transfer(transfer, as_volume(before))
     as_volume(after)

@@ -28,6 +28,16 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
     ------
     DeformError
         In one sentence, if the file is missing, is no deformnb document, is cut short, or is of a newer version.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from deformnb.document.json_format import to_json
+    >>> file = Path(tempfile.mkdtemp()) / "nothing.json"
+    >>> _ = file.write_text(to_json(Deformation()), encoding="utf-8")
+    >>> read_deformation(file) == Deformation()
+    True
     """
     document, content = read_document(path)
     _HERE.remember(path, content)

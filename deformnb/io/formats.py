@@ -38,6 +38,11 @@ class Format:
     write : writes (volume, path, overwrite, progress), None where a format is only read.
     description : for people.
     folder_marks : for a format that is a folder: names of files of which each such folder has one.
+
+    Examples
+    --------
+    >>> FORMATS["nrrd"].suffixes
+    ('.nrrd', '.nhdr')
     """
 
     suffixes: tuple[str, ...]
@@ -86,6 +91,14 @@ class FileDescription:
     memory_bytes : of the loaded voxels.
     notes : remarks.
     value_range : smallest and largest finite value, None if the voxels were not read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "small.nrrd"
+    >>> write_volume(Volume.from_array(np.arange(24, dtype=np.uint8).reshape(2, 3, 4)), file)
+    >>> describe_file(file, voxels=True).value_range
+    (0.0, 23.0)
     """
 
     name: str
@@ -256,6 +269,14 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
     ------
     VolumeFileError
         If the folder is missing or read-only, the disk is full, or the format cannot hold the volume.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "small.nrrd"
+    >>> write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), file)
+    >>> read_volume(file).shape
+    (2, 3, 4)
     """
     place = as_path(path)
     _, entry = format_of(place, writing=True)
@@ -274,6 +295,14 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
     ------
     VolumeFileError
         As :func:`read_volume` does.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "small.nrrd"
+    >>> write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), file)
+    >>> describe_file(file).grid.shape
+    (2, 3, 4)
     """
     place = located(path)
     with Damage(place, _LESS):

@@ -30,7 +30,7 @@ _COLOUR_TABLE = re.compile(r"\s*(\d+)\s+(\S+)((?:\s+[\d.]+){3,4})\s*$")
 
 
 def read_label_names(path: str | Path) -> dict[int, str]:
-    """What the labels of a label volume are called.
+    r"""What the labels of a label volume are called.
 
     Parameters
     ----------
@@ -43,6 +43,14 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     -------
     Names by label; labels without a name are absent. Empty if there is no table, or none that can be understood: a
     volume can be used without names.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "names.csv"
+    >>> _ = file.write_text("label,name\n3,liver\n7,aorta\n", encoding="utf-8")
+    >>> read_label_names(file.with_name("names.nii.gz"))
+    {3: 'liver', 7: 'aorta'}
     """
     path = as_path(path)
     if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
@@ -96,6 +104,16 @@ def write_segmentation(volume: Volume, path: str | Path, like: str | Path, *, ov
     ------
     VolumeFileError
         If the other file is no segmentation, or this one cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> file = Path(tempfile.mkdtemp()) / "none.nrrd"
+    >>> write_segmentation(Volume.from_array(np.zeros((2, 3, 4), np.uint8), is_labels=True), file, file)
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.VolumeFileError: ...
     """
     path, like = as_path(path), as_path(like)
     if path.suffix.lower() != ".nrrd":

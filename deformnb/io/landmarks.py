@@ -131,6 +131,14 @@ def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overw
     """Write landmarks, whole or not at all; the end of the name chooses the format.
 
     What a format has no room for is left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "marks.mrk.json"
+    >>> write_landmarks(Landmarks([[1, 2, 3], [4, 5, 6]], ("nose", "tail")), file)
+    >>> read_landmarks(file).points.tolist()
+    [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     """
     place = as_path(path)
     row = check_landmark_target(place)

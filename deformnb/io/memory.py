@@ -26,7 +26,13 @@ _CGROUP_FILES = {
 
 
 def available_memory() -> int:
-    """Bytes that can still be allocated here; inside a container, within its limit and those around it."""
+    """Bytes that can still be allocated here; inside a container, within its limit and those around it.
+
+    Examples
+    --------
+    >>> available_memory() > 0
+    True
+    """
     rooms = (_cgroup_room(folder, kind) for folder, kind in _cgroups(Path("/")))
     return min([_system_memory(), *(room for room in rooms if room is not None)])
 

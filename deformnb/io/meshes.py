@@ -460,6 +460,14 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = Tr
     ------
     VolumeFileError
         If the folder is missing or read-only, the disk is full, or the suffix is unknown.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "corner.ply"
+    >>> write_mesh(Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), file)
+    >>> read_mesh(file).faces.tolist()
+    [[0, 1, 2]]
     """
     place = as_path(path)
     row = check_mesh_target(place)

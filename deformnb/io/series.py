@@ -43,6 +43,15 @@ class Series:
     dtype : of the voxels once read.
     name : of the file without its suffix.
     notes : remarks on the file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> file = Path(tempfile.mkdtemp()) / "two.nrrd"
+    >>> write_channels(Channels.from_array(np.zeros((2, 3, 4, 2), np.uint8)), file)
+    >>> open_series(file).layout.channels
+    2
     """
 
     path: Path
@@ -154,6 +163,15 @@ def write_channels(channels: Channels, path: str | os.PathLike[str], *, overwrit
     ------
     VolumeFileError
         If the format cannot hold them, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> file = Path(tempfile.mkdtemp()) / "colours.png"
+    >>> write_channels(Channels.from_array(np.zeros((1, 3, 4, 3), np.uint8), kind="rgb"), file)
+    >>> file.is_file()
+    True
     """
     write_series([channels], path, 1, overwrite=overwrite, progress=progress)
 
@@ -178,6 +196,16 @@ def write_series(moments: Iterable[Channels], path: str | os.PathLike[str], coun
         If the format cannot hold them, or the file cannot be written.
     DeformError
         If the moments differ, or are not as many as stated.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> file = Path(tempfile.mkdtemp()) / "moments.nrrd"
+    >>> moment = Channels.from_array(np.zeros((2, 3, 4, 1), np.uint8))
+    >>> write_series([moment, moment], file, 2)
+    >>> is_series(file)
+    True
     """
     target = as_path(path)
     kind, _ = format_of(target, writing=True)
@@ -312,7 +340,17 @@ def _stacks(header: Header) -> Iterator[NDArray[Any]]:
 
 
 def is_series(path: str | os.PathLike[str]) -> bool:
-    """Check whether a file holds several channels or moments, or a picture in colours."""
+    """Check whether a file holds several channels or moments, or a picture in colours.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> file = Path(tempfile.mkdtemp()) / "two.nrrd"
+    >>> write_channels(Channels.from_array(np.zeros((2, 3, 4, 2), np.uint8)), file)
+    >>> is_series(file)
+    True
+    """
     place = located(path)
     if place.is_dir():
         return False

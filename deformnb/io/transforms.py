@@ -164,7 +164,17 @@ def holds_transform(path: str | os.PathLike[str]) -> bool:
 
 
 def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Describe a transform file for people: which way it maps, and its parts in the order of application."""
+    """Describe a transform file for people: which way it maps, and its parts in the order of application.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from deformnb.rbf.fields import Identity
+    >>> file = Path(tempfile.mkdtemp()) / "nothing.nrrd"
+    >>> write_transform(Identity(3), file, Grid((2, 2, 2), (1.0, 1.0, 1.0)))
+    >>> describe_transform(file)["file"]
+    'nothing.nrrd'
+    """
     place = as_path(path)
     field, row = read_transform(place), _row(place)
     assert row is not None
@@ -229,6 +239,15 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
         If the file is there or cannot be written, or its name ends otherwise.
     DeformError
         If the field is over a plane, or hides tissue along cuts, which no transform file can say: the message says so.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from deformnb.rbf.fields import Identity
+    >>> file = Path(tempfile.mkdtemp()) / "nothing.nrrd"
+    >>> write_transform(Identity(3), file, Grid((2, 2, 2), (1.0, 1.0, 1.0)))
+    >>> file.is_file()
+    True
     """
     lattice, remark = as_grid(grid), _remark(transform, one_of(direction, tuple(REMARKS), "direction"))
     places = [as_path(name) for name in (path, inverse) if name is not None]

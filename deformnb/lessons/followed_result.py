@@ -50,6 +50,7 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
             raise DeformError(f"the result follows a studio, got {shown_value(studio)}; run the cell of the studio "
                               "first, and give the studio itself.")
         super().__init__()
+        self.add_class("dnb-followed-result")
         self._exercise, self._session = exercise, session
         session.observe(self._judge, ["deformation", "index"])
         self._judge()

@@ -173,6 +173,12 @@ def modulate(curve: str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike]
     ------
     DeformError
         If the curve is not finite everywhere, has the wrong shape, raises, or takes longer than a second.
+
+    Examples
+    --------
+    >>> knots, weights = modulate([0, 1, 0])
+    >>> np.asarray(weights).tolist()
+    [[0.0, 1.0, 0.0]]
     """
     if isinstance(curve, str):
         z = np.linspace(0.0, 1.0, CURVE_KNOTS)
@@ -208,6 +214,12 @@ def interpolate(knots: ArrayLike) -> Weights:
     Parameters
     ----------
     knots : (K,) different values of zeta in [0, 1], rising.
+
+    Examples
+    --------
+    >>> knots, weights = interpolate([0.2, 0.8])
+    >>> np.asarray(weights).shape[0]
+    2
     """
     at = np.array(knots, dtype=np.float64)
     if at.ndim != 1 or len(at) < 1 or not np.isfinite(at).all() or at.min() < 0 or at.max() > 1:
@@ -423,5 +435,14 @@ def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> fro
 
 
 def extrude(plane: Plane, grid: Grid | Volume, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
-    """Extrude fields over a plane through the slices of ``grid``: zeta runs from its first slice to its last."""
+    """Extrude fields over a plane through the slices of ``grid``: zeta runs from its first slice to its last.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> from deformnb.volume.volume import Grid
+    >>> grid = Grid((4, 4, 4), (1.0, 1.0, 1.0))
+    >>> extrude(Plane.along(grid, "+y"), grid, [Identity(2)], modulate("z")).dim
+    3
+    """
     return Extrusion(plane, plane.depth_range(grid), tuple(maps), *weights)

@@ -33,6 +33,11 @@ class AbstractField(ABC):
 
     Subclasses are frozen dataclasses registered as JAX pytrees. They must define :meth:`__call__`; the rest has
     slow but right defaults.
+
+    Examples
+    --------
+    >>> Identity(2).displacement([[3.0, 4.0]]).tolist()
+    [[0.0, 0.0]]
     """
 
     def __repr__(self) -> str:
@@ -225,6 +230,14 @@ class DisplacementField(AbstractField):
     values : (nz, ny, nx, 3) on a grid, components x, y, z; or (nv, nu, 2) on a raster, components a, b. Backward
         displacements in physical units.
     lattice : the Grid or Raster of the samples.
+
+    Examples
+    --------
+    >>> from deformnb.volume.volume import Grid
+    >>> lattice = Grid((2, 2, 2), (10.0, 10.0, 10.0))
+    >>> moved = DisplacementField(np.full((2, 2, 2, 3), [0.0, 0.0, -4.0]), lattice)
+    >>> moved.displacement([[5.0, 5.0, 5.0]]).tolist()
+    [[0.0, 0.0, -4.0]]
     """
 
     values: Any
@@ -481,6 +494,13 @@ def compose(*fields: AbstractField | HasField, grid: Grid | Volume | None = None
     ----------
     fields : fields of one dimension, or deformations.
     grid : of the volume that is deformed; needed for deformations.
+
+    Examples
+    --------
+    >>> from deformnb.volume.volume import Grid
+    >>> part = DisplacementField(np.full((1, 1, 1, 3), 2.0), Grid((1, 1, 1), (1.0, 1.0, 1.0)))
+    >>> compose(part, part, part).displacement([[0.0, 0.0, 0.0]]).tolist()
+    [[6.0, 6.0, 6.0]]
     """
     if not fields:
         return Identity(3)
@@ -492,7 +512,17 @@ def compose(*fields: AbstractField | HasField, grid: Grid | Volume | None = None
 
 
 def blend(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
-    """One field that is the sum of the given ones; the identity in space if none. Parameters as of :func:`compose`."""
+    """One field that is the sum of the given ones; the identity in space if none. Parameters as of :func:`compose`.
+
+    Examples
+    --------
+    >>> blend().dim
+    3
+    >>> from deformnb.volume.volume import Grid
+    >>> part = DisplacementField(np.full((1, 1, 1, 3), 2.0), Grid((1, 1, 1), (1.0, 1.0, 1.0)))
+    >>> blend(part, part).displacement([[0.0, 0.0, 0.0]]).tolist()
+    [[4.0, 4.0, 4.0]]
+    """
     known = _of_one_dimension(fields, grid, "blend")
     return Identity(3) if not known else known[0] if len(known) == 1 else Blended(known)
 

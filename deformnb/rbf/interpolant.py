@@ -94,6 +94,14 @@ class RBFInterpolant(AbstractField):
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
     quadratic : (dim, dim, dim) symmetric matrices H_m of the trend "quadratic" in relative coordinates, physical
         units; None for the others.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fitting import fit_rbf
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> fit = fit_rbf(ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [14, 0], [0, 10]]))
+    >>> fit.displacement([[14.0, 0.0]]).round(3).tolist()
+    [[-4.0, 0.0]]
     """
 
     centers: Any

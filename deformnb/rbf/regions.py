@@ -34,7 +34,13 @@ _PARALLEL = 1e-9
 
 
 class AbstractRegion(ABC):
-    """A place with an inside: a frozen pytree that maps points to signed distances."""
+    """A place with an inside: a frozen pytree that maps points to signed distances.
+
+    Examples
+    --------
+    >>> HalfSpace((0.0, 5.0), (0.0, 1.0)).dim
+    2
+    """
 
     kind: ClassVar[str]
     """Its name in documents."""

@@ -316,6 +316,13 @@ class RigidPart:
     enabled : a part that is switched off stays in the list.
     pivot : the place of the region about which editors turn it, as many coordinates; None is the region's middle. It
         decides how a motion is set and shown, and changes none.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Polygon
+    >>> bone = RigidPart(Polygon([(0, 0), (20, 0), (20, 40), (0, 40)]), name="femur")
+    >>> bone.name, bone.motion is None
+    ('femur', True)
     """
 
     region: AbstractRegion

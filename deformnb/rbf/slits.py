@@ -54,6 +54,13 @@ class TipBlend(AbstractField):
     ----------
     fits : 2^n fields of dimension 2 for n lines; bit k of a field's place is set where line k parts its points.
     lines : which stop.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> cut = Line([(0, 0), (10, 0)], stops=(True, True))
+    >>> TipBlend((Identity(2), Identity(2)), (cut,)).displacement([[5.0, 1.0]]).tolist()
+    [[0.0, 0.0]]
     """
 
     fits: tuple[Any, ...]

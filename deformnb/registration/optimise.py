@@ -454,6 +454,16 @@ def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pict
     map_now : the backward displacement now; default is the fit of the points.
     progress : called for every point with the finished share.
     fit : kernel, support, trend and smoothing of :func:`~deformnb.rbf.fitting.fit_rbf`.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> from deformnb.imaging.projection import project
+    >>> picture = project(PHANTOMS["fish"].make((16, 32, 16)), "-x", "mip")
+    >>> points = ControlPoints.from_arrays([[250.0, 100.0]])
+    >>> snapped = snap_to_match(points, None, picture, picture)
+    >>> bool(np.linalg.norm(snapped.points.target - points.target) < 20)
+    True
     """
     pair = grey_pair(points, moving, fixed)
     chosen = tuple(points.ids if ids is None else dict.fromkeys(int(i) for i in ids))

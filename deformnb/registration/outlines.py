@@ -192,6 +192,13 @@ def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline
     count : how many points are added.
     iterations : of the sliding; 0 leaves them as the arc length has them.
     progress : receives the finished share.
+
+    Examples
+    --------
+    >>> square = np.array([[0, 0], [40, 0], [40, 40], [0, 40]], float)
+    >>> found = fit_outline(ControlPoints.from_arrays([[20.0, 20.0]]), square, square * (1.5, 1), count=8)
+    >>> len(found.points)
+    9
     """
     if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
@@ -278,6 +285,15 @@ def slide(points: ControlPoints, curves: Sequence[ArrayLike], *, fixed_ids: Sequ
     ------
     DeformError
         If nothing can slide, or sources coincide or lie on one line, so that there is no thin-plate spline.
+
+    Examples
+    --------
+    >>> square = [[0, 0], [40, 0], [40, 40], [0, 40]]
+    >>> points = ControlPoints.from_arrays([[0, 0], [40, 0], [40, 40], [0, 40], [20, 0]],
+    ...                                    [[0, 0], [40, 0], [40, 40], [0, 40], [30, 0]])
+    >>> slid = slide(points, [square], fixed_ids=[0, 1, 2, 3])
+    >>> slid.points.target[4].round(1).tolist()
+    [20.0, 0.0]
     """
     lines = [Curve(curve, closed) for curve in curves]
     if points.dim != 2 or not lines:

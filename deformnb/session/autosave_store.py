@@ -216,6 +216,20 @@ def restore(entry: SavedSession) -> Deformation:
     ------
     DeformError
         If its file has gone or is damaged.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> from deformnb.session.autosave import Autosave
+    >>> from deformnb.session.session import Session
+    >>> session = Session(PHANTOMS["bar"].make((8, 8, 16)))
+    >>> autosave = Autosave(session)
+    >>> session.change(strength=0.5)
+    >>> autosave.flush()
+    >>> (entry,) = saved_sessions(session.volume, every=True)
+    >>> restore(entry).steps[0].strength
+    0.5
+    >>> autosave.close()
     """
     return from_json(_text(entry))
 

@@ -117,6 +117,18 @@ def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], fold
     DeformError
         If the inputs cannot be found, or the folder cannot be written to; if results would replace inputs or one
         another.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> from deformnb.io import write_volume
+    >>> from deformnb.volume.volume import Volume
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), folder / "a.nrrd")
+    >>> done = replay(Deformation(), [folder / "a.nrrd"], folder / "results")
+    >>> (folder / "results" / "a.nrrd").is_file()
+    True
     """
     files, target = inputs_of(inputs), Path(folder)
     outputs = [target / _renamed(path, suffix) for path in files]

@@ -109,6 +109,14 @@ def apply_example(session: Session, name: str) -> None:
     ------
     DeformError
         For an unknown name, for a step in space, and where nothing is seen on the picture.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> session = Session(PHANTOMS["fish"].make((16, 32, 16)))
+    >>> apply_example(session, next(iter(EXAMPLES)))
+    >>> bool(session.points.displacement.any())
+    True
     """
     if name not in EXAMPLES:
         raise DeformError(f"unknown example {name!r}; choose one of {', '.join(EXAMPLES)}.")

@@ -46,6 +46,11 @@ class HistoryNode(NamedTuple):
     time : when, in seconds since 1970.
     is_current : whether it is the one that is shown.
     is_on_way : whether undo and redo lead there.
+
+    Examples
+    --------
+    >>> HistoryNode(0, None, "opened", 0.0, True, True).label
+    'opened'
     """
 
     id: int

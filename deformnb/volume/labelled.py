@@ -112,6 +112,13 @@ def from_xarray(array: Any, *, is_labels: bool | None = None) -> Volume:
     ------
     DeformError
         For other dimensions, coordinates that are not evenly spaced numbers, and an array in chunks (dask).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import xarray as xr
+    >>> from_xarray(xr.DataArray(np.zeros((2, 3, 4), np.uint8), dims=("z", "y", "x"))).shape
+    (2, 3, 4)
     """
     if not is_labelled(array):
         raise DeformError(f"from_xarray takes an xarray.DataArray, not {type(array).__name__}.")

@@ -45,6 +45,11 @@ class Raster:
     shape : (nv, nu), rows and columns.
     spacing : (du, dv), physical distance of neighbouring pixel centres along u and along v.
     origin : (a, b) of the centre of pixel [0, 0].
+
+    Examples
+    --------
+    >>> Raster((2, 3), (0.5, 1.0), (10.0, 20.0)).box
+    (9.75, 11.25, 19.5, 21.5)
     """
 
     shape: tuple[int, int]
@@ -279,6 +284,13 @@ class Picture:
     grid : of the volume that is seen; None if the picture is of none.
     unit : of the grey values, such as "HU"; empty if that is not known.
     colour_map : colours of the grey values, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
+
+    Examples
+    --------
+    >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    >>> grey = np.array([[0, 100], [200, 255]], np.uint8)
+    >>> Picture(grey, plane, Raster((2, 2), (1.0, 1.0), (0.0, 0.0)), "slice", (0.0, 200.0)).rgb8()[1].tolist()
+    [[255, 255, 255], [255, 255, 255]]
     """
 
     values: NDArray[Any]

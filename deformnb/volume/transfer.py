@@ -560,7 +560,14 @@ def as_transfer(given: TransferFunction | str | None, volume: Volume) -> Transfe
 
 
 def preset(name: str, volume: Volume) -> TransferFunction:
-    """The preset of a name for a volume; DeformError listing the names if there is none."""
+    """The preset of a name for a volume; DeformError listing the names if there is none.
+
+    Examples
+    --------
+    >>> from deformnb.datasets.phantoms import PHANTOMS
+    >>> len(preset("specimen", PHANTOMS["bar"].make((8, 8, 16))).opacities) > 2
+    True
+    """
     try:
         return PRESETS[name](as_volume(volume))
     except KeyError:

@@ -44,6 +44,13 @@ class Inverse:
     reached : ``(*shape)`` bool; False where the residual is beyond the tolerance: no place of the result shows this
         tissue, or none was found. F is there the best place known, and no promise.
     tolerance : the largest residual of a node that counts as reached.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> from deformnb.volume.plane import Raster
+    >>> invert(Identity(2), Raster((4, 4), (1.0, 1.0), (0.0, 0.0))).share
+    1.0
     """
 
     field: DisplacementField
@@ -68,6 +75,11 @@ class RoundTrip:
     ----------
     worst, mean : lengths, of the points that have a place in the result; 0 without any.
     reached : the part of the points that have, from 0 to 1.
+
+    Examples
+    --------
+    >>> RoundTrip(0.02, 0.001, 1.0).worst
+    0.02
     """
 
     worst: float

@@ -146,6 +146,14 @@ class Warper:
     -----
     Along a prepared axis z or y the result's values are a view of an array in another order: right in every respect,
     but not C-contiguous. Pass ``np.ascontiguousarray(values)`` to code that needs that. Values may be read-only.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fields import Identity
+    >>> from deformnb.volume.volume import Volume
+    >>> warper = Warper(Volume.from_array(np.arange(8, dtype=np.uint8).reshape(2, 2, 2)))
+    >>> warper(Identity(3)).values.ravel().tolist()
+    [0, 1, 2, 3, 4, 5, 6, 7]
     """
 
     def __init__(self, volume: Volume, *, output: Grid | Volume | None = None, fill: float | None = None,

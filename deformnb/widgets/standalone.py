@@ -178,6 +178,14 @@ def write_file_page(path: str | os.PathLike[str], *, language: str | None = None
     path : the file to write; ends in .html.
     language : as of :func:`file_page_html`.
     overwrite : whether an existing file may be replaced.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> file = Path(tempfile.mkdtemp()) / "deformnb.html"
+    >>> write_file_page(file)
+    >>> file.stat().st_size > 100_000
+    True
     """
     _check_page(path, overwrite=overwrite)
     text = file_page_html(language).encode("utf-8")
@@ -231,6 +239,15 @@ def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveVie
     path : the file to write.
     editor, view, options : as in :func:`standalone_html`.
     overwrite : whether an existing file may be replaced.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> file = Path(tempfile.mkdtemp()) / "sheet.html"
+    >>> write_standalone(file, Editor(None, ControlPoints.from_arrays([[0, 0], [9, 0], [4, 8]])), title="a sheet")
+    >>> file.is_file()
+    True
     """
     _check_page(path, overwrite=overwrite)  # before the work
     text = standalone_html(editor, view, **options).encode("utf-8")

@@ -49,9 +49,10 @@ class Pupil:
 
     def read_score(self, before: str) -> str:
         """The words above the studio, once they have followed a drag."""
-        words = self.page.locator(".widget-html-content [role=status]").first
+        words = self.page.locator(".dnb-followed-result [role=status]")
         end = time.monotonic() + PATIENCE
-        while (text := words.inner_text()) == before and time.monotonic() < end:
+        while (text := words.inner_text()) == before:
+            assert time.monotonic() < end, f"after {self.actions} actions it still says {text!r}"
             self.page.wait_for_timeout(50)
         found = re.search(r"(-?\d+) % of the way", text)
         self.scores.append(int(found[1]) if found else 0)
