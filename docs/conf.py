@@ -125,11 +125,14 @@ def _make_reference() -> None:
         is_top = package == "deformnb"
         text = f"{package}\n{'=' * len(package)}\n\n{importlib.import_module(package).__doc__}\n"
         for kind in ("Functions", "Classes", "Tables and constants"):
-            listed = [f"   ~{PACKAGE_OF[name]}.{name}" if is_top else f"   ~{package}.{name}"
-                      for name in names if _kind(package, name) == kind]
-            if listed:
-                options = "" if is_top else "   :toctree: generated\n"
-                text += "\n".join(["", kind, "-" * len(kind), "", ".. autosummary::", options, *listed, ""])
+            shown = [name for name in names if _kind(package, name) == kind]
+            elsewhere = [name for name in shown if is_top and name in PACKAGE_OF]
+            if shown:
+                text += "\n".join(["", kind, "-" * len(kind), ""])
+            for options, listed in (("", elsewhere), ("   :toctree: generated\n", sorted({*shown} - {*elsewhere}))):
+                if listed:
+                    lines = [f"   ~{PACKAGE_OF[name] if name in elsewhere else package}.{name}" for name in listed]
+                    text += "\n".join(["", ".. autosummary::", options, *lines, ""])
         page = folder / f"{package}.rst"
         if not page.exists() or page.read_text(encoding="utf-8") != text:  # Sphinx reads again what is newer
             page.write_text(text, encoding="utf-8")

@@ -69,6 +69,7 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
     pupil = Pupil(tab)
     pupil.done()  # Run All Cells
     tab.wait_for_function(STUDIO, timeout=180_000)
+    lab.run(tab, "")  # behind all cells: until then JupyterLab scrolls to the one that runs
     tab.evaluate(f"{STUDIO}.closest('.jp-OutputArea').scrollIntoView()")
     task = LESSONS["coordinates"].exercises["antigonia"]
     assert isinstance(task, FishTask)
