@@ -180,10 +180,14 @@ def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture
     page = opened(Editor(replace(picture, grid=Grid((44, 9, 60), (2.0, 2.0, 2.5))), points, slices=SLICES, slice=3))
     status = page.page.locator(".dnb-ed-slice")
     assert status.inner_text() == "slice 4 / 9, -2.0 mm"
+    page.page.evaluate("document.body.style.height = '4000px'")
     page.page.mouse.move(*page.on_screen((90, 10)))
     page.page.mouse.wheel(0, 100)
-    page.page.mouse.click(*page.on_screen((90, 10)))
+    page.wait("window.scrollY > 50")
     assert page.editor.slice == 3  # until the picture is clicked the page scrolls
+    page.page.evaluate("window.scrollTo(0, 0)")
+    page.wait("window.scrollY === 0")
+    page.page.mouse.click(*page.on_screen((90, 10)))
     k = page.js(f"{PAGE}.view.k")
     page.page.mouse.wheel(0, 100)
     page.wait(f"{PAGE}.model.get('slice') === 4")
