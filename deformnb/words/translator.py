@@ -99,7 +99,11 @@ class Translator:
 
     def _piece(self, given: str) -> str | None:
         """A part of a text, translated; None if it is of words that the table does not have."""
-        return self._find(given.strip()) if _WORD.search(given) and not _FILE.fullmatch(given) else given
+        if not _WORD.search(given) or _FILE.fullmatch(given):
+            return given
+        core = given.strip()
+        found = self._find(core)
+        return None if found is None else given.replace(core, found, 1)
 
     def _in_two(self, at: re.Pattern[str], core: str) -> str | None:
         found = at.search(core)

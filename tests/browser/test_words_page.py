@@ -88,10 +88,11 @@ def test_the_page_for_files_in_german_shows_no_english_word(browser: Any, carp: 
 
 
 def test_an_editor_alone_follows_the_language_and_leaves_names_alone(page: LivePage) -> None:
-    points = ControlPoints.from_arrays([[10, 10], [30, 30]], names=["Undo", ""])
+    points = ControlPoints.from_arrays([[10, 10], [30, 30]], names=["Karl", "corner"])
     page.add(Editor(None, points, language="de", words=word_table("de"), height=300))
     title = "document.querySelector('[data-command=undo]').title"
     page.wait(f"{title}.startsWith('Rückgängig')")
-    label = page.page.locator(".dnb-ed-target").first.get_attribute("aria-label")
-    assert label.startswith("Punkt 0 Undo, bei 10, 10, nicht gezogen")
+    label, second = (page.page.locator(".dnb-ed-target").nth(k).get_attribute("aria-label") for k in (0, 1))
+    assert second.startswith("Punkt 1 Ecke, bei 30, 30")
+    assert label.startswith("Punkt 0 Karl, bei 10, 10, nicht gezogen")
     assert page.page.evaluate("document.querySelector('.dnb-editor').parentElement.lang") == "de"

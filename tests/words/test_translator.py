@@ -100,7 +100,7 @@ _MARKS = " ,;.:"
 CASES = ["Undo", "Undo (Ctrl+Z)", "3 points", "32 points, 28 dragged \u00b7 no folds", 'move "tail"', 'rename "Undo"',
          "Undo: move 3 points", "  Redo\n", "Keep\u00a0fold-free", "B: select several: band, taps", "Other words",
          "There are unsaved edits. Save the session in a.json (Ctrl+S)", "Node 1,2 of the grid", "12", "", "x",
-         "a.nii: Undo",
+         "a.nii: Undo", "Point 4 corner, at 3, 5, not dragged", "Point 4, at 3, 5, not dragged",
          "Save the session in $& and $1.json (Ctrl+S)", "Point 4 Undo, at 3, 5, dragged 3 right, 2 down, locked"]
 
 

@@ -1,10 +1,12 @@
 // Accessible names of ipywidgets' controls where they have none: a screen reader stops at the handles of noUiSlider,
 // which no label names, at the number beside them, and at fields with an empty label, whose tooltip says what they are.
+// Their keys are their own, too: a letter that chooses an option of a menu is no command for a cell of the notebook.
 
-import { setAttributes } from "../ui/dom.js";
+import { OWN_KEYS, setAttributes } from "../ui/dom.js";
 
 const HANDLES = ".widget-slider .noUi-handle:not([aria-label])";
 const READOUTS = ".widget-readout[contenteditable]:not([aria-label])";
+const WITH_KEYS = ".jupyter-widgets :is(select, input, button, [tabindex]):not([data-lm-suppress-shortcuts])";
 const FIELDS = ".jupyter-widgets :is(input, select, textarea)[title]:not([aria-label])";
 
 /** @param {Element} root */
@@ -20,6 +22,7 @@ function nameAll(root) {
     const label = readout.closest(".jupyter-widgets")?.querySelector(".widget-label")?.textContent?.trim();
     if (label) setAttributes(readout, { role: "textbox", "aria-label": label });
   }
+  for (const control of root.querySelectorAll(WITH_KEYS)) setAttributes(control, OWN_KEYS);
   for (const field of root.querySelectorAll(FIELDS)) {
     const { labels } = /** @type {HTMLInputElement} */ (field), title = field.getAttribute("title") ?? "";
     if (labels?.length && ![...labels].some((label) => label.textContent?.trim())) field.setAttribute("aria-label", title);

@@ -74,7 +74,11 @@ export class Translator {
   }
 
   /** A part of a text, translated; null if it is of words that the table does not have. @param {string} given */
-  #piece(given) { return WORD.test(given) && !FILE.test(given) ? this.#find(given.trim()) : given; }
+  #piece(given) {
+    if (!WORD.test(given) || FILE.test(given)) return given;
+    const core = given.trim(), found = this.#find(core);
+    return found === null ? null : given.replace(core, () => found);
+  }
 
   /** @param {RegExp} at @param {string} core */
   #inTwo(at, core) {
