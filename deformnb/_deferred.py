@@ -1,4 +1,4 @@
-"""Modules that are imported at their first use: JAX and the parts of scipy, which take a second of a notebook's start.
+"""Modules that are imported at their first use: JAX (of :mod:`deformnb._jax`) and scipy, a second of a start.
 
 A name such as ``jnp`` of this package stands for the module and imports it when an attribute is first looked up, in
 whichever thread that is. What has to be done as soon as JAX is there, such as the registration of pytrees, is done by
@@ -15,7 +15,9 @@ from collections.abc import Callable, Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+__all__ = ["Deferred", "after_jax", "jax", "ndimage", "scipy"]
 
 
 class Deferred:
@@ -94,3 +96,12 @@ else:
 def after_jax(function: Callable[[], object]) -> None:
     """Call a function once JAX has been imported, by anyone: at once if it has."""
     _JAX.add(function)
+
+
+if TYPE_CHECKING:
+    import jax
+    import scipy
+    from scipy import ndimage
+else:
+    jax = Deferred("jax")
+    scipy, ndimage = Deferred("scipy"), Deferred("scipy.ndimage")  # scipy itself imports its parts at their first use

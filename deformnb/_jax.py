@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache, wraps
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,15 +24,15 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from deformnb._deferred import Deferred, after_jax
+from deformnb import devices
+from deformnb._deferred import Deferred, after_jax, jax
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
-    import jax
     import jax.numpy as jnp
     from jax import lax
 else:
-    jax, jnp, lax = Deferred("jax"), Deferred("jax.numpy"), Deferred("jax.lax")
+    jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
 
 __all__ = ["adjugate", "compiled", "determinant", "float64", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node",
            "refuse_forked", "use_disk_cache", "with_derivative"]
@@ -102,12 +103,13 @@ def use_disk_cache() -> str | None:
 
 
 @cache
-def _accepted_options() -> dict[str, Any] | None:
-    """The compiler options, if the default backend takes them (they belong to the CPU compiler)."""
-    if jax.default_backend() != "cpu":
+def _accepted_options(platform: str) -> dict[str, Any] | None:
+    """The compiler options for a platform, if its compiler takes them: they belong to that of the CPU."""
+    if platform != "cpu":
         return None
     try:
-        jax.jit(lambda x: x + 1, compiler_options=_CPU_OPTIONS)(0.0)
+        with jax.default_device(jax.local_devices(backend="cpu")[0]):
+            jax.jit(lambda x: x + 1, compiler_options=_CPU_OPTIONS)(0.0)
     except Exception:  # an older or newer compiler without one of the options: plain compilation is right too
         return None
     return _CPU_OPTIONS
@@ -144,27 +146,42 @@ def refuse_forked() -> None:
                           "ProcessPoolExecutor(mp_context=multiprocessing.get_context(\"spawn\")).")
 
 
-def compiled(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    """``jax.jit`` with this package's compiler options and disk cache, set up at the first call and not at import."""
+def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (), **options: Any) -> Callable[..., Any]:
+    """``jax.jit`` with this package's compiler options and disk cache, set up at the first call and not at import.
+
+    It computes on the device in use (:mod:`deformnb.devices`).
+
+    Parameters
+    ----------
+    donated : names of arguments whose memory the result may take, where that is not NumPy's. The caller must not use
+        them again.
+    """
 
     @cache
-    def executable() -> Any:
+    def program(platform: str, is_host: bool) -> Any:
         use_disk_cache()
-        return jax.jit(function, compiler_options=_accepted_options(), **options)
+        return jax.jit(function, compiler_options=_accepted_options(platform),
+                       donate_argnames=None if is_host else donated, **options)
+
+    def executable() -> Any:
+        return program(devices.device_in_use().platform, devices.is_host())
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         refuse_forked()
-        return executable()(*args, **kwargs)
+        with devices.computing():
+            return executable()(*args, **kwargs)
 
     call.executable = executable  # type: ignore[attr-defined]
     return call
 
 
-def float64() -> Any:
-    """A context in which JAX computes in 64 bits, for this thread only."""
+@contextmanager
+def float64() -> Iterator[None]:
+    """A context in which JAX computes in 64 bits, on the device in use, for this thread only."""
     refuse_forked()
-    return jax.enable_x64(True)
+    with devices.computing(), jax.enable_x64(True):
+        yield
 
 
 def determinant(a: NDArray[Any]) -> NDArray[Any]:

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter1d
 
+from deformnb._deferred import ndimage
 from deformnb.analysis.folds import IsTissue
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
@@ -134,26 +134,30 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
     >>> tissue_test(Volume.from_array(values))(np.array([[12.0, 4, 4], [8, 4, 4], [3, 4, 4]])).tolist()
     [True, True, False]
     """
-    there = volume.finite_values > foreground_level(volume)
     depth = None
     if plane is not None:
         cosines = np.abs(np.asarray(volume.grid.direction).T @ plane.frame[2])
         depth = int(cosines.argmax())
         if not np.isclose(cosines[depth], 1.0, atol=1e-6):
             return lambda x: np.ones(len(x), np.bool_)
-        there = np.broadcast_to(there.any(axis=2 - depth, keepdims=True), there.shape)
-    for axis in range(3):
-        there = maximum_filter1d(there, 2 * _BESIDE_TISSUE + 1, axis=axis, mode="constant")
-    last = np.array(there.shape[::-1]) - 1
+
+    @cache
+    def mask() -> NDArray[np.bool_]:  # at the first question: most maps are far from folding, and nothing is asked
+        there: NDArray[np.bool_] = volume.finite_values > foreground_level(volume)
+        if depth is not None:
+            there = np.asarray(there.any(axis=2 - depth, keepdims=True))
+        for axis in (axis for axis in range(3) if there.shape[axis] > 1):
+            there = ndimage.maximum_filter1d(there, 2 * _BESIDE_TISSUE + 1, axis=axis, mode="constant")
+        return there
 
     def is_tissue(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        there = mask()
         index = np.rint(volume.grid.point_to_index(x)).astype(np.int64)
-        within = np.clip(index, 0, last)
-        outside = index != within
         if depth is not None:
-            outside[:, depth] = False
+            index[:, depth] = 0
+        within = np.clip(index, 0, np.array(there.shape[::-1]) - 1)
         i, j, k = within.T
-        return np.asarray(~outside.any(axis=1) & there[k, j, i])
+        return np.asarray((index == within).all(axis=1) & there[k, j, i])
 
     return is_tissue
 

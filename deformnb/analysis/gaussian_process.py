@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, jnp, lax
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.spatial
 from numpy.typing import NDArray
 
+from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, jax
 from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, same_place

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from deformnb.devices import add_device
 from deformnb.words import LANGUAGES
 
 IDLE_MINUTES = 240.0
@@ -60,4 +61,5 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
     p.add_argument("--idle", type=float, default=IDLE_MINUTES, metavar="MINUTES", help="end when no page was connected "
                    "for so long; 0 never does (default %(default)g)")
     add_language(p)
+    add_device(p)
     p.set_defaults(run=run)

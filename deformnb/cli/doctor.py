@@ -49,7 +49,8 @@ def doctor() -> list[Check]:
     checks = [Check("Python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}, "
                                     f"{os.cpu_count()} cores")]
     checks += [_package(name) for name in REQUIRED]
-    checks += [_guarded("computing (JAX)", _jax), _guarded("kept compilations", _cache), _guarded("OpenGL (VTK)", _gl)]
+    checks += [_guarded("computing (JAX)", _jax), _guarded("devices", _devices),
+               _guarded("kept compilations", _cache), _guarded("OpenGL (VTK)", _gl)]
     checks += [_optional(name) for name in OPTIONAL]
     return checks
 
@@ -93,17 +94,27 @@ def _guarded(part: str, check: Callable[[], Check]) -> Check:
 
 
 def _jax() -> Check:
-    import jax
     import numpy as np
 
+    from deformnb.devices import device_name
     from deformnb.rbf.fitting import fit_rbf
     from deformnb.rbf.points import ControlPoints
 
     points = ControlPoints.from_arrays(np.eye(3, 2), np.diag([1.5, 1.0, 1.0])[:, :2])
     exact = bool(np.abs(fit_rbf(points).displacement([1.5, 0.0]) - [-0.5, 0.0]).max() < 1e-12)
-    devices = ", ".join(str(d) for d in jax.devices())
-    return Check("computing (JAX)", exact, f"{devices}; float64 solve {'exact' if exact else 'WRONG'}",
+    return Check("computing (JAX)", exact, f"on {device_name()}; float64 solve {'exact' if exact else 'WRONG'}",
                  "reinstall jax and jaxlib of one version")
+
+
+def _devices() -> Check:
+    import jax
+
+    from deformnb.devices import INSTALL, describe_device, lacks_plugin
+
+    found = ", ".join(describe_device(device) for device in jax.local_devices())
+    if lacks_plugin():
+        return Check("devices", False, f"{found}; an NVIDIA GPU is there, but JAX has no CUDA plugin", INSTALL)
+    return Check("devices", True, found)
 
 
 def _cache() -> Check:

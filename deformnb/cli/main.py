@@ -17,6 +17,7 @@ from typing import NoReturn, TypeAlias
 
 from deformnb.cli.transform import add_transform
 from deformnb.cli.warp import add_replay, add_spacing, add_warp, note, read_input, stages
+from deformnb.devices import add_device
 from deformnb.errors import Cancelled, DeformError, UnknownKindError
 
 EXIT_ERROR = 2
@@ -35,6 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # --help, --version, or a mistake that argparse has named
         return int(end.code or 0)
     try:
+        if getattr(options, "device", None):
+            from deformnb.devices import use_device
+
+            use_device(options.device)
         options.run(options)
         if sys.stdout is not None:
             sys.stdout.flush()  # here, where a reader that has gone is caught
@@ -108,6 +113,7 @@ def _add_demo(commands: Commands) -> None:
         pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""")
     p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
     add_spacing(p)
+    add_device(p)
     p.add_argument("--species", default="Antigonia", help="Thompson's species to end with: Antigonia, Scorpaena, "
                    "Pseudopriacanthus, Sternoptyx, Orthagoriscus (default %(default)s)")
     p.add_argument("--view", default="-x",

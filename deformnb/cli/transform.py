@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deformnb.cli.warp import add_spacing, note, stages
+from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def add_transform(commands: Any) -> None:
                    help="sample the displacements at every n-th voxel along each axis")
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     add_spacing(p)
+    add_device(p)
     p.add_argument("--force", action="store_true", help="overwrite files that are there")
     p.set_defaults(run=_transform)
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from deformnb._progress import time_left
+from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
@@ -121,6 +122,7 @@ def add_warp(commands: Any) -> None:
                    ".csv .tps .nts .txt .prm) in its space")
     p.add_argument("output", help="the file to write; its suffix decides the format")
     add_spacing(p)
+    add_device(p)
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside the volume (default its smallest)")
@@ -501,6 +503,7 @@ def add_replay(commands: Any) -> None:
     p.add_argument("--labels", action="store_true", help="the volumes hold labels: keep their values")
     p.add_argument("--volume", metavar="FILE", help="the volume in whose space meshes and landmarks lie")
     add_spacing(p)
+    add_device(p)
     p.add_argument("--suffix", default="", help="format of the resulting volumes, such as .nii.gz (default as input)")
     p.add_argument("--summary", metavar="FILE", help="write what came of each file as JSON")
     p.add_argument("--force", action="store_true", help="overwrite files that no replay has written")

@@ -29,12 +29,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
+from deformnb._deferred import scipy
 from deformnb.document.deformation import STEP_LABELS, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
@@ -103,7 +99,7 @@ class HandlePath:
         weight = 1 / ((lengths**2).mean(axis=0) + (1e-4 * self._size) ** 2)
         self.turns = _unwrapped(_turns(edges, weight, a, b, len(self.start), self._turn, self.start.shape[1]), edges)
         base = self.turns[edges].mean(axis=1)
-        back = Rotation.from_rotvec(base).inv().apply(b)
+        back = scipy.spatial.transform.Rotation.from_rotvec(base).inv().apply(b)
         self._edges, self._lengths, self._base = edges, lengths, base
         self._direction = _directions(a, back)
         self._rest = _shortest_turn(self._direction, _directions(back, a))
@@ -122,13 +118,12 @@ class HandlePath:
         n, (i, j), w = len(self.start), self._edges.T, self._weight
         diagonal = np.bincount(i, w, n) + np.bincount(j, w, n)
         pull = self._pull + (0.0 if self._held.any() else 1e-9) * diagonal.mean()  # else all of them could float away
-        laplacian = sparse.coo_matrix((np.concatenate([-w, -w, diagonal + pull]),
-                                       (np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)]))),
-                                      (n, n)).tocsc()
+        places = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
+        laplacian = scipy.sparse.coo_matrix((np.concatenate([-w, -w, diagonal + pull]), places), (n, n)).tocsc()
         self._free = np.flatnonzero(~self._held)
         rows = laplacian[self._free]
         self._to_held = rows[:, np.flatnonzero(self._held)]
-        self._solver = splu(rows[:, self._free].tocsc()) if len(self._free) else None
+        self._solver = scipy.sparse.linalg.splu(rows[:, self._free].tocsc()) if len(self._free) else None
 
     def at(self, t: float, held: ArrayLike | None = None) -> Points:
         """Places (N, dim) at t in [0, 1]; the start at 0 and the end at 1 exactly.
@@ -169,8 +164,8 @@ class HandlePath:
 
     def _edges_at(self, t: float) -> Points:
         length = (1 - t) * self._lengths[0] + t * self._lengths[1]
-        turned = Rotation.from_rotvec(t * self._rest).apply(self._direction)
-        turned = Rotation.from_rotvec(t * self._base).apply(turned)
+        turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._rest).apply(self._direction)
+        turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._base).apply(turned)
         return np.asarray(length[:, None] * turned)[:, : self.start.shape[1]]
 
     @property
@@ -185,16 +180,16 @@ def neighbours(points: Points) -> NDArray[np.int_]:
     n, dim = points.shape
     if n < 2:
         return np.zeros((0, 2), dtype=int)
-    found = cKDTree(points).query(points, k=min(n, _NEIGHBOURS[dim] + 1))[1]
+    found = scipy.spatial.cKDTree(points).query(points, k=min(n, _NEIGHBOURS[dim] + 1))[1]
     pairs = np.stack([np.repeat(np.arange(n), found.shape[1]), found.ravel()], axis=1)
     edges = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
     while True:
-        graph = sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (n, n))
-        count, group = connected_components(graph, directed=False)
+        graph = scipy.sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (n, n))
+        count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
         if count == 1:
             return edges
         inside, outside = np.flatnonzero(group == group[0]), np.flatnonzero(group != group[0])
-        distance, nearest = map(np.asarray, cKDTree(points[inside]).query(points[outside]))
+        distance, nearest = map(np.asarray, scipy.spatial.cKDTree(points[inside]).query(points[outside]))
         k = int(distance.argmin())
         edges = np.concatenate([edges, [[inside[nearest[k]], outside[k]]]])
 
@@ -221,7 +216,8 @@ def _whole_motion(a: Points, b: Points) -> tuple[Points, Points, Points]:
 
 
 def _advanced(points: Points, t: float, middle: Points, turn: Points, shift: Points) -> Points:
-    return np.asarray(Rotation.from_rotvec(t * turn).apply(points - middle) + middle + t * shift)
+    turned = scipy.spatial.transform.Rotation.from_rotvec(t * turn).apply(points - middle)
+    return np.asarray(turned + middle + t * shift)
 
 
 def _turns(edges: NDArray[np.int_], weight: Points, a: Points, b: Points, count: int, whole: Points,
@@ -231,7 +227,7 @@ def _turns(edges: NDArray[np.int_], weight: Points, a: Points, b: Points, count:
     sums = np.zeros((count, 3, 3))
     np.add.at(sums, edges[:, 0], outer)
     np.add.at(sums, edges[:, 1], outer)
-    return _kabsch(sums, Rotation.from_rotvec(whole).as_matrix()[None], dim)
+    return _kabsch(sums, scipy.spatial.transform.Rotation.from_rotvec(whole).as_matrix()[None], dim)
 
 
 def _kabsch(sums: Points, prior: Points, dim: int) -> Points:
@@ -242,7 +238,7 @@ def _kabsch(sums: Points, prior: Points, dim: int) -> Points:
     size = np.linalg.norm(sums, axis=(1, 2), keepdims=True)
     u, _, vt = np.linalg.svd(sums + _PRIOR_TURN * size * prior)
     u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-    return np.asarray(Rotation.from_matrix(u @ vt).as_rotvec())
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(u @ vt).as_rotvec())
 
 
 def _unwrapped(turns: Points, edges: NDArray[np.int_]) -> Points:
@@ -576,7 +572,7 @@ def _then(p: RigidMotion | None, q: RigidMotion) -> RigidMotion:
 def _angle(motion: RigidMotion) -> float:
     m = np.eye(3)
     m[: motion.dim, : motion.dim] = motion.matrix
-    return float(np.linalg.norm(Rotation.from_matrix(m).as_rotvec()))
+    return float(np.linalg.norm(scipy.spatial.transform.Rotation.from_matrix(m).as_rotvec()))
 
 
 def one_map(steps: Sequence[Step]) -> Step | None:

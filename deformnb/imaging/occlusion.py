@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, uniform_filter
 
+from deformnb._deferred import ndimage
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Volume
@@ -63,7 +63,7 @@ def ambient_light(volume: Volume, transfer: TransferFunction) -> Volume:
     near = _mean(opacity, AMBIENT_NEAR[0])
     far = _mean(_mean(near, AMBIENT_FAR[0]), AMBIENT_FAR[0])
     open_side = _ahead(near)
-    stopped = [strength * map_coordinates(mean, open_side, order=1, mode="grid-constant")
+    stopped = [strength * ndimage.map_coordinates(mean, open_side, order=1, mode="grid-constant")
                for mean, (_, strength) in ((near, AMBIENT_NEAR), (far, AMBIENT_FAR))]
     light = np.exp(-sum(stopped)).astype(np.float32)
     return Volume(light, coarser(volume.grid, factors), "ambient light")
@@ -94,4 +94,4 @@ def _ahead(opacity: NDArray[np.float32]) -> NDArray[np.float64]:
 
 def _mean(values: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
     """Mean over so many cells to each side along every axis; beyond the edge nothing stops light."""
-    return np.asarray(uniform_filter(values, 2 * reach + 1, mode="constant", cval=0.0))
+    return np.asarray(ndimage.uniform_filter(values, 2 * reach + 1, mode="constant", cval=0.0))

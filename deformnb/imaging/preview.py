@@ -139,10 +139,11 @@ def draw_slices(volume: Volume, camera: Camera, size: tuple[int, int], transfer:
     slopes = stack.slopes() if is_lit else None
     for k in stack.back_to_front():
         colours = table[stack.values[k]]
-        if slopes is not None:
-            colours[..., :3] *= _light(slopes[k], stack.smallest)[..., None]
         colours[..., 3] *= stack.held(k)
-        if colours[..., 3].any():
+        there = colours[..., 3] > 0
+        if there.any():
+            if slopes is not None:
+                colours[there, :3] *= _light(slopes[k][there], stack.smallest)[:, None]
             pixels = Images.fromarray(np.minimum(colours + 0.5, 255).astype(np.uint8))
             stack.put(pixels, k, canvas.alpha_composite)
     return np.asarray(canvas)[..., :3]
@@ -248,7 +249,7 @@ class _Stack:
 
 
 def _light(slopes: NDArray[np.float32], smallest: float) -> NDArray[np.float32]:
-    """Brightness of the places of a slice: that of their surface, and plain colour where there is none.
+    """Brightness of places (n,) with slopes (n, 3): that of their surface, and plain colour where there is none.
 
     As in the ray caster a place is a surface where the slope is a hundredth of the range of bytes per voxel, or more.
     """

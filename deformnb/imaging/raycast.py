@@ -191,12 +191,12 @@ def glow_of(normals: NDArray[np.float64], light: NDArray[Any]) -> NDArray[np.flo
     array([1.45], dtype=float32)
     """
     half = light + np.array([0.0, 0.0, -1.0])
-    half = half / np.linalg.norm(half)
+    half = (half / np.linalg.norm(half)).astype(normals.dtype)
     lit = _AMBIENT + _DIFFUSE * np.abs(normals @ light) + _GLOSS * np.abs(normals @ half) ** _POWER
     return np.asarray(lit, np.float32)
 
 
-composite = compiled(_light_layers, static_argnames="shaded")
+composite = compiled(_light_layers, donated="state", static_argnames="shaded")  # the next state takes its place
 
 
 Blocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._jax import pytree
 from deformnb.analysis.quality import affine_split, bending_energy
 from deformnb.analysis.strain import Stretches, stretches

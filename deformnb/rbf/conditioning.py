@@ -27,11 +27,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
-import scipy.spatial
 from numpy.typing import NDArray
 
+from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._jax import compiled, float64, jnp, lax
 from deformnb.rbf.kernels import AbstractKernel
 
@@ -154,14 +154,28 @@ def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64],
 
 def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
                 dtype: Any, what: Sum) -> NDArray[Any]:
-    dim, n = rows.shape
+    n = rows.shape[1]
     if kernel.compact and int(leaves.count) >= CULLED:
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
+    return np.asarray(_padded_lattice(rows, columns, leaves, kernel, dtype, what))[:, :n]
+
+
+def _padded_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
+                    kernel: type[AbstractKernel], dtype: Any, what: Sum) -> Any:
+    dim, n = rows.shape
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
     with float64():
-        out = _evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what)
-    return np.asarray(out)[:, :n]
+        return _evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what)
+
+
+def lattice_on_device(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
+                      kernel: type[AbstractKernel], dtype: Any) -> Any:
+    """:func:`at_lattice` in float32 and in the memory of the device in use, for those that read it there."""
+    if kernel.compact and int(leaves.count) >= CULLED:
+        return jnp.asarray(at_lattice(rows, columns, leaves, kernel, dtype), jnp.float32)
+    out = _padded_lattice(rows, columns, leaves, kernel, dtype, _displacement)
+    return out[:, : rows.shape[1]].astype(jnp.float32)
 
 
 def at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:

@@ -17,12 +17,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import scipy.linalg
-import scipy.sparse
-import scipy.sparse.linalg
-import scipy.spatial
 from numpy.typing import NDArray
 
+from deformnb._deferred import scipy
 from deformnb._jax import compiled
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints

@@ -15,8 +15,8 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._jax import compiled, float64, jax, jnp, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError

@@ -20,10 +20,9 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-import scipy.spatial
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
@@ -36,14 +35,16 @@ from deformnb.rbf.evaluation import (
     capacity,
     jacobian_at_lattice,
     jacobian_at_points,
+    lattice_on_device,
     local_squares,
     profile_of,
 )
 from deformnb.rbf.factors import DENSE, factored_anew, matrix_of, values_between
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractField, grid_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, plain_moments, solve, solve_factored
 from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
+from deformnb.volume.volume import Grid
 
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
 # above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
@@ -234,9 +235,23 @@ class RBFInterpolant(AbstractField):
         first, other = self._relative_lines(rows, columns)
         if self.is_identity:
             return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
-        reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*first, *other))))
-        dtype = np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
+        dtype = self._digits(first, other, resolution)
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
+
+    def on_device(self, grid: Grid) -> Any:
+        """Displacements (3, nz, ny, nx) at the voxels of a grid, in the memory of the device in use.
+
+        To be called within :func:`deformnb.devices.computing`.
+        """
+        rows, columns = self._relative_lines(*grid_lines(grid))
+        dtype = self._digits(rows, columns, min(grid.spacing))
+        found = lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype)
+        return found.reshape(3, *grid.shape)
+
+    def _digits(self, rows: NDArray[np.float64], columns: NDArray[np.float64], resolution: float) -> Any:
+        """The type that is exact enough for the sums of relative lines."""
+        reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
+        return np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
 
     def _relative_lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.spatial
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._deferred import scipy
 from deformnb._jax import jax, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints

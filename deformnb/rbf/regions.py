@@ -18,8 +18,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._jax import jax, jnp, pytree_node
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError

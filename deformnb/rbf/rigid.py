@@ -32,8 +32,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
+from deformnb._deferred import scipy
 from deformnb._jax import compiled, jax, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, in_blocks
@@ -108,7 +108,8 @@ class RigidMotion:
             angle = np.deg2rad(degrees)
             m = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         elif centre.shape == (3,) == axis.shape and 0 < np.linalg.norm(axis) < np.inf:
-            m = Rotation.from_rotvec(np.deg2rad(degrees) * axis / np.linalg.norm(axis)).as_matrix()
+            turn = np.deg2rad(degrees) * axis / np.linalg.norm(axis)
+            m = scipy.spatial.transform.Rotation.from_rotvec(turn).as_matrix()
         else:
             raise DeformError("a turn is about a place of 2 coordinates, or about one of 3 and an axis.")
         if shift.shape not in ((0,), centre.shape):
@@ -141,9 +142,9 @@ class RigidMotion:
         dim = self.dim
         m, shift = np.eye(3), np.zeros(3)
         m[:dim, :dim], shift[:dim] = self.matrix, self.shift
-        turn = Rotation.from_matrix(m).as_rotvec()
+        turn = scipy.spatial.transform.Rotation.from_matrix(m).as_rotvec()
         rate = np.linalg.solve(_path(turn), shift)
-        part, along = Rotation.from_rotvec(t * turn).as_matrix(), _path(t * turn) @ (t * rate)
+        part, along = scipy.spatial.transform.Rotation.from_rotvec(t * turn).as_matrix(), _path(t * turn) @ (t * rate)
         return RigidMotion(tuple(map(tuple, part[:dim, :dim].tolist())), tuple(along[:dim].tolist()))
 
 

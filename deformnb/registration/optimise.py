@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, optimize
 
+from deformnb._deferred import ndimage, scipy
 from deformnb._jax import float64, jax
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
@@ -237,9 +237,9 @@ class MultiscaleFit:
 
         reach = _REACH * self.moving.diagonal / self.support / objective.unit
         size = int(movable.sum()) * shape[1]
-        optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
-                          callback=lambda _: self.history.append((factor, self._alike)),
-                          options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
+        scipy.optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
+                                callback=lambda _: self.history.append((factor, self._alike)),
+                                options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
         return objective.x + at * objective.unit
 
     def _unfolded(self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any],

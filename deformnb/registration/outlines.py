@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._deferred import scipy
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse.csgraph import connected_components
 
+from deformnb._deferred import ndimage, scipy
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 
@@ -61,8 +60,8 @@ def connected_threshold(values: NDArray[np.number], seed: tuple[int, int, int], 
         if progress is not None:
             progress(min(1.0, (start + depth) / values.shape[0]) * 0.9)
     one, other = np.concatenate(joined, axis=1) if joined else np.zeros((2, 0), np.int64)
-    graph = sparse.coo_matrix((np.ones(len(one), bool), (one, other)), (count + 1, count + 1))
-    group = connected_components(graph, directed=False)[1]
+    graph = scipy.sparse.coo_matrix((np.ones(len(one), bool), (one, other)), (count + 1, count + 1))
+    group = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     belongs = group == group[labels[seed]]
     belongs[0] = False
     mask: NDArray[np.bool_] = belongs[labels]

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb import devices
 from deformnb._jax import compiled, float64, jax, jnp, lax, refuse_forked
 
 WIDE = ("int32", "float64")
@@ -63,6 +64,8 @@ def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
     ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
     """
     refuse_forked()
+    if not devices.is_host():
+        return jax.device_put(array if shape is None else array.reshape(shape), devices.device_in_use())
     if not array.flags.c_contiguous or array.ctypes.data % _ALIGNMENT:
         copy = aligned_empty(array.shape, array.dtype)
         np.copyto(copy, array)

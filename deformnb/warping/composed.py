@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._jax import compiled, jnp, lax
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.extrusion import CURVE_KNOTS, Extrusion

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._jax import compiled, jnp
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled

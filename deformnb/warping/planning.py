@@ -16,12 +16,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb import devices
+from deformnb._jax import jnp
 from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.sampling import METHODS, NEAR, on_device
 from deformnb.volume.volume import Grid
@@ -49,6 +52,10 @@ cache; memory above 32 MiB would be given back to the system after every part, w
 CHUNK_BYTES = 2**24
 """Bytes of the result that are made at once where whole rows move: 256^3 bytes in one piece, which XLA shares out to
 the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
+
+
+_NOT_FINITE = ("the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
+               "on top of each other.")
 
 
 def checked_method(method: str | None, *, discrete: bool) -> str:
@@ -319,7 +326,17 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
             return on_device(checked(d))
     if step > 1 and grid.shape[2] > step:
         return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
+    if isinstance(field, RBFInterpolant) and field.dim == 3 and not devices.is_host():
+        with devices.computing():  # else what is done to the result would take it to the device that JAX prefers
+            return _checked_on_device(field.on_device(grid))
     return tuple(on_device(d) for d in checked(field.components_on_grid(grid)))
+
+
+def _checked_on_device(d: Any) -> tuple[Any, ...]:
+    """Components of displacements that stay where they were computed; refused as by :func:`checked`."""
+    if not np.isfinite(jnp.vdot(d, d)):
+        raise DeformError(_NOT_FINITE)
+    return tuple(d)
 
 
 def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> NDArray[np.float32]:
@@ -376,10 +393,7 @@ def checked(values: Any) -> NDArray[np.float32]:
     """Displacements, refused if any is not finite. One dot product finds that six times faster than ``np.isfinite``."""
     array = np.ascontiguousarray(values, dtype=np.float32)
     if not np.isfinite(np.vdot(array, array)):
-        raise DeformError(
-            "the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
-            "on top of each other."
-        )
+        raise DeformError(_NOT_FINITE)
     return array
 
 

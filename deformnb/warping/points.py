@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
+from deformnb._deferred import scipy
 from deformnb._jax import adjugate, determinant, one_plus
 from deformnb.checks import real_array, shown_value
 from deformnb.errors import DeformError
@@ -261,7 +261,7 @@ def _from_seeds(x: Array, y: Array, error: Array, field: AbstractField, toleranc
     finite = np.isfinite(brought).all(axis=1)
     if not finite.any():
         return y, error
-    nodes, tree = nodes[finite], cKDTree(brought[finite])
+    nodes, tree = nodes[finite], scipy.spatial.cKDTree(brought[finite])
     nearest = tree.query(x, min(_TRIED, len(nodes)))[1].reshape(len(x), -1)
     y, error, at = y.copy(), error.copy(), _of_field(field)
     for column in nearest.T:

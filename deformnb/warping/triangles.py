@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb import devices
 from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
@@ -184,6 +185,8 @@ class Warper:
         return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
 
     def _planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+        if plan.weights is None and not devices.is_host() and self._is_whole(plan.normal):
+            self.prepare(plan.normal)  # or the voxels would be copied to the device for every edit
         if plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
             values = self._rows(plan, progress)
         elif plan.weights is not None and plan.normal == 2:

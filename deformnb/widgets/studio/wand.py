@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._typing import Progress
 from deformnb._weak import weakly
 from deformnb.document.json_format import region_to_data

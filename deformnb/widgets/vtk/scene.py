@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from deformnb._deferred import ndimage
 from deformnb._typing import Image
 from deformnb.checks import one_of
 from deformnb.document.deformation import Deformation

@@ -14,8 +14,8 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask
@@ -74,7 +74,7 @@ def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple
         return 0.0, 2, np.zeros(len(middle))
     matrix = np.eye(3)
     matrix[: motion.dim, : motion.dim] = motion.matrix
-    vector = Rotation.from_matrix(matrix).as_rotvec(degrees=True)
+    vector = scipy.spatial.transform.Rotation.from_matrix(matrix).as_rotvec(degrees=True)
     axis = int(np.abs(vector).argmax()) if vector.any() else 2
     degrees = float(np.copysign(np.linalg.norm(vector), vector[axis]))
     return degrees, axis, motion([middle])[0] - np.asarray(middle)

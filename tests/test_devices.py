@@ -1,0 +1,156 @@
+"""The device that computes: chosen by name, the same results on each, nothing copied in between that need not be.
+
+Where there is no GPU a second device of the CPU stands for it: all that is asked of a device but its speed is tested.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from deformnb import devices, use_device
+from deformnb.errors import DeformError
+
+COMPUTE = """
+import json, sys
+import jax, numpy as np
+import deformnb as dn
+from deformnb import devices
+from deformnb._jax import compiled, float64, jnp
+from deformnb.document.json_format import to_json
+from deformnb.rbf.fitting import fit_rbf
+from deformnb.volume.sampling import on_device
+from deformnb.warping.planning import displacements
+from deformnb.warping.warper import Warper
+
+rng = np.random.default_rng(3)
+volume = dn.Volume.from_array(rng.integers(0, 256, (12, 14, 16)).astype(np.uint8))
+plane = dn.Plane.along(volume, "+y")
+flat = dn.ControlPoints.from_arrays(rng.uniform(-5, 5, (5, 2)), rng.uniform(-5, 5, (5, 2)))
+space = dn.ControlPoints.from_arrays(rng.uniform(0, 12, (6, 3)), rng.uniform(0, 12, (6, 3)))
+cut = dn.Line([(0, 9), (0, -9)])
+
+def results():
+    in_space = fit_rbf(space, trend="none")
+    fields = {"space": in_space, "replicated": dn.Step((flat,), plane).field(volume.grid),
+              "modulated": dn.Step((flat,), plane, extrusion="modulate", curve=(1.0, 0.0)).field(volume.grid),
+              "cut": dn.Step((flat,), plane, cuts=(dn.rbf.Cut(cut),)).field(volume.grid)}
+    fields["composed"] = dn.compose(fields["modulated"], in_space)
+    made = {name: Warper(volume)(fields[name]).values for name in sys.argv[2:]}
+    made["fit"] = np.asarray(in_space.coefficients)
+    made["places"] = in_space.displacement([[1.0, 2, 3], [4, 5, 6]])
+    made["document"] = to_json(dn.Deformation.in_space(space))
+    if "cut" in made:
+        made["shaded"] = dn.project(volume, "+y", "shaded").values
+    return made
+
+first = results()
+assert devices.is_host()
+dn.use_device(sys.argv[1])
+second = results()
+add = compiled(lambda x: x + 1)
+with float64():
+    wide = jnp.asarray(1.0)
+moved = displacements(fit_rbf(space, trend="none"), volume.grid)
+print(json.dumps({
+    "name": devices.device_name(), "is_host": devices.is_host(),
+    "same": {name: bool(np.array_equal(first[name], second[name])) for name in first},
+    "places": {"compiled": str(add(1.0).device), "float64": str(wide.device),
+               "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved]},
+    "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}))
+"""
+
+
+def computed(*arguments: str) -> dict[str, Any]:
+    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
+    done = subprocess.run([sys.executable, "-c", COMPUTE, *arguments], capture_output=True, text=True, timeout=180,
+                          env={**os.environ, "XLA_FLAGS": flags}, check=False)
+    assert done.returncode == 0, done.stderr
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("fields", [("space",), pytest.param(("replicated", "modulated", "cut", "composed"),
+                                                             marks=pytest.mark.nightly)])
+def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tuple[str, ...],
+                                                                     isolated_folders: Path) -> None:
+    found = computed("cpu:1", *fields)
+    assert found["same"].keys() >= set(fields)
+    assert found["name"] == "cpu:1"
+    assert not found["is_host"]
+    assert all(found["same"].values()), found["same"]
+    second = "cpu:1"
+    assert found["places"] == {"compiled": second, "float64": second, "voxels": second, "displacements": [second] * 3}
+    assert found["wide"] == "float64"
+    assert found["users"] == "cpu:0"  # what the user computes with JAX stays where it was
+
+
+@pytest.mark.parametrize(("name", "reason"), [
+    ("cuda", "unknown device 'cuda'; choose one of auto, cpu, gpu"), ("", "unknown device"),
+    ("gpu:x", "unknown device"), ("auto:1", "unknown device"),
+    ("cpu:77", "there is no cpu:77: JAX finds 1 of this kind"),
+])
+def test_a_device_that_is_not_there_is_named(name: str, reason: str) -> None:
+    before = devices.chosen_device()
+    with pytest.raises(DeformError, match=reason):
+        use_device(name)
+    assert devices.chosen_device() == before
+
+
+@pytest.mark.skipif(jax.default_backend() == "gpu", reason="there is one")
+def test_without_a_gpu_the_error_says_so_and_with_an_idle_one_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DeformError, match="JAX finds no gpu on this machine"):
+        use_device("gpu")
+    monkeypatch.setattr(devices, "has_nvidia_driver", lambda: True)
+    with pytest.raises(DeformError, match=r"CUDA plugin: pip install -U .jax\[cuda13\]"):
+        use_device("gpu")
+
+
+def test_the_environment_chooses_where_nothing_else_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DEFORMNB_DEVICE", "cpu")
+    assert devices.chosen_device() == "cpu"
+    assert devices.device_name() == "cpu:0"
+    monkeypatch.setenv("DEFORMNB_DEVICE", "toaster")
+    with pytest.raises(DeformError, match="toaster"):
+        devices.device_in_use()
+
+
+def test_a_device_is_described_with_its_kind_and_memory() -> None:
+    class Gpu:
+        platform, id, device_kind = "gpu", 0, "NVIDIA H100 80GB HBM3"
+
+        def memory_stats(self) -> dict[str, int]:
+            return {"bytes_limit": 63_500_000_000}
+
+    assert devices.describe_device(Gpu()) == "gpu:0 (NVIDIA H100 80GB HBM3, 63.5 GB for JAX)"
+    assert devices.describe_device(jax.devices("cpu")[0]) == "cpu:0"
+
+
+def test_options_of_the_cpu_are_given_to_no_other_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    from deformnb import _jax
+
+    given: list[Any] = []
+    real = jax.jit
+
+    def jit(function: Any, *, compiler_options: Any = None, donate_argnames: Any = None, **options: Any) -> Any:
+        given.append((compiler_options, donate_argnames))
+        return real(function, **options)
+
+    class Other:
+        platform = "gpu"
+
+    monkeypatch.setattr(jax, "jit", jit)
+    monkeypatch.setattr(devices, "computing", devices.nullcontext)
+    for device in (devices.device_in_use(), Other()):
+        monkeypatch.setattr(devices, "device_in_use", lambda device=device: device)
+        _jax.compiled(lambda x: np.float32(2) * x, donated="x")(np.float32(1))
+    assert given[-2][0]
+    assert given[-2][1] is None
+    assert given[-1] == (None, "x")
