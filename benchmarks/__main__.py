@@ -23,6 +23,10 @@ def main() -> int:
         from benchmarks import drags
 
         return drags.main(sys.argv[2:])
+    if sys.argv[1:2] == ["start"]:
+        from benchmarks import start
+
+        return start.main(sys.argv[2:])
     if sys.argv[1:2] == ["prediction"]:
         from benchmarks import prediction
 
@@ -36,9 +40,9 @@ def main() -> int:
 
         return classroom.main(sys.argv[2:])
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__,
-                                     epilog="In a browser: python -m benchmarks latency --help, ... drags --help; of "
-                                            "volumes larger than memory: ... chunked --help; of errors: ... "
-                                            "prediction; of the memory of a class: ... classroom --help")
+                                     epilog="In a browser: python -m benchmarks latency --help, ... drags --help, ... "
+                                            "start --help; of volumes larger than memory: ... chunked --help; of "
+                                            "errors: ... prediction; of the memory of a class: ... classroom --help")
     parser.add_argument("--size", type=int, default=256, help="edge of the volume in voxels (default 256)")
     parser.add_argument("--points", type=int, default=32, help="number of control points (default 32)")
     parser.add_argument("--threads", type=int, default=1, help="processors to use; 0 leaves all as it is (default 1)")

@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.latency import _chromium, _hosts
+from benchmarks.latency import chromium_path, hosts
 from benchmarks.latency_cells import HEIGHT, WIDTH
 from benchmarks.latency_page import Seat
 
@@ -164,11 +164,11 @@ def _histogram(tasks: list[float]) -> list[int]:
 def _measured(case: str, checkouts: dict[str, Path], options: argparse.Namespace) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
-    make_lab, browser_arguments = _hosts()
+    make_lab, browser_arguments = hosts()
     rounds: dict[str, list[dict[str, Any]]] = {name: [] for name in checkouts}
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as p:
         lab = make_lab(Path(folder))
-        browser = p.chromium.launch(executable_path=_chromium(), headless=True, args=browser_arguments)
+        browser = p.chromium.launch(executable_path=chromium_path(), headless=True, args=browser_arguments)
         try:
             lab.started()
             seats = {name: Seat(browser, lab, f"drags {name}", 0, cells=cells(case, checkout))

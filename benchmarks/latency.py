@@ -81,7 +81,7 @@ def _introduce() -> None:
           "a graphics card.\n")
 
 
-def _hosts() -> tuple[Any, list[str]]:
+def hosts() -> tuple[Any, list[str]]:
     """JupyterLab as the tests start it, and how they start Chromium."""
     tests = str(Path(__file__).resolve().parents[1] / "tests")
     if tests not in sys.path:
@@ -95,14 +95,14 @@ def _hosts() -> tuple[Any, list[str]]:
 def _measure_size(size: int, results: Results, options: argparse.Namespace, folder: Path) -> None:
     from playwright.sync_api import sync_playwright
 
-    make_lab, browser_arguments = _hosts()
+    make_lab, browser_arguments = hosts()
     own = folder / str(size)
     own.mkdir()
     lab = make_lab(own)
     try:
         lab.started()
         with sync_playwright() as p:
-            browser = p.chromium.launch(executable_path=_chromium(), headless=True, args=browser_arguments)
+            browser = p.chromium.launch(executable_path=chromium_path(), headless=True, args=browser_arguments)
             try:
                 _measure(browser, lab, size, results, options)
             finally:
@@ -111,8 +111,9 @@ def _measure_size(size: int, results: Results, options: argparse.Namespace, fold
         lab.close()
 
 
-def _chromium() -> str | None:
-    from scripts import chromium  # of the tests, as _hosts
+def chromium_path() -> str | None:
+    """The browser of the tests; None for Playwright's own."""
+    from scripts import chromium  # of the tests, as hosts
 
     return chromium()
 

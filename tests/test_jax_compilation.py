@@ -46,6 +46,26 @@ def test_compiled_functions_are_kept_between_processes(isolated_folders: Path, m
 
 
 @pytest.mark.nightly
+def test_kept_programs_outlive_other_versions_of_the_same_kernel(isolated_folders: Path, tmp_path: Path,
+                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("JAX_COMPILATION_CACHE_DIR", "DEFORMNB_COMPILATION_CACHE", "XLA_FLAGS"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    kernel = ("import numpy as np\nfrom deformnb._jax import compiled, jax, jnp\njax.devices()\n{}\n"
+              "def kernel(x):\n    return jnp.sin(x) @ jnp.cos(x).T + {}\n"
+              "compiled(kernel)(np.ones((64, 64), np.float32))\n")
+    found = []
+    for number, (lines, constant) in enumerate([("", 1), ("# a later version\n" * 30, 1), ("", 2)]):
+        script = tmp_path / f"version{number}.py"
+        script.write_text(kernel.format(lines, constant))
+        subprocess.run([sys.executable, str(script)], check=True, capture_output=True)
+        found.append({name for name in entries(isolated_folders) if name.startswith("jit_kernel")})
+    assert len(found[0]) == 1
+    assert found[1] == found[0]  # elsewhere, in another file: the same program
+    assert len(found[2]) == 2  # another program
+
+
+@pytest.mark.nightly
 def test_a_folder_of_the_user_is_left_in_place(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DEFORMNB_COMPILATION_CACHE", raising=False)
     own = isolated_folders / "own"

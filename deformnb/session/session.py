@@ -7,7 +7,6 @@ It may be called from any thread; observers are called in the thread of the edit
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
@@ -914,14 +913,6 @@ class Session(traitlets.HasTraits):
             if self._field[0] is not self.deformation:
                 self._field = (self.deformation, self.deformation.field(self.grid))
             return self._field[1]
-
-    def warm_up(self) -> None:
-        """Compile what the first drag needs, so that it need not wait; changes nothing."""
-        points, step = self.points, self.step
-        place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
-        moved = points.add(place, [c + 0.01 * self.grid.diagonal for c in place])
-        with contextlib.suppress(DeformError):  # the first edit will report it
-            replace(step, maps=(moved,) * len(step.maps)).field(self.grid)
 
     def notes(self) -> tuple[str, ...]:
         """Remarks of the fits, each once."""

@@ -132,6 +132,14 @@ def diagnose(step: Step, key: int, grid: Grid, is_tissue: IsTissue | None = None
     return Diagnostics(step, key, folds, trip, quality, bending, " ".join(dict.fromkeys(reasons)), unit)
 
 
+def warm_up(session: Session) -> None:
+    """Compile what the first edit of a session needs, by diagnostics of a point that is dragged; changes nothing."""
+    points, step = session.points, session.step
+    place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
+    moved = points.add(place, [c + 0.01 * session.grid.diagonal for c in place])
+    diagnose(replace(step, maps=(moved,) * len(step.maps)), session.key, session.grid)
+
+
 def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
     """Places of tissue for the round trip: all over the middle slice, or the volume."""
     if step.plane is not None:

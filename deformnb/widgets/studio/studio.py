@@ -13,6 +13,7 @@ import io
 import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, m
 from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
-from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
+from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of, warm_up
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.synced import worded_by_another
 from deformnb.widgets.view.base import AbstractView
@@ -642,7 +643,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     def warm_up(self) -> None:
         """Import JAX and compile for the first edits, in the studio's thread; done when it is displayed."""
         if not self._worker.is_closed:
-            self._worker.latest("warm up", self.session.warm_up)
+            self._worker.latest("warm up", partial(warm_up, self.session))
 
     def hand_on(self, other: Any) -> None:
         """Leave a view that another studio of the same cell was given as well to that one."""
