@@ -48,9 +48,10 @@ def test_compiled_functions_are_kept_between_processes(isolated_folders: Path, m
 @pytest.mark.nightly
 def test_kept_programs_outlive_other_versions_of_the_same_kernel(isolated_folders: Path, tmp_path: Path,
                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("JAX_COMPILATION_CACHE_DIR", "DEFORMNB_COMPILATION_CACHE", "XLA_FLAGS"):
-        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv("DEFORMNB_COMPILATION_CACHE", raising=False)
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(isolated_folders / "own"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
     kernel = ("import numpy as np\nfrom deformnb._jax import compiled, jax, jnp\njax.devices()\n{}\n"
               "def kernel(x):\n    return jnp.sin(x) @ jnp.cos(x).T + {}\n"
               "compiled(kernel)(np.ones((64, 64), np.float32))\n")
