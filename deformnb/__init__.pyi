@@ -13,7 +13,6 @@ from . import session as session
 from . import volume as volume
 from . import warping as warping
 from . import widgets as widgets
-from .devices import use_device as use_device
 from .document.animation import Animation as Animation
 from .document.deformation import Deformation as Deformation
 from .document.deformation import Keyframe as Keyframe

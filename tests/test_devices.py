@@ -16,7 +16,8 @@ import jax
 import numpy as np
 import pytest
 
-from deformnb import devices, use_device
+from deformnb import devices
+from deformnb.devices import use_device
 from deformnb.errors import DeformError
 
 COMPUTE = """
@@ -54,7 +55,7 @@ def results():
 
 first = results()
 assert devices.is_host()
-dn.use_device(sys.argv[1])
+devices.use_device(sys.argv[1])
 second = results()
 add = compiled(lambda x: x + 1)
 with float64():
