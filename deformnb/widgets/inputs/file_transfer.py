@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import uuid
 from typing import Any
+
+import traitlets
 
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
@@ -25,6 +28,11 @@ class FileTransfer(SyncedWidget):
 
     _esm = bundle("file_transfer.js")
     _css = bundle("file_transfer.css")
+
+    uid = traitlets.Unicode(help="tells views of this widget from those of others in the page").tag(sync=True)
+
+    def __init__(self, **traits: Any) -> None:
+        super().__init__(uid=uuid.uuid4().hex, **traits)
 
     def copy(self, text: str, note: str = "") -> None:
         """Put a text on the clipboard; where the browser refuses, it is shown and selected.

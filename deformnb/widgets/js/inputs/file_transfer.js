@@ -22,7 +22,7 @@ function downloaded(name, bytes) {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
-/** @param {{ model: Model & { model_id?: string }, el: HTMLElement }} widget */
+/** @param {{ model: Model, el: HTMLElement }} widget */
 function render({ model, el }) {
   const root = document.createElement("div");
   root.className = "dnb-file-transfer";
@@ -54,7 +54,7 @@ function render({ model, el }) {
     }
   };
   // Two views of one widget must not save a file twice.
-  const uid = model.get("_view_name") + (model.model_id ?? "");
+  const uid = model.get("uid");
   const firstShown = () => [...document.querySelectorAll(".dnb-file-transfer")].find(
     (other) => other.getAttribute("data-uid") === uid);
   root.dataset.uid = uid;
