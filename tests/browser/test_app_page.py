@@ -327,9 +327,9 @@ def test_keys_fold_a_section(tab: Tab) -> None:
     tab.page.get_by_role("tab", name="Shape", exact=True).click()
     heading = tab.page.get_by_role("button", name="Points", exact=True)
     for key, opens in (("Enter", "true"), (" ", "false")):
-        heading.focus()
-        tab.page.keyboard.press(key)
-        tab.page.wait_for_function("(wanted) => document.activeElement.ariaExpanded === wanted", arg=opens)
+        heading.press(key)
+        tab.page.wait_for_function("([heading, wanted]) => heading.ariaExpanded === wanted",
+                                   arg=[heading.element_handle(), opens])
         assert tab.page.locator(".dnb-pt-bar").is_visible() == (opens == "true")
 
 

@@ -40,6 +40,7 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     Examples
     --------
+    >>> import numpy as np
     >>> from deformnb import Volume
     >>> leaf = np.zeros((1, 40, 60), np.uint8)
     >>> leaf[0, 10:30, 10:50] = 200
