@@ -133,7 +133,8 @@ NEUTRAL = (
     "carp (phantom)", "Argyropelecus", "olfersi", "Sternoptyx", "diaphana", "Diodon", "Orthagoriscus", "Polyprion",
     "Antigonia", "capros", "Pseudopriacanthus", "altus", "Scorpaena",  # animals
     "mm", "KiB", "MB", "kB", "sin(π z)", "smoothstep", "MP4", "PDF", "PNG", "SVG", "GIF", "WebP", "deformnb",
-    ".bigwarp.json", ".csv", ".fcsv", ".mrk.json", ".nts", ".points.csv", ".prm", ".tps", ".txt", ".xyz", "null",
+    "mm²", "mm³", ".bigwarp.json", ".csv", ".fcsv", ".morphologika.txt", ".mrk.json", ".nts", ".points.csv", ".prm",
+    ".tps", ".txt", ".xyz", "null",
 )
 """Words that are the same in all languages: names, units, kinds of files."""
 

@@ -167,6 +167,6 @@ def _words(picture: Picture, low: float, high: float, area: float) -> str:
     unit = f" {picture.unit}" if picture.unit else ""
     of_range = (f"from {low:.4g}" if np.isinf(high) else f"up to {high:.4g}" if np.isinf(low)
                 else f"{low:.4g} to {high:.4g}")
-    length = "" if picture.grid is None else unit_of(picture.grid)
     size = f"{area:.3g}" if area < 1000 else f"{area:.0f}"
-    return f"{of_range}{unit}, {size} {length}\u00b2" if length == "mm" else f"{of_range}{unit}, {size} pixels"
+    is_in_mm = picture.grid is not None and unit_of(picture.grid) == "mm"
+    return f"{of_range}{unit}, " + (f"{size} mm\u00b2" if is_in_mm else f"{size} pixels")
