@@ -72,7 +72,8 @@ def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], 
     try:
         for future in finished:
             try:
-                future.result()
+                if future.status != "finished":  # else there is nothing to fetch but a round trip to the worker
+                    future.result()
             except KilledWorker as error:
                 raise DeformError(f"the workers died over block {futures[future]} again and again, most likely for "
                                   "want of memory; give memory=... a smaller value.") from error
