@@ -110,7 +110,7 @@ def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:
     assert [output for output in outputs if output.output_type == "error"] == []
     assert [output.text for output in outputs if output.get("name") == "stderr"] == []
     shown = json.dumps([{**output.get("data", {}), "text": output.get("text", "")} for output in outputs])
-    assert str(tmp_path) not in shown, "an output tells of a folder of this machine"
+    assert str(tmp_path) not in shown, "an output names a folder of this machine"
     return cells
 
 

@@ -127,6 +127,6 @@ _PAGES = {
                      "how far does it reach?", ("strength", "kernel", "shows", "density", "reset")),
     "affine": _Page(_ends, "Nothing but head and tail holds this carp. Drag both: it turns and grows as a whole.",
                     ("strength", "shows", "density", "reset")),
-    "folding": _Page(_one, "Drag the point to the right, farther and farther, until the page tells of a fold. How far "
+    "folding": _Page(_one, "Drag the point to the right, farther and farther, until the page reports a fold. How far "
                      "did you come?", ("strength", "shows", "density", "reset")),
 }
