@@ -29,7 +29,7 @@ from deformnb._jax import compiled, float64, jnp
 from deformnb.document.json_format import to_json
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.volume.sampling import on_device
-from deformnb.warping.planning import displacements
+from deformnb.warping.planning import displacements, extruded
 from deformnb.warping.warper import Warper
 
 rng = np.random.default_rng(3)
@@ -61,11 +61,12 @@ add = compiled(lambda x: x + 1)
 with float64():
     wide = jnp.asarray(1.0)
 moved = displacements(fit_rbf(space, trend="none"), volume.grid)
+plan = extruded(dn.Step((flat,), plane).field(volume.grid), volume.grid, volume.grid, "float32")
 print(json.dumps({
     "name": devices.device_name(), "is_host": devices.is_host(),
     "same": {name: bool(np.array_equal(first[name], second[name])) for name in first},
     "places": {"compiled": str(add(1.0).device), "float64": str(wide.device),
-               "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved]},
+               "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved], "maps": str(plan.maps.device)},
     "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}))
 """
 
@@ -88,7 +89,8 @@ def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tup
     assert not found["is_host"]
     assert all(found["same"].values()), found["same"]
     second = "cpu:1"
-    assert found["places"] == {"compiled": second, "float64": second, "voxels": second, "displacements": [second] * 3}
+    assert found["places"] == {"compiled": second, "float64": second, "voxels": second, "displacements": [second] * 3,
+                               "maps": second}
     assert found["wide"] == "float64"
     assert found["users"] == "cpu:0"  # what the user computes with JAX stays where it was
 

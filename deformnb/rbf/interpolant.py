@@ -40,10 +40,11 @@ from deformnb.rbf.evaluation import (
     profile_of,
 )
 from deformnb.rbf.factors import DENSE, factored_anew, matrix_of, values_between
-from deformnb.rbf.fields import AbstractField, grid_lines
+from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, plain_moments, solve, solve_factored
 from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
+from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 
 # A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
@@ -238,15 +239,16 @@ class RBFInterpolant(AbstractField):
         dtype = self._digits(first, other, resolution)
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
 
-    def on_device(self, grid: Grid) -> Any:
-        """Displacements (3, nz, ny, nx) at the voxels of a grid, in the memory of the device in use.
+    def on_device(self, lattice: Grid | Raster) -> Any:
+        """Displacements (3, nz, ny, nx) on a grid or (2, nv, nu) on a raster, in the memory of the device in use.
 
         To be called within :func:`deformnb.devices.computing`.
         """
-        rows, columns = self._relative_lines(*grid_lines(grid))
-        dtype = self._digits(rows, columns, min(grid.spacing))
+        lines = raster_lines(lattice) if isinstance(lattice, Raster) else grid_lines(lattice)
+        rows, columns = self._relative_lines(*lines)
+        dtype = self._digits(rows, columns, min(lattice.spacing))
         found = lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype)
-        return found.reshape(3, *grid.shape)
+        return found.reshape(self.dim, *lattice.shape)
 
     def _digits(self, rows: NDArray[np.float64], columns: NDArray[np.float64], resolution: float) -> Any:
         """The type that is exact enough for the sums of relative lines."""

@@ -1,7 +1,7 @@
 """Planning of a warp: checks of options, the input place of each output voxel, the kernel, and the blocks of work.
 
 There are three kernels to choose from. All of this is small (tables along axes, maps of one picture) and is computed on
-the host in float64.
+the host in float64; displacements stay on a GPU that computes them.
 """
 
 from __future__ import annotations
@@ -196,7 +196,9 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     normal = shared_axis(field.plane, source, output)
     if normal is None:
         return None
-    maps = np.stack([_on_voxels(m, field.plane, output, normal)[0] for m in field.maps])
+    with devices.computing():
+        found = [_on_voxels(m, field.plane, output, normal)[0] for m in field.maps]
+        maps = np.stack(found) if devices.is_host() else jnp.stack(found)
     n = np.arange(output.shape[normal])
     index = np.zeros((len(n), 3))
     index[:, 2 - normal] = n
@@ -326,17 +328,23 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
             return on_device(checked(d))
     if step > 1 and grid.shape[2] > step:
         return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
-    if isinstance(field, RBFInterpolant) and field.dim == 3 and not devices.is_host():
-        with devices.computing():  # else what is done to the result would take it to the device that JAX prefers
-            return _checked_on_device(field.on_device(grid))
-    return tuple(on_device(d) for d in checked(field.components_on_grid(grid)))
+    with devices.computing():  # else JAX would take what is done to the result to the device that it prefers
+        stays = _on_device(field, grid)
+        return tuple(on_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else tuple(stays)
 
 
-def _checked_on_device(d: Any) -> tuple[Any, ...]:
-    """Components of displacements that stay where they were computed; refused as by :func:`checked`."""
+def _on_device(field: AbstractField, on: Grid | Raster) -> Any | None:
+    """Displacements, components first, that stay on the device that computes them; None where NumPy shares its memory,
+    or the field is computed by NumPy. Refused as by :func:`checked`.
+
+    To be called within :func:`deformnb.devices.computing`.
+    """
+    if devices.is_host() or not isinstance(field, RBFInterpolant):
+        return None
+    d = field.on_device(on)
     if not np.isfinite(jnp.vdot(d, d)):
         raise DeformError(_NOT_FINITE)
-    return tuple(d)
+    return d
 
 
 def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> NDArray[np.float32]:
@@ -363,6 +371,10 @@ def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.flo
         d = _resampled(np.asarray(field.values), picture_places(field.lattice, raster, "float64"))
         if d is not None:
             return checked(np.moveaxis(d, -1, 0)), None
+    with devices.computing():
+        stays = _on_device(field, raster)
+    if stays is not None:
+        return stays, None
     values, opacity = field.seen_on_outer_sum(*raster_lines(raster), min(raster.spacing))
     return checked(values), opacity
 

@@ -275,7 +275,7 @@ class Warper:
         whole[plan.normal] = np.zeros((3, voxels.shape[plan.normal]), np.int32)
         whole[plan.normal][plan.normal] = np.arange(voxels.shape[plan.normal])
         fraction[plan.normal] = np.zeros(whole[plan.normal].shape, self._compute)
-        maps = np.expand_dims(plan.maps, plan.normal + 2)
+        maps = plan.maps[*[slice(None)] * (plan.normal + 2), None]
         return np.asarray(sampling.extruded(
             sampling.on_device(voxels, (-1,)), maps, plan.weights[:, part], plan.matrix, tuple(whole), tuple(fraction),
             self._fill, normal=plan.normal, **self._settings() | {"shape": voxels.shape}))
