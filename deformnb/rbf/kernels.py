@@ -38,7 +38,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import float64, jax, jnp, with_derivative
+from deformnb._jax import float64, jax, jnp, lax, with_derivative
 from deformnb.checks import SMALLEST_LENGTH, is_finite, shown_value
 from deformnb.errors import DeformError
 
@@ -121,6 +121,35 @@ def _root(s: Any) -> Any:
     """Sqrt with derivative 0 at 0, so that second derivatives of the smooth kernels come out right at a point."""
     positive = s > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, s, 1.0)), 0.0)
+
+
+_LOG_2 = (0.6931471804855391, 7.440617110012397e-11)
+"""Two parts of log 2, the first so short that its product with an exponent is exact."""
+_ROOT_HALF, _TWO_TO_52 = 0x3FE6A09E667F3BCD, 0x4330000000000000  # the bits of sqrt(1/2) and of 2^52
+# (atanh(sqrt z) / sqrt z - 1) / z up to 4.5e-18 / z for m from sqrt(1/2) to sqrt 2, by Remez' algorithm in 40 digits.
+_ATANH = (0.333333333333333486, 0.199999999999492548, 0.142857143131850435, 0.111111055387920751,
+          0.0909144643700562618, 0.0766580419567697147, 0.0730886585948460551)
+
+
+def _log_of_bits(s: Any) -> Any:
+    """Log of positive normal numbers: ``k log 2 + 2 atanh((m - 1) / (m + 1))`` with s = 2^k m, m next to 1."""
+    if s.dtype != np.float64:
+        return jnp.log(s)
+    # XLA's own of 64 bits is not vectorised on a CPU: 128 points at 256^2 pixels took 48 ms instead of 12. This one is
+    # right to 2 units in the last place. Whole numbers below 2^52, or-ed to the bits of 2^52, are added to it.
+    bits = lax.bitcast_convert_type(s, np.int64)
+    exponent = lax.shift_right_logical(bits + ((1023 << 52) - _ROOT_HALF), np.int64(52))
+    k = lax.bitcast_convert_type(exponent | _TWO_TO_52, np.float64) - (2.0**52 + 1023)
+    m = lax.bitcast_convert_type(bits - ((exponent - 1023) << 52), np.float64)
+    f = (m - 1) / (m + 1)
+    z = f * f
+    series = _ATANH[-1]
+    for c in _ATANH[-2::-1]:
+        series = series * z + c
+    return k * _LOG_2[0] + (2 * f + (2 * f * z * series + k * _LOG_2[1]))
+
+
+_log = with_derivative(_log_of_bits, lambda s, ds: (_log_of_bits(s[0]), ds[0] / s[0]))
 
 
 class WendlandC0(AbstractKernel):
@@ -265,11 +294,11 @@ class ThinPlate(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return 0.5 * s * jnp.log(jnp.maximum(s, TINY))
+        return 0.5 * s * _log(jnp.maximum(s, TINY))
 
     @staticmethod
     def slope(s: Any) -> Any:
-        return 0.5 * (jnp.log(jnp.maximum(s, TINY)) + 1)
+        return 0.5 * (_log(jnp.maximum(s, TINY)) + 1)
 
 
 class Cubic(AbstractKernel):

@@ -55,6 +55,16 @@ def test_profile_is_the_published_formula(name: str) -> None:
     oracle.assert_close(KERNELS[name](support)(r), wanted, rtol=1e-14, atol=1e-15)
 
 
+def test_thin_plate_has_the_digits_of_its_logarithm_at_every_scale() -> None:
+    rng = np.random.default_rng(0)
+    r = np.concatenate([10.0 ** rng.uniform(-14, 14, 10000), rng.uniform(0.5, 2, 10000),
+                        1 + rng.uniform(-1e-6, 1e-6, 10000), np.sqrt([0.5, np.nextafter(0.5, 0), 2.0, 1.0])])
+    s = (r**2).astype(np.longdouble)
+    wanted = 0.5 * s * np.log(s)
+    # Two roundings of the logarithm, one of each product.
+    oracle.assert_close(KERNELS["thin_plate"](1.0)(r), wanted.astype(float), rtol=5 * 2.0**-53, atol=0)
+
+
 def test_wendland_is_the_paper_s_polynomial_and_its_integral() -> None:
     for rho in np.linspace(0, 1.2, 25):
         assert float(WendlandC2(1.0)(rho)) == pytest.approx(oracle.psi31(rho), abs=1e-15)
