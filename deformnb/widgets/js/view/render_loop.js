@@ -43,12 +43,16 @@
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
 const PIECE_MS = 25; // of a quick picture: a widget that draws a picture beside it waits for one piece only
-const REST_SHARE = 0.6; // a software renderer takes the processors from the widget that moves the points: so it rests
-const MOST_REST = 60;
+// Of the time that a picture may take while something moves. A software renderer draws on the processors that the widget
+// that moves the points needs too.
+const GPU_SHARE = 0.5, SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
+const HEARD_MS = 3; // from the end of the GPU's work until the page hears of it
+const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
+const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one is the fault of something else
+const FITS_EASILY = 0.75, EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
 const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
 const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
-const ENOUGH_CHANGE = 0.12; // of the scale of the quick pictures
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
@@ -68,7 +72,7 @@ export class FrameLoop {
     this.options = options;
     this.report = report;
     this.catchUp = catchUp;
-    this.scale = caster.isSoftware ? 0.3 : 0.7;
+    this.halvings = caster.isSoftware ? 4 : 1; // how often the pixels of a quick picture are halved
     this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
     this.moved = 0;
     this.isRequested = false;
@@ -88,7 +92,8 @@ export class FrameLoop {
     /** @type {(() => void)[]} */
     this.after = []; // called after the next quick picture
     this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
-    this.restUntil = 0; // no movement begins the next quick picture before that
+    /** @type {number[]} */
+    this.quickCosts = []; // the same of the last of them
     /** @type {Rush | null} */
     this.rush = null;
     /** @type {(() => void) | null} */
@@ -136,6 +141,9 @@ export class FrameLoop {
 
   close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame); }
 
+  /** The share of the full picture's width and height that a quick one has. */
+  get scale() { return 2 ** (-this.halvings / 2); }
+
   /** @param {number} delay */
   #plan(delay) {
     if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
@@ -144,8 +152,7 @@ export class FrameLoop {
     const step = () => { this.frame = 0; this.#step(); };
     // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
     const next = () => { this.frame = requestAnimationFrame(() => setTimeout(step, 0)); };
-    const pause = Math.max(delay, this.restUntil - performance.now());
-    if (pause > 0) this.waiting = setTimeout(next, pause); else next();
+    if (delay > 0) this.waiting = setTimeout(next, delay); else next();
   }
 
   #step() {
@@ -206,12 +213,12 @@ export class FrameLoop {
 
   /** @param {Rush} rush */
   #piece(rush) {
-    const piece = rush.pieces.shift(), start = performance.now();
+    const piece = rush.pieces.shift();
     if (!piece) return;
     const { picture, tile } = piece;
     this.caster.cast(`coarse${picture.layer}`, ...rush.size, picture, { coarseness: rush.coarseness, tile });
-    this.#when(() => {
-      rush.spent += performance.now() - start;
+    this.#when((ms) => {
+      rush.spent += Math.max(0, ms - HEARD_MS);
       if (rush.pieces.length > 0 || this.rush !== rush) return false;
       for (const layer of rush.layers) this.drawn[layer] = `coarse${layer}`;
       this.#present();
@@ -223,16 +230,24 @@ export class FrameLoop {
   /** @param {Rush} rush */
   #rushed(rush) {
     this.rush = null;
-    const ms = performance.now() - rush.start, { target } = this.options();
+    const ms = performance.now() - rush.start;
     this.times.drag = [...this.times.drag.slice(-49), ms];
     this.times.frames += 1;
     const [width, height] = rush.size;
-    this.quickCost = rush.spent / (width * height);
-    const change = Math.sqrt((0.5 * target) / Math.max(rush.spent, 1)); // not the turns of others in between
-    const isOther = Math.abs(change - 1) > ENOUGH_CHANGE; // a canvas of another size is made anew
-    if (isOther) this.scale = Math.min(1, Math.max(0.12, this.scale * Math.min(1.35, Math.max(0.5, change))));
+    this.quickCosts = [...this.quickCosts.slice(1 - KNOWN_COSTS), rush.spent / (width * height)];
+    this.quickCost = [...this.quickCosts].sort((a, b) => a - b)[this.quickCosts.length >> 1];
+    this.#fitScale(this.quickCost * width * height);
     for (const callback of this.after.splice(0)) callback();
-    if (this.caster.isSoftware) this.restUntil = performance.now() + Math.min(MOST_REST, REST_SHARE * ms);
+  }
+
+  /**
+   * Chooses the pixels of the next quick pictures by what those of this scale take.
+   * @param {number} ms
+   */
+  #fitScale(ms) {
+    const most = (this.caster.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * this.options().target;
+    while (ms > EXCEEDS * most && this.halvings < COARSEST) { this.halvings += 1; ms /= 2; }
+    while (2 * ms < FITS_EASILY * most && this.halvings > 0) { this.halvings -= 1; ms *= 2; }
   }
 
   /** Makes the changes that were requested while a picture was being drawn. */
@@ -331,7 +346,7 @@ export class FrameLoop {
     const work = this.work ?? this.#begin(null), [w, h] = work.size, [stage] = work.stages;
     if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return; }
     if (!stage) return;
-    const start = performance.now(), name = stage.merged?.from ?? stage.shows;
+    const name = stage.merged?.from ?? stage.shows;
     let pixels = 0;
     while (pixels * this.pixelCost < TILE_MS) {
       const piece = stage.pieces.pop();
@@ -340,8 +355,7 @@ export class FrameLoop {
       pixels += piece.at[2] * piece.at[3];
     }
     if (stage.pieces.length === 0 && stage.merged) this.caster.merge(name, stage.shows, w, h, stage.merged.stride);
-    this.#when(() => {
-      const ms = performance.now() - start;
+    this.#when((ms) => {
       // Pieces differ: empty corners cost nothing. Learn slowly, so that a full piece does not take a second.
       this.pixelCost = Math.max(1e-6, 0.6 * this.pixelCost + 0.4 * (ms / Math.max(1, pixels)));
       if (this.work !== work) return false;
@@ -369,23 +383,30 @@ export class FrameLoop {
   }
 
   /**
-   * Calls done when the GPU has finished, without blocking the page; done returns whether it has changed the canvas.
-   * @param {() => boolean} done
+   * Calls done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
+   * whether it has changed the canvas. Where the page looks late, half of the time since it looked last is counted.
+   * @param {(ms: number) => boolean} done
    */
   #when(done) {
     const gl = this.caster.gl;
     this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+    const start = performance.now();
+    let looked = start;
     const look = () => {
       if (this.closed || !this.sync) return;
       if (gl.isContextLost()) { this.sync = null; return; }
-      if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) { setTimeout(look, 2); return; }
+      if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
+        looked = performance.now();
+        setTimeout(look, 2);
+        return;
+      }
       gl.deleteSync(this.sync);
       this.sync = null;
-      this.isShowing = done();
-      const next = () => { this.isShowing = false; this.#plan(0); };
+      this.isShowing = done((looked + performance.now()) / 2 - start);
+      const next = () => { this.isShowing = false; this.#step(); };
       if (this.isShowing) requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
-      else next();
+      else this.waiting = setTimeout(next, 0);
     };
     setTimeout(look, 1);
   }
