@@ -206,6 +206,25 @@ class RBFInterpolant(AbstractField):
             return np.zeros(shape)
         return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(shape)
 
+    def displacement_for(self, points: NDArray[np.float64], resolution: float,
+                         known: dict[Any, Any]) -> NDArray[np.float64]:
+        """:meth:`displacement` at points (n, dim) in the type that is exact enough, as :meth:`on_outer_sum`.
+
+        Parameters
+        ----------
+        resolution : the pixel or voxel size that the result is meant for.
+        known : the types that were found, by fit and reach; kept by the caller for the next points.
+        """
+        relative, shape = self._relative(points)
+        if self.is_identity:
+            return np.zeros(shape)
+        reach = float(np.linalg.norm(np.abs(relative).max(axis=1, initial=0.0)))
+        key = id(self), int(np.ceil(np.log2(max(reach, 1.0))))
+        if key not in known:
+            known[key] = self._type_within(2.0 ** key[1], resolution)
+        dtype = known[key]
+        return at_points(relative, self._leaves(dtype), self.kernel, dtype).T.astype(np.float64)
+
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
 
@@ -253,6 +272,10 @@ class RBFInterpolant(AbstractField):
     def _digits(self, rows: NDArray[np.float64], columns: NDArray[np.float64], resolution: float) -> Any:
         """The type that is exact enough for the sums of relative lines."""
         reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
+        return self._type_within(reach, resolution)
+
+    def _type_within(self, reach: float, resolution: float) -> Any:
+        """The type that is exact enough up to ``reach`` supports from the origin."""
         return np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
 
     def _relative_lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

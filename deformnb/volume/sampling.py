@@ -272,8 +272,8 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
         one with the components last.
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
-    nodes : None, or where planes and rows of the field lie instead of at every ``step``-th: for z and y the node
-        before each voxel (n,), and the place of the voxel from there to the next node, in [0, 1].
+    nodes : None, or where planes and rows of the field lie instead of at every ``step``-th: for z and y the first
+        node that each voxel reads (n,), and the weights (T, n) of T nodes from there.
     """
     low = np.arange(whole[1].shape[1]) // step
     tail = () if isinstance(field, tuple) else (1,)
@@ -288,9 +288,10 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
     def component(values: Any, q: Any) -> Any:
         if nodes is not None:
             (below, z), (before, y) = nodes
-            rows = [between(values, below[q], z[q]).at[before + k].get(mode="promise_in_bounds") for k in (0, 1)]
-            s = y.reshape(-1, 1, *tail)
-            return lax.optimization_barrier((1 - s) * rows[0] + s * rows[1])
+            planes = [lax.dynamic_index_in_dim(values, below[q] + k, keepdims=False) for k in range(len(z))]
+            near = lax.optimization_barrier(sum(z[k, q] * plane for k, plane in enumerate(planes)))
+            rows = [near.at[before + k].get(mode="promise_in_bounds") for k in range(len(y))]
+            return lax.optimization_barrier(sum(y[k][:, None] * row for k, row in enumerate(rows)))
         if step == 1:
             return lax.dynamic_index_in_dim(values, q, keepdims=False)
         plane = between(values, q // step, (q % step).astype(jnp.float32) / step)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._jax import compiled, jnp, lax
+from deformnb._typing import Progress
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.extrusion import CURVE_KNOTS, Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, Identity, raster_lines
@@ -27,9 +28,9 @@ from deformnb.rbf.rigid import RigidInterpolant
 from deformnb.rbf.slits import TipBlend
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
+from deformnb.warping import planning
 from deformnb.warping.cut_tiles import look_up
-from deformnb.warping.node_table import NodeTable, smoothness_of
-from deformnb.warping.planning import seen
+from deformnb.warping.node_table import Displacements, NodeTable, smoothness_of
 
 # Ten times below what linear interpolation between voxels of a noisy scan changes.
 _TABLE_ERROR = 2e-3
@@ -55,6 +56,7 @@ class ComposedEvaluator:
     """
 
     def __init__(self, field: AbstractField, grid: Grid) -> None:
+        self._field, self._grid = field, grid
         self._links = [link for link in _links(field) if not isinstance(link, Identity)] or [Identity(3)]
         # Fields with cuts are slow on a lattice too; others are exact and fast there.
         start = 0 if self._links[0].has_cuts else 1
@@ -64,18 +66,33 @@ class ComposedEvaluator:
         self._rest = [_evaluator(link, grid) if self.has_cuts else partial(_exactly, link)
                       for link in self._links[start:]]
         is_long = bool(self._rest) or len(field.steps) > 1
-        known = is_long and smoothness_of(field) is not None
-        self._nodes = NodeTable(field, self._at_places) if known else None
+        self._is_known = is_long and smoothness_of(field) is not None
+        self._nodes: NodeTable | None = None
 
     @property
     def is_single(self) -> bool:
         """True if there is nothing that a lattice would not do."""
-        return not self._rest and self._nodes is None
+        return not self._rest and not self._is_known
 
-    def seen(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
-        """Displacements x, y, z and opacity, each [z, y, x], at the nodes of a lattice; no opacity where all is 1."""
-        found = None if self._nodes is None else self._nodes.seen(lattice)
-        return self._at_all(lattice) if found is None else found
+    def prepare(self, progress: Progress | None = None) -> None:
+        """Evaluate the nodes between which the composition is interpolated.
+
+        Parameters
+        ----------
+        progress : called with the finished share.
+        """
+        if self._is_known:
+            self._nodes = NodeTable(self._field, self._at_places, self._grid, progress)
+
+    def block(self, block: tuple[slice, slice]) -> Displacements:
+        """Displacements in a block of planes and rows, one of :func:`~deformnb.warping.planning.square_blocks`."""
+        found = None if self._nodes is None else self._nodes.block(block)
+        return self._at_all(planning.lattice(self._grid, block, 1)) if found is None else found
+
+    def exactly(self, voxels: tuple[NDArray[np.int32], ...]) -> tuple[Any, NDArray[np.float32] | None]:
+        """Displacements (3, n) at voxels of the grid, given as indices z, y, x, and their opacity (n,) beside cuts."""
+        assert self._nodes is not None
+        return self._nodes.exactly(voxels)
 
     def _at_places(self, places: NDArray[np.float32], origin: NDArray[np.float64]) -> tuple[Any, Any]:
         first = [] if self._first is None else [partial(_exactly, self._first)]
@@ -85,20 +102,22 @@ class ComposedEvaluator:
             d, opacity = d + more, opacity * share
         return d, opacity
 
-    def _at_all(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
+    def _at_all(self, lattice: Grid) -> Displacements:
         shape, origin = lattice.shape, np.asarray(lattice.origin)
         (nz, ny, nx), m = shape, lattice.matrix
         lines = [m[:, [k]] * np.arange(n) for k, n in ((2, nz), (1, ny), (0, nx))]
         at = lines[0][:, :, None, None] + lines[1][:, None, :, None] + lines[2][:, None, None, :]
         d = np.zeros((3, nz * ny * nx), np.float32)
         if self._first is not None:
-            d = np.stack([np.asarray(part) for part in _as_parts(seen(self._first, lattice)[0])]).reshape(3, -1)
+            first = _as_parts(planning.seen(self._first, lattice)[0])
+            d = np.stack([np.asarray(part) for part in first]).reshape(3, -1)
         places, opacity = at.reshape(3, -1).astype(np.float32), np.ones(d.shape[1], np.float32)
         for evaluate in self._rest:
             more, share = evaluate(places + d, origin)
             d = d + more
             opacity = opacity * share
-        return tuple(part.reshape(shape) for part in d), opacity.reshape(shape) if self.has_cuts else None
+        shown = opacity.reshape(shape) if self.has_cuts else None
+        return Displacements(tuple(part.reshape(shape) for part in d), opacity=shown)
 
 
 def _as_parts(d: Any) -> list[Any]:

@@ -16,8 +16,9 @@ modulation bends sharply: there the composition is evaluated at every voxel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._jax import compiled, jnp
+from deformnb._typing import Progress
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
@@ -35,6 +37,8 @@ from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
 from deformnb.rbf.stages import Staged
 from deformnb.volume.sampling import on_device
 from deformnb.volume.volume import Grid
+from deformnb.warping import planning
+from deformnb.warping.planning import Tables
 
 Floats = NDArray[np.float64]
 
@@ -46,11 +50,16 @@ SPACINGS = {4: 0.15, 3: 0.2, 2: 1.0}
 """Distances of nodes in voxels, and the share of voxels that may be left to be evaluated one by one because the field
 bends; the first distance that keeps to it is taken."""
 
+SPACING, *DENSER = SPACINGS
+
 # Where more voxels have to be evaluated one by one, no lattice is worth its nodes.
 _MOST_EXACT = 0.6
 
-# Voxels that are evaluated one by one, at a time; the last ones are filled up, so that one size compiles.
-_TOGETHER = 2**15
+# Voxels that are evaluated one by one, at a time; the last ones are filled up, so that two sizes compile.
+_FEW, _TOGETHER = 2**12, 2**15
+
+# Nodes that are evaluated at a time, and planes of them at least: one more plane is evaluated with each of these parts.
+_NODES_TOGETHER, _LEAST_PLANES = 2**16, 8
 
 # Interpolation reads a node before a cell and one behind it, their fourth differences one more on either side.
 _HALO = 2
@@ -100,83 +109,167 @@ def smoothness_of(field: AbstractField) -> int | None:
     return None if None in known else min((k for k in known if k is not None), default=3)
 
 
+@dataclass(frozen=True, eq=False)
+class Displacements:
+    """Displacements of a block of voxels, as the warp's kernel reads them.
+
+    Parameters
+    ----------
+    d : components x, y, z, each (nodes z, nodes y, nx); or [z, y, x] at every voxel.
+    nodes : along z and y the first node that each voxel reads (n,) and the weights (T, n) of nodes from there; None
+        where every voxel has its own.
+    opacity : [z, y, x] of displacements at every voxel; None where all is 1.
+    exact : pieces of the voxels that are to be replaced, for :meth:`NodeTable.exactly`.
+    """
+
+    d: tuple[Any, ...]
+    nodes: Tables | None = None
+    opacity: NDArray[np.float32] | None = None
+    exact: tuple[tuple[NDArray[np.int32], ...], ...] = ()
+
+
 class NodeTable:
-    """Displacements of a field in space on blocks of a grid, from nodes that are as far apart as the error allows.
+    """Displacements of a field in space at the voxels of a grid, from nodes that are as far apart as the error allows.
+
+    Nodes :data:`SPACING` voxels apart are evaluated once for the whole grid. Blocks where these leave too much to be
+    evaluated voxel by voxel get denser ones of their own.
 
     Parameters
     ----------
     field : any whose smoothness is known (:func:`smoothness_of`).
     exactly : displacements (3, n) and opacity (n) of the field at places (3, n) relative to an origin, and that origin.
+    grid : the voxels.
+    progress : called with the finished share of the nodes.
     """
 
-    def __init__(self, field: AbstractField, exactly: Callable[..., tuple[Any, Any]]) -> None:
-        smoothness = smoothness_of(field)
-        assert smoothness is not None
-        self._field, self._exactly, self._factor = field, exactly, _JUMPS[smoothness]
+    def __init__(self, field: AbstractField, exactly: Callable[..., tuple[Any, Any]], grid: Grid,
+                 progress: Progress | None = None) -> None:
+        self._field, self._exactly, self._grid = field, exactly, grid
+        self._whole = _Lattice(field, grid, SPACING, progress)
 
-    def seen(self, block: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None] | None:
-        """Displacements x, y, z and opacity, each [z, y, x], at the voxels of a block; no opacity where all is 1.
+    def block(self, block: tuple[slice, slice]) -> Displacements | None:
+        """Displacements in planes and rows of the grid that start at nodes and may end beyond the last ones.
 
         None where the field bends so much that it is to be evaluated at every voxel of the block.
         """
-        for spacing, most in SPACINGS.items():
-            nodes, near, bent = self._nodes(block, spacing)
-            bad = near | bent
-            if np.mean(bad & ~near) <= most and np.mean(bad) <= _MOST_EXACT:
-                break
-        else:
-            return None
-        shape = block.shape
-        weights = [_weights(n, spacing) for n in shape]
-        d = _between(on_device(nodes), *weights)
-        if not bad.any():
-            return d, None
-        cells = [np.arange(n) // spacing for n in shape]
-        at = np.nonzero(bad[np.ix_(*cells)])
-        values, opacity = self._one_by_one(block, at)
-        parts = []
-        for part, own in zip(d, values, strict=True):
-            filled = np.array(part)
-            filled[at] = own
-            parts.append(on_device(filled))
-        if not self._field.has_cuts:
-            return tuple(parts), None
-        shown = np.ones(shape, np.float32)
-        shown[at] = opacity
-        return tuple(parts), shown
+        cells = (_cells(block[0]), _cells(block[1]))
+        if self._whole.suffices(cells):
+            return self._read(self._whole, block, cells, (0, 0))
+        grid = planning.lattice(self._grid, block, 1)
+        every = (slice(None), slice(None))
+        for spacing in DENSER:
+            lattice = _Lattice(self._field, grid, spacing)
+            if lattice.suffices(every):
+                return self._read(lattice, block, every, (block[0].start, block[1].start))
+        return None
 
-    def _one_by_one(self, block: Grid, at: tuple[NDArray[np.intp], ...]) -> tuple[Any, Any]:
-        """Displacements (3, n) and opacity (n) of the field itself at n voxels, given as indices z, y, x."""
-        count, origin = len(at[0]), np.asarray(block.origin)
-        d, opacity = np.empty((3, count), np.float32), np.empty(count, np.float32)
-        for start in range(0, count, _TOGETHER):
-            part = slice(start, min(start + _TOGETHER, count))
-            some = np.minimum(np.arange(start, start + _TOGETHER), count - 1)
-            places = block.matrix @ np.stack([index[some] for index in reversed(at)]).astype(np.float64)
-            found, share = self._exactly(places.astype(np.float32), origin)
-            d[:, part], opacity[part] = found[:, : part.stop - start], share[: part.stop - start]
-        return d, opacity
+    def exactly(self, voxels: tuple[NDArray[np.int32], ...]) -> tuple[Any, NDArray[np.float32] | None]:
+        """Displacements (3, n) of the field itself at voxels, given as indices z, y, x, and their opacity (n,)."""
+        first = [int(index[0]) for index in reversed(voxels)]
+        apart = np.stack([index - index[0] for index in reversed(voxels)]).astype(np.float64)
+        d, opacity = self._exactly((self._grid.matrix @ apart).astype(np.float32), self._grid.index_to_point(first))
+        return d, opacity if self._field.has_cuts else None
 
-    def _nodes(self, block: Grid, spacing: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Values (3, z, y, x) at the nodes that are read, and the cells (z, y, x) near borders and with errors."""
-        cells = tuple(-(-n // spacing) for n in block.shape)
-        shape = tuple(n + 1 + 2 * _HALO for n in cells)
-        z, y, x = (block.matrix[:, [2 - axis]] * (spacing * (np.arange(n) - float(_HALO)))
-                   for axis, n in enumerate(shape))
+    def _read(self, lattice: _Lattice, block: tuple[slice, slice], cells: tuple[slice, slice],
+              start: tuple[int, int]) -> Displacements:
+        h = lattice.spacing
+        bad = np.argwhere(lattice.bad[cells])
+        bad[:, :2] += [part.start or 0 for part in cells]
+        tables = []
+        for part in block:
+            n = np.arange(part.stop - part.start)
+            tables.append(((n // h).astype(np.int32), np.stack(_lagrange(n % h / h)).astype(np.float32)))
+        some = lattice.nodes[:, *(slice(part.start, None if part.stop is None else part.stop + 3) for part in cells)]
+        d = _along_x(on_device(some), _weights(self._grid.shape[2], h))
+        stop = [min(part.stop, n) for part, n in zip(block, self._grid.shape[:2], strict=True)]
+        pieces = _pieces(bad, h, (*start, 0), (*stop, self._grid.shape[2]))
+        return Displacements(d, tuple(tables), exact=tuple(pieces))
+
+
+def _cells(part: slice) -> slice:
+    return slice(part.start // SPACING, -(-part.stop // SPACING))
+
+
+def _pieces(cells: NDArray[np.intp], side: int, start: tuple[int, ...],
+            stop: tuple[int, ...]) -> Iterator[tuple[NDArray[np.int32], ...]]:
+    """Indices z, y, x of all voxels in cells (n, 3), in pieces of few sizes; some voxels come more than once.
+
+    start : the first voxel of the first cell; stop : the end of the voxels.
+    """
+    within = np.indices((side,) * 3).reshape(3, 1, -1)
+    for first in range(0, len(cells), _TOGETHER // side**3):
+        some = cells[first : first + _TOGETHER // side**3].T[:, :, None]
+        index = (side * some + within).reshape(3, -1) + np.array(start)[:, None]
+        index = np.minimum(index, np.array(stop)[:, None] - 1)
+        size = _FEW if index.shape[1] <= _FEW else _TOGETHER
+        filled = index.take(np.arange(size), 1, mode="clip").astype(np.int32)
+        yield filled[0], filled[1], filled[2]
+
+
+class _Lattice:
+    """Nodes of a field around all voxels of a grid.
+
+    Attributes
+    ----------
+    nodes : (3, z, y, x), the first ones a node before the first voxel.
+    near, bad : cells (z, y, x) near borders; those that are not interpolated.
+    """
+
+    def __init__(self, field: AbstractField, grid: Grid, spacing: int, progress: Progress | None = None) -> None:
+        self._field, self._grid, self.spacing = field, grid, spacing
+        smoothness = smoothness_of(field)
+        assert smoothness is not None
+        self._factor = _JUMPS[smoothness]
+        cells = tuple(-(-n // spacing) for n in grid.shape)
+        self._shape = tuple(n + 1 + 2 * _HALO for n in cells)
+        self._values, self._near = np.empty((3, *self._shape), np.float32), np.zeros(self._shape, dtype=bool)
+        self._error = np.zeros(self._shape, np.float32)
+        self._types: dict[Any, Any] = {}
+        self.near, self.bad = np.empty(cells, dtype=bool), np.empty(cells, dtype=bool)
+        most = max(_LEAST_PLANES, _NODES_TOGETHER // (self._shape[1] * self._shape[2]))
+        slabs = planning.parts(self._shape[0], most)
+        borders: dict[int, NDArray[np.bool_]] = {}
+        planning.run_parts(slabs, partial(self._evaluate, borders), progress)
+        for plane, near in borders.items():
+            self._near[plane] |= near
+        planning.run_parts(planning.parts(cells[0], most), self._judge, None)
+        self.nodes = self._values[:, 1:-1, 1:-1, 1:-1]
+
+    def suffices(self, cells: tuple[slice, slice]) -> bool:
+        """Check whether so few voxels in these cells are to be evaluated one by one that the nodes are worth it."""
+        near, bad = self.near[cells], self.bad[cells]
+        return bool(np.mean(bad & ~near) <= SPACINGS[self.spacing] and np.mean(bad) <= _MOST_EXACT)
+
+    def _evaluate(self, borders: dict[int, NDArray[np.bool_]], slab: slice) -> None:
+        """The nodes of some planes, and one more, for the cells between this slab and the next one."""
+        count = min(slab.stop + 1, self._shape[0]) - slab.start
+        z, y, x = (self._grid.matrix[:, [2 - axis]] * (self.spacing * (first + np.arange(n) - float(_HALO)))
+                   for axis, (first, n) in enumerate(zip((slab.start, 0, 0), (count, *self._shape[1:]), strict=True)))
         places = (z[:, :, None, None] + y[:, None, :, None]) + x[:, None, None, :]
-        places += np.asarray(block.origin)[:, None, None, None]
-        walk = _Walk(shape)
+        places += np.asarray(self._grid.origin)[:, None, None, None]
+        shape = places.shape[1:]
+        walk = _Walk(shape, min(self._grid.spacing), self._types)
         d = walk.through(self._field, places.reshape(3, -1).T).T.reshape(3, *shape)
+        planes = slice(0, slab.stop - slab.start)
+        self._values[:, slab] = d[:, planes]
+        near = walk.near.reshape(shape)
+        self._near[slab], self._error[slab] = near[planes], walk.error.reshape(shape)[planes]
+        if count > planes.stop:
+            borders[slab.stop] = near[-1]
+
+    def _judge(self, part: slice) -> None:
+        """Find the cells in some planes of them that are not interpolated."""
         inner = slice(_HALO, -_HALO)
-        error = walk.error.reshape(shape)[inner, inner, inner]
+        own = slice(part.start, part.stop + 1 + 2 * _HALO)
+        d, error = self._values[:, own], self._error[own, :, :][inner, inner, inner]
         for axis, gain in ((0, 25 / 16), (1, 5 / 4), (2, 1.0)):  # the one done first is enlarged most
-            some = tuple(slice(None) if k == axis else inner for k in range(3))
-            bend = np.sqrt(sum(np.diff(part[some], 4, axis=axis) ** 2 for part in d))
-            error = error + self._factor * gain * bend
+            some = (slice(None), *(slice(None) if k == axis else inner for k in range(3)))
+            bend = np.sqrt(np.square(np.diff(d[some], 4, axis=axis + 1)).sum(axis=0))
+            error = error + np.float32(self._factor * gain) * bend
         # Borders count at the four nodes that a cell reads along each axis, errors at its own two.
-        near = _within_cells(walk.near.reshape(shape)[1:-1, 1:-1, 1:-1], 4)
-        bent = ~(_within_cells(error, 2) <= ERROR * min(block.spacing))
-        return d[:, 1:-1, 1:-1, 1:-1].astype(np.float32, order="C"), near, bent
+        near = _within_cells(self._near[own][1:-1, 1:-1, 1:-1], 4)
+        self.near[part] = near
+        self.bad[part] = near | ~(_within_cells(error, 2) <= ERROR * min(self._grid.spacing))
 
 
 def _within_cells(values: NDArray[Any], count: int) -> NDArray[Any]:
@@ -189,12 +282,12 @@ def _within_cells(values: NDArray[Any], count: int) -> NDArray[Any]:
 
 @lru_cache(maxsize=32)
 def _weights(count: int, spacing: int) -> NDArray[np.float32]:
-    """Lagrange's cubic weights (count, nodes) of voxels between nodes, the first node one before the first voxel."""
+    """Lagrange's cubic weights (nodes, count) of voxels between nodes, the first node one before the first voxel."""
     at = np.arange(count)
     cell, t = at // spacing, (at % spacing) / spacing
-    weights = np.zeros((count, -(-count // spacing) + 3), np.float32)
+    weights = np.zeros((-(-count // spacing) + 3, count), np.float32)
     for k, w in enumerate(_lagrange(t)):
-        weights[at, cell + k] = w
+        weights[cell + k, at] = w
     return weights
 
 
@@ -205,10 +298,8 @@ def _lagrange(t: Any) -> tuple[Any, ...]:
 
 
 @compiled
-def _between(nodes: Any, along_z: Any, along_y: Any, along_x: Any) -> tuple[Any, ...]:
-    values = jnp.einsum("ai,cijk->cajk", along_z, nodes)
-    values = jnp.einsum("bj,cajk->cabk", along_y, values)
-    return tuple(jnp.einsum("xk,abk->abx", along_x, values[c]) for c in range(3))
+def _along_x(nodes: Any, weights: Any) -> tuple[Any, ...]:
+    return tuple(jnp.einsum("zyi,ix->zyx", component, weights) for component in nodes)
 
 
 class _Walk:
@@ -217,6 +308,8 @@ class _Walk:
     Parameters
     ----------
     shape : of the lattice of nodes, whose places come as (n, dim) in its order.
+    resolution : the side of a voxel; errors far below it do not matter.
+    types : of numbers by fit and reach, kept from one walk to the next.
 
     Attributes
     ----------
@@ -224,8 +317,9 @@ class _Walk:
     error : (n,) of the interpolation of curves of modulation there.
     """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
+    def __init__(self, shape: tuple[int, ...], resolution: float, types: dict[Any, Any]) -> None:
         self._shape, count = shape, int(np.prod(shape))
+        self._resolution, self._types = resolution, types
         self.near, self.error = np.zeros(count, dtype=bool), np.zeros(count)
 
     def _sides(self, places: Floats) -> list[float]:
@@ -265,7 +359,7 @@ class _Walk:
         if n:
             scale = 1.0 if fit.scales is None else float(np.asarray(fit.scales)[:n].max())
             self.near |= _NARROWEST * self._diagonal(x) * scale > float(fit.support)
-        return fit.displacement(x)
+        return fit.displacement_for(x, self._resolution, self._types)
 
     def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
         back = [x @ np.asarray(m).T + t for m, t in zip(field.matrices, field.shifts, strict=True)]

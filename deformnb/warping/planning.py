@@ -104,6 +104,14 @@ class Places:
         whole = tuple(_cut(table, s) for table, s in zip(self.whole, every, strict=True))
         return whole, tuple(_cut(table, s) for table, s in zip(self.part, every, strict=True))
 
+    def listed(self, voxels: Sequence[NDArray[np.int32]]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """``whole`` and ``part`` of voxels (n,), given as indices z, y, x, as a block of one row."""
+        found = []
+        for tables in (self.whole, self.part):
+            z, y, x = (table[:, index] for table, index in zip(tables, voxels, strict=True))
+            found.append((np.zeros_like(z[:, :1]), np.zeros_like(z[:, :1]), z + y + x))
+        return found[0], found[1]
+
     def near(self, shape: Sequence[int]) -> bool:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
         farthest = sum(np.abs(table).max(axis=1, initial=0).astype(np.int64) for table in self.whole)
@@ -271,7 +279,7 @@ def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
 
 
 Tables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
-"""Along z and y: the node before each voxel, and the place of the voxel from there to the next node, in [0, 1]."""
+"""Along z and y: the first node that each voxel reads (n,), and the weights (T, n) of T nodes from there."""
 
 
 def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], Tables] | None:
@@ -297,10 +305,10 @@ def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], 
             return None
         first = min(int(low.min()), count - most)
         parts.append(slice(first, first + most))
-        tables.append(((low - first).astype(np.int32), t.astype(np.float32)))
+        tables.append(((low - first).astype(np.int32), np.stack([1 - t, t]).astype(np.float32)))
     some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
-    before, within = tables.pop()
-    d = checked((1 - within) * some[..., before] + within * some[..., before + 1])
+    before, (left, right) = tables.pop()
+    d = checked(left * some[..., before] + right * some[..., before + 1])
     return tuple(on_device(component) for component in d), tuple(tables)
 
 
@@ -422,13 +430,14 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
     return [(slice(z, z + planes), slice(y, y + rows)) for z, y in starts]
 
 
-def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
-    """:func:`blocks` for every voxel that are as long along z as along y: few voxels lie at their rims."""
+def square_blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
+    """:func:`blocks` that are about as long along z as along y: they read few nodes beyond their rims."""
     nz, ny, nx = shape
     side = max(1, round((BLOCK_VOXELS / nx) ** 0.5))
-    rows = _length(ny, max(side, BLOCK_VOXELS // (nx * nz)), 1)
-    planes = _length(nz, max(1, BLOCK_VOXELS // (nx * rows)), 1)
-    return [(slice(z, z + planes), slice(y, y + rows)) for z in _starts(nz, planes, 1) for y in _starts(ny, rows, 1)]
+    rows = _length(ny, max(side, BLOCK_VOXELS // (nx * nz)), step)
+    planes = _length(nz, max(1, BLOCK_VOXELS // (nx * rows)), step)
+    return [(slice(z, z + planes), slice(y, y + rows))
+            for z in _starts(nz, planes, step) for y in _starts(ny, rows, step)]
 
 
 def chunks(count: int, size: int) -> list[slice]:

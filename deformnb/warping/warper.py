@@ -26,11 +26,12 @@ from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
 from deformnb.volume.labelled import is_labelled, mapped
 from deformnb.volume.plane import Raster
-from deformnb.volume.sampling import METHODS
+from deformnb.volume.sampling import METHODS, on_device
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
+from deformnb.warping.node_table import SPACING, Displacements
 
 
 def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
@@ -63,6 +64,9 @@ def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, dis
 
 
 _Part = TypeVar("_Part")
+
+# About the share of the time that the nodes of a composition take.
+_NODES_SHARE = 0.25
 
 
 def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volume | None = None,
@@ -230,6 +234,12 @@ class Warper:
     def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
+    def _read(self, flat: Any, d: Any, at: Any, nodes: planning.Tables | None, step: int) -> NDArray[Any]:
+        """The voxels to which displacements lead from places in the input."""
+        with self._arithmetic():
+            return np.asarray(sampling.general(flat, d, self._places.matrix, *at, self._fill, nodes, step=step,
+                                               **self._settings()))
+
     def _settings(self) -> dict[str, Any]:
         return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index,
                 "near": self._near}
@@ -332,7 +342,12 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField,
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
     """The progress of the k-th of several pieces of work that take equally long."""
-    return None if progress is None else lambda share: progress((k + share) / count)
+    return _within(progress, k / count, (k + 1) / count)
+
+
+def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
+    """The progress of a piece of work that takes the whole from one share to another."""
+    return None if progress is None else lambda share: progress(first + share * (last - first))
 
 
 def _share(warpers: Sequence[Warper], parts: Sequence[_Part], work: Callable[[_Part], None],
@@ -358,25 +373,36 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
 
     chain = ComposedEvaluator(field, grid)
     by_lattice = chain.is_single or step > 1
+    if not by_lattice:
+        chain.prepare(_within(progress, 0.0, _NODES_SHARE))
+        progress = _within(progress, _NODES_SHARE, 1.0)
 
-    def work(block: tuple[slice, slice]) -> None:
-        lattice, opacity, nodes = planning.lattice(grid, block, step), None, None
+    def found(block: tuple[slice, slice]) -> Displacements:
+        if not by_lattice:
+            return chain.block(block)
+        lattice = planning.lattice(grid, block, step)
         stored = planning.between_samples(field, lattice) if step == 1 else None
         if stored is not None:
-            d, nodes = stored
-        else:
-            d, opacity = planning.seen(field, lattice, step) if by_lattice else chain.seen(lattice)
+            return Displacements(*stored)
+        d, opacity = planning.seen(field, lattice, step)
+        return Displacements(d, opacity=opacity)
+
+    def work(block: tuple[slice, slice]) -> None:
+        own = found(block)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
-            at = warper._places
-            with warper._arithmetic():
-                result = np.asarray(sampling.general(flat, d, at.matrix, *at.block(block), warper._fill, nodes,
-                                                     step=step, **warper._settings()))
-            if opacity is not None:
-                result = warper._faded(result, opacity)
+            result = warper._read(flat, own.d, warper._places.block(block), own.nodes, step)
+            if own.opacity is not None:
+                result = warper._faded(result, own.opacity)
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
+        for voxels in own.exact:
+            d, opacity = chain.exactly(voxels)
+            d = tuple(on_device(np.asarray(part).reshape(1, 1, -1)) for part in d)
+            for warper, flat, out in zip(warpers, flats, outs, strict=True):
+                result = warper._read(flat, d, warper._places.listed(voxels), None, 1).ravel()
+                out[voxels] = result if opacity is None else warper._faded(result, opacity)
 
-    parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
+    parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape, SPACING)
     _share(warpers, parts, work, progress)
     return outs
 

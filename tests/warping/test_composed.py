@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from oracle import assert_close
+from voxelwise import chain_at_voxels
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import CUT_RULES, Cut
@@ -42,15 +43,14 @@ CHAINS = {
 @pytest.mark.parametrize("name", CHAINS)
 def test_a_chain_is_its_composition(name: str, rule: str) -> None:
     field = Deformation(CHAINS[name](rule)).field(GRID)
-    chain = ComposedEvaluator(field, GRID)
-    assert not chain.is_single
-    d, opacity = chain.seen(GRID)
+    assert not ComposedEvaluator(field, GRID).is_single
+    d, opacity = chain_at_voxels(field, GRID)
     nz, ny, nx = GRID.shape
     index = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), np.arange(nz), indexing="ij"), axis=-1)
     points = GRID.index_to_point(index).transpose(2, 1, 0, 3)
     wanted, share = field.seen(points)
     # Next to a border a place that is a rounding to one side of it shows the other region: there D jumps.
-    same = np.abs(np.moveaxis(np.stack(d), 0, -1) - wanted).max(axis=-1) <= 2 * TABLE
+    same = np.abs(np.moveaxis(d, 0, -1) - wanted).max(axis=-1) <= 2 * TABLE
     assert same.mean() > 0.995
     assert opacity is not None
     # A table is off by 1/500 of a pixel, over which A changes by as much times its slope of 1 / softness.
@@ -82,7 +82,7 @@ def test_a_map_too_fine_for_a_table_has_none(support: float) -> None:
 
 def test_without_cuts_a_chain_is_within_the_error_of_its_nodes() -> None:
     field = Deformation((step("+z"), step("+y"))).field(GRID)
-    d, opacity = ComposedEvaluator(field, GRID).seen(GRID)
+    d, opacity = chain_at_voxels(field, GRID)
     assert opacity is None
     points = GRID.index_to_point([[3.0, 4.0, 5.0], [20.0, 11.0, 9.0]])
     found = np.array([[part[5, 4, 3], part[9, 11, 20]] for part in d]).T

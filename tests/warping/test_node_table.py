@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from voxelwise import at_voxels, chain_at_voxels
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
@@ -15,12 +16,12 @@ from deformnb.rbf.regions import HalfSpace, Line
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
-from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.node_table import ERROR, NodeTable, smoothness_of
 
 GRID = Grid((30, 33, 41), (1.0, 1.25, 0.8), (100.0, -40.0, 7.0))
 # float32 adds a rounding of displacements of a few voxels.
 ROUNDING = 2e-6
+BLOCK = (slice(0, GRID.shape[0]), slice(0, GRID.shape[1]))
 
 
 def points(dim: int, seed: int, centre: np.ndarray, size: float, drag: float) -> ControlPoints:
@@ -77,12 +78,14 @@ def voxel_centres() -> np.ndarray:
     return GRID.index_to_point(np.stack([x, y, z], axis=-1))
 
 
-def table_of(field: AbstractField) -> NodeTable:
+def table_of(field: AbstractField, asked: list[int] | None = None) -> NodeTable:
     def exactly(places: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if asked is not None:
+            asked.append(len(np.unique(places, axis=1).T))
         d, opacity = field.seen(places.T.astype(np.float64) + origin)
         return d.T, opacity
 
-    return NodeTable(field, exactly)
+    return NodeTable(field, exactly, GRID)
 
 
 @pytest.mark.sampled(6)
@@ -90,12 +93,13 @@ def table_of(field: AbstractField) -> NodeTable:
 @pytest.mark.parametrize("name", CHAINS)
 def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
     field = Deformation(CHAINS[name](seed)).field(GRID)
-    found = table_of(field).seen(GRID)
+    table = table_of(field)
+    found = table.block(BLOCK)
     if found is None:  # so bent that every voxel is evaluated: the bound holds by itself
         return
-    d, opacity = found
+    d, opacity = at_voxels(found, table.exactly, BLOCK, GRID)
     wanted, share = field.seen(voxel_centres())
-    error = np.linalg.norm(np.moveaxis(np.stack([np.asarray(p) for p in d]), 0, -1) - wanted, axis=-1)
+    error = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1)
     # Places in float32 fall to the other side of a cut where they lie on it.
     beside = np.zeros(GRID.shape, dtype=bool) if opacity is None else error > 0.1
     assert beside.mean() < 1e-4
@@ -108,23 +112,31 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["two planes", "stages", "beside a cut", "modulated"])
 def test_most_voxels_are_interpolated(name: str) -> None:
-    asked = []
-    field = Deformation(CHAINS[name](0)).field(GRID)
-
-    def exactly(places: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        asked.append(len(np.unique(places, axis=1).T))
-        d, opacity = field.seen(places.T.astype(np.float64) + origin)
-        return d.T, opacity
-
-    assert NodeTable(field, exactly).seen(GRID) is not None
+    asked: list[int] = []
+    table = table_of(Deformation(CHAINS[name](0)).field(GRID), asked)
+    found = table.block(BLOCK)
+    assert found is not None
+    at_voxels(found, table.exactly, BLOCK, GRID)
     assert sum(asked) < 0.6 * GRID.size
+
+
+def test_blocks_read_the_same_nodes() -> None:
+    field = Deformation(CHAINS["beside a rigid part"](1)).field(GRID)
+    table = table_of(field)
+    block = (slice(8, 16), slice(20, 36))  # beyond the last row
+    whole, part = table.block(BLOCK), table.block(block)
+    assert whole is not None
+    assert part is not None
+    wanted, _ = at_voxels(whole, table.exactly, BLOCK, GRID)
+    found, _ = at_voxels(part, table.exactly, block, GRID)
+    assert np.abs(found - wanted[:, 8:16, 20:]).max() <= ROUNDING
 
 
 def test_a_bump_narrower_than_the_nodes_is_not_lost() -> None:
     centre = np.array(GRID.center)
     bump = Step((ControlPoints.from_arrays([centre], [centre + 0.7]),), support=2.0, trend="none")
     field = Deformation((bump, on_plane("+z", 0))).field(GRID)
-    assert table_of(field).seen(GRID) is None
+    assert table_of(field).block(BLOCK) is None
 
 
 def test_fields_of_unknown_smoothness_are_evaluated_at_every_voxel() -> None:
@@ -133,6 +145,6 @@ def test_fields_of_unknown_smoothness_are_evaluated_at_every_voxel() -> None:
     assert smoothness_of(Blended((Identity(3), Identity(3)))) is None
     noisy = DisplacementField(np.random.default_rng(0).normal(size=(*GRID.shape, 3)), GRID)
     field = compose(on_plane("+z", 0).field(GRID), noisy)
-    d, _ = ComposedEvaluator(field, GRID).seen(GRID)
+    d, _ = chain_at_voxels(field, GRID)
     wanted = field.displacement(voxel_centres())
-    assert np.abs(np.moveaxis(np.stack([np.asarray(p) for p in d]), 0, -1) - wanted).max() < 1e-4
+    assert np.abs(np.moveaxis(d, 0, -1) - wanted).max() < 1e-4

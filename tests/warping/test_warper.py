@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.extrusion import EXTRUSIONS, Extrusion, extrude, interpolate, modulate, replicate
-from deformnb.rbf.fields import AbstractField, DisplacementField, Identity
+from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose
 from deformnb.volume import sampling
 from deformnb.volume.plane import VIEWS, Plane, Raster
 from deformnb.volume.sampling import METHODS
@@ -528,8 +528,8 @@ def test_a_field_on_a_coarse_grid_is_that_of_its_samples_at_every_voxel(turn: in
     assert x.shape[1] < 17
     (below, s), (before, t) = tables
     for found, wanted in zip((x, y, z), coarse.components_on_grid(output), strict=True):
-        planes = (1 - s)[:, None, None] * found[below] + s[:, None, None] * found[below + 1]
-        rows = (1 - t)[:, None] * planes[:, before] + t[:, None] * planes[:, before + 1]
+        planes = s[0, :, None, None] * found[below] + s[1, :, None, None] * found[below + 1]
+        rows = t[0, :, None] * planes[:, before] + t[1, :, None] * planes[:, before + 1]
         np.testing.assert_allclose(rows, wanted, atol=1e-5)
     volume = noise(output)
     every = DisplacementField(np.moveaxis(coarse.components_on_grid(output), 0, -1), output)
@@ -549,8 +549,12 @@ def test_parts_cover_the_output_and_have_one_size(shape: tuple[int, int, int], s
     assert len({(z.stop - z.start, y.stop - y.start) for z, y in blocks}) == 1
 
 
+GROWN = Affine(1.1 * np.eye(3), np.zeros(3))
+
+
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("field", [Wave(), extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate"),
+@pytest.mark.parametrize("field", [Wave(), compose(GROWN, GROWN),
+                                   extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate"),
                                    extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate")])
 def test_progress_and_cancellation(field: AbstractField, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "processors", lambda: threads)
