@@ -33,7 +33,7 @@ from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import FLAT, THIN, Span, Trend, quadric_span, ridge_of, spreads_of
+from deformnb.rbf.trends import FLAT, THIN, Span, Trend, are_wide, quadric_span, ridge_of, spreads_of
 
 LARGEST_SET = 2000
 """Points of one dense system, which costs N^3: 2000 take 0.1 s, ten times as many would take minutes. More of them have
@@ -148,8 +148,9 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
         quadrics, bend = quadric_span(targets - origin, span.basis)
         span = span._replace(quadrics=quadrics, bend=bend)
         remark += _bent(len(targets), points.dim, kernel, bool(bend.any()))
-    return PreparedPoints(targets, displacements, weights, origin, radius, span, name,
-                          tuple(active.ids[k] for k in first), (*limited, *notes, *remark),
+    ids = active.ids if len(first) == len(active) else tuple(active.ids[k] for k in first)
+    return PreparedPoints(targets, displacements, weights, origin, radius, span, name, ids,
+                          (*limited, *notes, *remark),
                           np.where(np.isnan(active.radius), radius, active.radius)[first], active)
 
 
@@ -218,8 +219,10 @@ def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> t
     n, dim = centred.shape
     if n < 2 or not centred.any():
         return Span(np.zeros((dim, 0)), np.zeros((dim, dim))), ""
-    directions, spreads = spreads_of(centred, centred + displacements)
     basis = np.eye(dim)
+    if are_wide(centred, displacements):
+        return Span(basis, np.zeros((dim, dim))), ""
+    directions, spreads = spreads_of(centred, centred + displacements)
     if spreads.min() < THIN:
         _, sigma, vt = scipy.linalg.svd(centred, full_matrices=False)
         rank = int((sigma > FLAT * sigma[0]).sum())

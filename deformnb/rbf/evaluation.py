@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, float64, jnp, lax
-from deformnb.rbf.kernels import AbstractKernel
+from deformnb._jax import compiled, float64, jax, jnp, lax
+from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
 """Numbers of points that are compiled for; a fit is padded to the next one, so adding a point rarely recompiles."""
@@ -43,8 +43,14 @@ def few_sizes(tiles: int) -> int:
     return -(-tiles // step) * step
 
 
+_FEW = 64  # numbers; NumPy takes 2 us for them, a compiled function 30
+
+
 def profile_of(square: NDArray[np.float64], kernel: type[AbstractKernel]) -> NDArray[np.float64]:
-    """A kernel's phi at squared relative distances (n,), float64, compiled for few sizes."""
+    """A kernel's phi at squared relative distances (n,), float64; of more than a few compiled for few sizes."""
+    if len(square) <= _FEW and kernel.name in BUILT_IN:  # others are written with JAX
+        with np.errstate(all="ignore"):
+            return np.asarray(kernel.profile(square))
     padded = np.zeros(max(256, few_sizes(len(square))))
     padded[: len(square)] = square
     with float64():
@@ -122,11 +128,16 @@ def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...],
 def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
     dim = rows.shape[0]
 
-    def tile(r: Any) -> Any:
-        return jnp.stack(what(tuple(r[k][:, None] + columns[k][None, :] for k in range(dim)), leaves, kernel))
+    def values(r: Any) -> tuple[Any, ...]:
+        return what(tuple(r[k][:, None] + columns[k][None, :] for k in range(dim)), leaves, kernel)
 
-    tiles = lax.map(tile, rows.reshape(dim, -1, _TILE).transpose(1, 0, 2))
-    return tiles.transpose(1, 0, 2, 3).reshape(-1, rows.shape[1], columns.shape[1])
+    def add(t: Any, out: Any) -> Any:
+        tile = jnp.stack(values(lax.dynamic_slice(rows, (0 * t, t * _TILE), (dim, _TILE))))
+        return lax.dynamic_update_slice(out, tile, (0 * t, t * _TILE, 0 * t))
+
+    count = len(jax.eval_shape(values, rows[:, :_TILE]))
+    out = jnp.zeros((count, rows.shape[1], columns.shape[1]), rows.dtype)
+    return lax.fori_loop(0, rows.shape[1] // _TILE, add, out)  # stacked by lax.map, it would all be copied once more
 
 
 _evaluate_lattice = compiled(_lattice, static_argnames=("kernel", "what"))

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled
+from deformnb._jax import compiled, float64
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
 from deformnb.rbf.evaluation import capacity, profile_of
-from deformnb.rbf.kernels import AbstractKernel
+from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 Floats = NDArray[np.float64]
 
@@ -98,9 +98,7 @@ class _Dense:
 
     def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
         n = len(x)
-        padded = np.zeros((capacity(n), x.shape[1]))  # few sizes are compiled
-        padded[:n] = x
-        phi = np.array(np.asarray(values_between(padded, padded, kernel=kernel))[:n, :n])
+        phi = kernel_matrix(x, kernel)
         phi.flat[:: n + 1] += nugget
         self._diagonal = phi.diagonal().copy()[:, None]
         self._both, self._failed = scipy.linalg.lapack.dpotrf(phi.T, lower=1, clean=0, overwrite_a=1)
@@ -260,6 +258,21 @@ def _check_size(size: int, pairs: int, n: int) -> None:
         raise DeformError(f"the support radius holds {2 * pairs // n} neighbours of each of these {n} control "
                           "points on average, too many for the memory of a solve; give a smaller support radius, or "
                           "leave it to the points.")
+
+
+_SMALL = 32  # points whose matrix NumPy has made before a compiled function starts
+
+
+def kernel_matrix(x: Floats, kernel: type[AbstractKernel]) -> Floats:
+    """Phi (n, n) of points (n, dim), float64, the caller's own."""
+    n, dim = x.shape
+    if n <= _SMALL and kernel.name in BUILT_IN:
+        with np.errstate(all="ignore"):
+            return np.asarray(_values_between(x, x, kernel=kernel))
+    padded = np.zeros((capacity(n), dim))  # few sizes are compiled
+    padded[:n] = x
+    with float64():
+        return np.array(np.asarray(values_between(padded, padded, kernel=kernel))[:n, :n])
 
 
 def _values_between(x: Any, y: Any, *, kernel: type[AbstractKernel]) -> Any:

@@ -39,7 +39,7 @@ from deformnb.rbf.evaluation import (
     local_squares,
     profile_of,
 )
-from deformnb.rbf.factors import DENSE, factored_anew, matrix_of, values_between
+from deformnb.rbf.factors import DENSE, factored_anew, kernel_matrix, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, plain_moments, solve, solve_factored
@@ -330,11 +330,9 @@ def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[Abstra
         If the matrix is singular to working precision.
     """
     n, dim = x.shape
-    padded = np.zeros((capacity(n), dim))  # few sizes are compiled
-    padded[:n] = x
+    phi = kernel_matrix(x, kernel)
+    phi.flat[:: n + 1] += nugget
     with float64():
-        phi = np.array(np.asarray(values_between(padded, padded, kernel=kernel))[:n, :n])
-        phi.flat[:: n + 1] += nugget
         if trend in ("similarity", "rigid"):
             rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
             assert rule is not None

@@ -117,6 +117,11 @@ def _derivative(function: Callable[[Any], Any], least: float) -> Callable[[Any],
     return derivative
 
 
+def _namespace(s: Any) -> Any:
+    """NumPy for its own arrays, of few numbers: it is done with them before a compiled function starts; else JAX."""
+    return np if isinstance(s, np.ndarray) else jnp
+
+
 def _root(s: Any) -> Any:
     """Sqrt with derivative 0 at 0, so that second derivatives of the smooth kernels come out right at a point."""
     positive = s > 0
@@ -143,7 +148,7 @@ def _log_of_bits(s: Any) -> Any:
     m = lax.bitcast_convert_type(bits - ((exponent - 1023) << 52), np.float64)
     f = (m - 1) / (m + 1)
     z = f * f
-    series = _ATANH[-1]
+    series: Any = _ATANH[-1]
     for c in _ATANH[-2::-1]:
         series = series * z + c
     return k * _LOG_2[0] + (2 * f + (2 * f * z * series + k * _LOG_2[1]))
@@ -160,7 +165,8 @@ class WendlandC0(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        t = jnp.maximum(1 - jnp.sqrt(s), 0.0)
+        xp = _namespace(s)
+        t = xp.maximum(1 - xp.sqrt(s), 0.0)
         return t * t
 
     @staticmethod
@@ -178,7 +184,8 @@ class WendlandC2(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        t = jnp.maximum(1 - jnp.sqrt(s), 0.0)
+        xp = _namespace(s)
+        t = xp.maximum(1 - xp.sqrt(s), 0.0)
         q = t * t
         return q * q * (5 - 4 * t)
 
@@ -196,8 +203,9 @@ class WendlandC4(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        r = jnp.sqrt(s)
-        t = jnp.maximum(1 - r, 0.0)
+        xp = _namespace(s)
+        r = xp.sqrt(s)
+        t = xp.maximum(1 - r, 0.0)
         q = t * t
         return q * q * q * (35 * s + 18 * r + 3) * (1 / 3)
 
@@ -216,7 +224,8 @@ class Gaussian(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return jnp.exp(-4.5 * s)
+        xp = _namespace(s)
+        return xp.exp(-4.5 * s)
 
     @staticmethod
     def slope(s: Any) -> Any:
@@ -232,7 +241,8 @@ class Multiquadric(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return -jnp.sqrt(1 + 16 * s)
+        xp = _namespace(s)
+        return -xp.sqrt(1 + 16 * s)
 
     @staticmethod
     def slope(s: Any) -> Any:
@@ -248,7 +258,8 @@ class InverseMultiquadric(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return 1 / jnp.sqrt(1 + 16 * s)
+        xp = _namespace(s)
+        return 1 / xp.sqrt(1 + 16 * s)
 
     @staticmethod
     def slope(s: Any) -> Any:
@@ -280,7 +291,8 @@ class Linear(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return -jnp.sqrt(s)
+        xp = _namespace(s)
+        return -xp.sqrt(s)
 
     @staticmethod
     def slope(s: Any) -> Any:
@@ -294,7 +306,9 @@ class ThinPlate(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return 0.5 * s * _log(jnp.maximum(s, TINY))
+        xp = _namespace(s)
+        bounded = xp.maximum(s, TINY)
+        return 0.5 * s * (np.log(bounded) if xp is np else _log(bounded))
 
     @staticmethod
     def slope(s: Any) -> Any:
@@ -308,7 +322,8 @@ class Cubic(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return s * jnp.sqrt(s)
+        xp = _namespace(s)
+        return s * xp.sqrt(s)
 
     @staticmethod
     def slope(s: Any) -> Any:
@@ -322,7 +337,8 @@ class Quintic(AbstractKernel):
 
     @staticmethod
     def profile(s: Any) -> Any:
-        return -s * s * jnp.sqrt(s)
+        xp = _namespace(s)
+        return -s * s * xp.sqrt(s)
 
     @staticmethod
     def slope(s: Any) -> Any:

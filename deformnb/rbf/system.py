@@ -5,6 +5,7 @@ Coordinates are relative to the support radius. All components of the displaceme
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,8 +34,9 @@ class Solved(NamedTuple):
 
     def padded(self, size: int) -> Solved:
         """The same with zeros for centres up to ``size``."""
-        rest = ((0, size - len(self.alpha)), (0, 0))
-        return self._replace(alpha=np.pad(self.alpha, rest), miss=np.pad(self.miss, rest))
+        alpha, miss = np.zeros((2, size, self.alpha.shape[1]))
+        alpha[: len(self.alpha)], miss[: len(self.miss)] = self.alpha, self.miss
+        return self._replace(alpha=alpha, miss=miss)
 
 
 def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
@@ -127,7 +129,7 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
 
 def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
     """S and H of :mod:`deformnb.rbf.trends` in which all points count alike."""
-    mean_x, mean_d = ((one * a).sum(axis=0) / one.sum() for a in (x, d))
+    mean_x, mean_d = ((one.T @ a / one.sum()) for a in (x, d))
     centred = one * (x - mean_x)
     s = centred.T @ centred
     return s, s + (d - mean_d).T @ centred
@@ -197,8 +199,7 @@ def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, 
     if trend == "none":
         alpha = matrix.solve(rest)
     elif is_skew:
-        plain = plain_moments(x, rest, one)
-        linear = np.asarray(_linear_alone(plain, plain, span, turn, trend=trend))
+        linear = _linear_on_host(x, rest, None, span, turn, trend)
         constant = rest.mean(axis=0) - linear @ x.mean(axis=0)
         alpha = matrix.solve(rest - x @ linear.T - constant)
     else:
@@ -207,11 +208,21 @@ def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, 
         w = v[:, 1:] - v[:, :1] * mean
         s = x.T @ w[:, :dim]
         moments = s, s + rest.T @ w[:, :dim]
-        linear = np.asarray(_linear_alone(moments, plain_moments(x, rest, one), span, turn, trend=trend))
+        linear = _linear_on_host(x, rest, moments, span, turn, trend)
         constant = mean[dim:] - linear @ mean[:dim]
         alpha = w[:, dim:] - w[:, :dim] @ linear.T
     miss = matrix.product(alpha) + x @ linear.T + constant - rest
     return Solved(alpha, linear, constant, miss, None if bent is None else quadratic_forms(bent, dim))
+
+
+def _linear_on_host(x: Floats, d: Floats, moments: tuple[Floats, Floats] | None, span: Span, turn: Floats,
+                    trend: str) -> Floats:
+    """As :func:`_linear_part` of arrays; without moments of an energy all points count alike."""
+    if moments is not None and trend == "affine" and not span.ridge.any():  # of most fits; the rule is H S^-1 then
+        with contextlib.suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.solve(moments[0], moments[1].T).T - np.eye(len(turn)))
+    plain = plain_moments(x, d, np.ones((len(x), 1)))
+    return np.asarray(_linear_alone(moments or plain, plain, span, turn, trend=trend))
 
 
 _linear_alone = compiled(_linear_part, static_argnames="trend")

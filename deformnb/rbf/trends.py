@@ -36,6 +36,7 @@ NO_ANGLE = 1e-6
 # Directions in which the points spread by less than this share of their length are thin: an affine trend is shrunk
 # there, and from it on it is the plain one.
 THIN = 0.25
+_SURELY = 1 + 1e-6  # beyond rounding
 # How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
 # ((THIN - spread) / spread)^2 / SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
 # tried and held det J above 0.3 beside them; smaller ones are nearer to a similarity.
@@ -189,6 +190,24 @@ def spreads_of(targets: NDArray[np.float64], sources: NDArray[np.float64]) -> tu
     x, y = (places - places.mean(axis=0) for places in (targets, sources))
     x, y = (places / (np.abs(places).max() or 1.0) for places in (x, y))  # squares of tiny lengths would be zero
     return thin_directions(x.T @ x, y.T @ y, y.T @ x)
+
+
+def are_wide(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> bool:
+    """Check that no direction of :func:`thin_directions` is thin, where the two sets alone show that.
+
+    The spreads lie above the smaller ones of the sets, whose moments take one product and the eigenvalues of both.
+
+    Parameters
+    ----------
+    centred : (n, dim) targets less their mean.
+    displacements : (n, dim) from the targets to the sources.
+    """
+    dim = centred.shape[1]
+    both = np.concatenate([centred.T, (centred + displacements).T])
+    both = both - both.mean(axis=1, keepdims=True)
+    both /= np.abs(both).max() or 1.0  # squares of tiny lengths would be zero
+    values = np.linalg.eigvalsh(np.stack([half @ half.T for half in (both[:dim], both[dim:])]))
+    return bool((values[:, 0] > _SURELY * THIN**2 * values[:, -1]).all())
 
 
 def _relative_moments(m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -55,6 +55,13 @@ def test_profile_is_the_published_formula(name: str) -> None:
     oracle.assert_close(KERNELS[name](support)(r), wanted, rtol=1e-14, atol=1e-15)
 
 
+@pytest.mark.parametrize("name", KERNELS)
+def test_profile_of_numpy_s_arrays_is_that_of_jax(name: str) -> None:
+    s = np.concatenate([[0.0, 1e-30, 1.0], np.geomspace(1e-12, 1e6, 200)])
+    # Two units in the last place of each root and logarithm, times the power they are taken to.
+    oracle.assert_close(KERNELS[name].profile(s), KERNELS[name](1.0)(np.sqrt(s)), rtol=1e-13, atol=1e-15)
+
+
 def test_thin_plate_has_the_digits_of_its_logarithm_at_every_scale() -> None:
     rng = np.random.default_rng(0)
     r = np.concatenate([10.0 ** rng.uniform(-14, 14, 10000), rng.uniform(0.5, 2, 10000),

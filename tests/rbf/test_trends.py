@@ -15,7 +15,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import TRENDS, complete, nearest_rotation, ridge_of, trend_named
+from deformnb.rbf.trends import THIN, TRENDS, are_wide, complete, nearest_rotation, ridge_of, spreads_of, trend_named
 
 SUPPORT = 80.0
 
@@ -233,3 +233,16 @@ def test_unknown_trends_are_refused_with_a_list() -> None:
     with pytest.raises(DeformError, match="unknown trend 'afine'; choose one of affine, similarity, rigid"):
         trend_named("afine")
     assert len({t.title for t in TRENDS.values()}) == len(TRENDS)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_sets_that_are_wide_by_themselves_have_no_thin_direction(dim: int) -> None:
+    rng = np.random.default_rng(dim)
+    found = []
+    for _ in range(300):
+        targets = rng.normal(size=(12, dim)) * 10.0 ** rng.uniform(-0.8, 0, dim)
+        sources = targets @ rng.normal(size=(dim, dim)) + 0.1 * rng.normal(size=targets.shape)
+        centred = targets - targets.mean(axis=0)
+        found.append(are_wide(centred, sources - targets))
+        assert not found[-1] or spreads_of(targets, sources)[1].min() >= THIN
+    assert 20 < sum(found) < 280  # both answers occur
