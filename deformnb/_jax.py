@@ -84,6 +84,9 @@ def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], A
 # Measured (design notes, speed of XLA on CPU): 512-bit vectors make kernel evaluation 1.9 times and byte gathers 1.1
 # times faster where the processor has them; XLA falls back to what there is elsewhere.
 _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max": True}
+# A call that is one part of the work on a pool of threads stays on one thread: shared out once more among XLA's own
+# threads it waits for both halves (two threads on two processors: 10 to 17 per cent longer).
+_ONE_THREAD = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
 
 
 @cache
@@ -103,16 +106,16 @@ def use_disk_cache() -> str | None:
 
 
 @cache
-def _accepted_options(platform: str) -> dict[str, Any] | None:
-    """The compiler options for a platform, if its compiler takes them: they belong to that of the CPU."""
+def _takes_options(platform: str) -> bool:
+    """Whether the compiler of a platform takes the options above: they belong to that of the CPU."""
     if platform != "cpu":
-        return None
+        return False
     try:
         with jax.default_device(jax.local_devices(backend="cpu")[0]):
-            jax.jit(lambda x: x + 1, compiler_options=_CPU_OPTIONS)(0.0)
+            jax.jit(lambda x: x + 1, compiler_options=_CPU_OPTIONS | _ONE_THREAD)(0.0)
     except Exception:  # an older or newer compiler without one of the options: plain compilation is right too
-        return None
-    return _CPU_OPTIONS
+        return False
+    return True
 
 
 _is_forked = False  # from a process that had computed before
@@ -146,7 +149,8 @@ def refuse_forked() -> None:
                           "ProcessPoolExecutor(mp_context=multiprocessing.get_context(\"spawn\")).")
 
 
-def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (), **options: Any) -> Callable[..., Any]:
+def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (), on_one_thread: bool = False,
+             **options: Any) -> Callable[..., Any]:
     """``jax.jit`` with this package's compiler options and disk cache, set up at the first call and not at import.
 
     It computes on the device in use (:mod:`deformnb.devices`).
@@ -155,12 +159,14 @@ def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (),
     ----------
     donated : names of arguments whose memory the result may take, where that is not NumPy's. The caller must not use
         them again.
+    on_one_thread : for parts of work that a pool of threads shares: XLA on the CPU shares none of a call out again.
     """
 
     @cache
     def program(platform: str, is_host: bool) -> Any:
         use_disk_cache()
-        return jax.jit(function, compiler_options=_accepted_options(platform),
+        chosen = _CPU_OPTIONS | (_ONE_THREAD if on_one_thread else {}) if _takes_options(platform) else None
+        return jax.jit(function, compiler_options=chosen,
                        donate_argnames=None if is_host else donated, **options)
 
     def executable() -> Any:

@@ -15,6 +15,7 @@ import pytest
 from deformnb._jax import compiled, float64
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
+from deformnb.warping.planning import processors
 
 FIT = (
     "from deformnb import ControlPoints, Raster, fit_rbf\n"
@@ -136,3 +137,12 @@ def test_a_forked_child_of_a_process_that_has_computed_refuses_instead_of_hangin
     assert child.startswith(wanted)
     assert ("spawn" in child) == (parent == "used")
     assert own == "(8, 8, 8)"
+
+
+@pytest.mark.skipif(processors() < 2, reason="XLA has one thread only")
+def test_a_part_of_shared_work_stays_on_one_thread() -> None:
+    x = np.ones(2**20, np.float32)
+    shared, part = (compiled(lambda x: jnp.sin(x) * 2, on_one_thread=alone) for alone in (False, True))
+    texts = [call.executable().lower(x).compile().as_text() for call in (shared, part)]
+    assert ["outer_dimension_partitions" in text for text in texts] == [True, False]
+    np.testing.assert_array_equal(shared(x), part(x))

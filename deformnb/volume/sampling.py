@@ -384,8 +384,8 @@ def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, 
 
 
 _STATIC = ("shape", "method", "compute", "index", "near")
-general = compiled(_general, static_argnames=(*_STATIC, "step"))
-extruded = compiled(_extruded, static_argnames=(*_STATIC, "normal"))
+general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step"))
+extruded = compiled(_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
 rows = compiled(_rows, static_argnames=_STATIC)
 row_taps = compiled(_row_taps, static_argnames=_STATIC)
-rows_by = compiled(_rows_by, static_argnames=("method", "compute"))
+rows_by = compiled(_rows_by, on_one_thread=True, static_argnames=("method", "compute"))
