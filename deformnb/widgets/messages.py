@@ -177,7 +177,7 @@ class SlicesMoved(TypedDict):
 
 
 class Seen(TypedDict):
-    """What has this number is shown."""
+    """What has this number is shown or being drawn, so that the next may come."""
 
     type: Literal["seen"]
     view: View

@@ -183,10 +183,24 @@ def test_skipping_what_is_empty_changes_no_pixel(page: LivePage, name: str, proj
     view.show_deformation(fields()[name])
     view.set_camera((-0.6, 0.7, 0.4))
     fast = page.pixels().astype(int)
+    fast_quick = quick(page)
     page.page.evaluate("() => { document.querySelector('.dnb-view').deformnb.caster.skips = false; }")
     slow = page.pixels().astype(int)
     # Positions of samples are sums of the same steps in float32: a few pixels at edges differ by rounding.
     assert (np.abs(fast - slow).max(axis=2) > 8).mean() < 2e-3
+    assert fast_quick.any()
+    assert (np.abs(fast_quick - quick(page)).max(axis=2) > 0.04).mean() < 1e-2
+
+
+def quick(page: LivePage) -> np.ndarray:
+    """A quick picture, whose cells are larger: red, green, blue and opacity from 0 to 1."""
+    values = page.page.evaluate("""() => {
+        const { loop, caster } = document.querySelector('.dnb-view').deformnb, width = 120, height = 90;
+        for (const p of loop.pictures(width, height)) caster.cast("coarse0", width, height, p, { coarseness: 1.6 });
+        const found = new Float32Array(4 * width * height);
+        caster.gl.readPixels(0, 0, width, height, caster.gl.RGBA, caster.gl.FLOAT, found);
+        return Array.from(found); }""")
+    return np.reshape(values, (90, 120, 4))
 
 
 def test_pointer_wheel_keys_and_buttons_move_the_camera(page: LivePage) -> None:

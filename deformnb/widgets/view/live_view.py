@@ -6,7 +6,7 @@ itself.
 
 Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
 has been found to hold no more, renderer, background: that of the page around), ``chunk`` (id, index: requests a piece),
-``seen`` (seq: that field is on the screen), ``screenshot`` (id, with a PNG), ``stats``, ``bye``, ``still`` and
+``seen`` (seq: that field is being drawn), ``screenshot`` (id, with a PNG), ``stats``, ``bye``, ``still`` and
 ``drawn`` (see :mod:`~deformnb.widgets.view.fallback`), ``movie_piece`` and ``movie_failed`` (see
 :mod:`~deformnb.widgets.view.page_scene`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
 ``field`` (see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an

@@ -175,7 +175,7 @@ class Pacer:
                 self._timer.start()
 
     def seen(self, number: int) -> None:
-        """The front end shows the state of this number."""
+        """The front end shows or draws the state of this number."""
         with self._lock:
             self._seen = max(self._seen, min(number, self._number))
             if self._timer is not None and self._seen == self._number:

@@ -707,7 +707,7 @@ def test_gradients_are_central_differences_of_the_smoothed_volume_in_physical_un
     np.testing.assert_allclose(rgba[..., :3] - 128, g[z0:z1], atol=0.51)  # rounded to a byte
 
 
-BLOCK, CELL = 4, 8  # voxels along the edge of a block of the volume and of a cell of the result
+BLOCK = 4  # voxels along the edge of a block of the volume
 
 
 def test_rings_of_cells_are_empty_and_no_fewer() -> None:
@@ -738,7 +738,9 @@ def test_extremes_of_blocks_hold_what_interpolation_mixes_in() -> None:
 
 @pytest.mark.parametrize("name", ["replicate", "modulate", "oblique", "in space", "two planes"])
 @pytest.mark.parametrize("is_largest", [False, True])
-def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(name: str, is_largest: bool) -> None:
+@pytest.mark.parametrize("voxels", [8, 16])
+def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(name: str, is_largest: bool,
+                                                                           voxels: int) -> None:
     grid = Grid((40, 44, 36), (1.5, 1.0, 2.0))
     plane, oblique = Plane.along(grid, "+y"), Plane.through(grid.center, (1, 2, -0.7))
     rng = np.random.default_rng(11)
@@ -760,32 +762,32 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(name:
     buffers = {n: np.frombuffer(b, "<f4").tolist() for n, b in zip(message.content["buffers"], message.buffers,
                                                                     strict=True)}
     got = run_script(("webgl/volume_blocks.js", "webgl/region_bits.js", "webgl/empty_space.js"), """(given) => {
-        const { values, shape, spacing, box, alphas, planar, space, toMap, isLargest } = given;
+        const { values, shape, spacing, box, alphas, planar, space, toMap, isLargest, voxels } = given;
         const extremes = blockExtremes(Uint8Array.from(values), shape);
         const blocks = isLargest ? extremes.high : blockOpacities(extremes, alphas);
         const cast = planar && { ...planar, maps: Float32Array.from(planar.maps), count: 1, toMap,
           weights: Float32Array.from(planar.weights) };
         const inSpace = space && { ...space, values: Float32Array.from(space.values) };
         const { size, cells } = emptyCells({ box, shape, spacing, extremes, pairs: blockPairs(blocks, extremes.size),
-          beyond: 0, isLargest }, { planar: cast, space: inSpace && { ranges: new SpaceRanges(inSpace) } });
+          beyond: 0, isLargest, voxels }, { planar: cast, space: inSpace && { ranges: new SpaceRanges(inSpace) } });
         return { size, cells: Array.from(cells) }; }""",
         {"values": values.ravel().tolist(), "shape": list(grid.shape[::-1]), "spacing": list(grid.spacing),
          "box": message.content["box"], "alphas": np.where(np.arange(256) > 30, 0.1, 0.0).tolist(),
-         "isLargest": is_largest, **_maps_for_cells(message.content, buffers)})
+         "isLargest": is_largest, "voxels": voxels, **_maps_for_cells(message.content, buffers)})
     cells = np.reshape(got["cells"], (*got["size"][::-1], 2))
     at = rng.uniform(-0.5, np.array(grid.shape[::-1]) - 0.5, (30_000, 3))
     places = grid.index_to_point(at)
     origin = grid.point_to_index(places + field(places))
     inside = ((origin > -0.5) & (origin < np.array(grid.shape[::-1]) - 0.5)).all(axis=1)
     seen = np.where(inside, map_coordinates(values.astype(float), origin[:, ::-1].T, order=1, mode="nearest"), 0.0)
-    own = cells[tuple(((at + 0.5) // CELL).astype(int)[:, ::-1].T)]
+    own = cells[tuple(((at + 0.5) // voxels).astype(int)[:, ::-1].T)]
     if is_largest:
         assert (own[:, 1] >= seen - 1e-3).all()
     else:
         assert (own[seen > 32] == [0, -(-255 * 0.1 // 0.25)]).all()
         assert ((own[:, 0] == 0) == (own[:, 1] > 0)).all()
     # Not so careful that nothing is skipped: cells are some five times as wide as the tissue's share of them.
-    assert 0.4 < (cells[..., 0] > 0).mean() < 1
+    assert (0.4 if voxels == 8 else 0.1) < (cells[..., 0] > 0).mean() < 1
 
 
 def _maps_for_cells(content: Any, buffers: dict[str, list[float]]) -> dict[str, Any]:

@@ -461,14 +461,14 @@ class LiveVolumeView {
   }
 
   /**
-   * Lets Python send the next field when this one is on the screen.
+   * Lets Python send the next field when this one is being drawn: so it computes that while the GPU has this.
    * @param {number | undefined} seq
    */
   confirm(seq) {
     if (!seq) return;
     const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
     if (this.still) this.still.whenShown(confirm);
-    else if (this.loop && this.caster?.isReady) this.loop.after.push(confirm);
+    else if (this.loop && this.caster?.isReady) this.loop.begun.push(confirm);
     else confirm();
   }
 

@@ -90,7 +90,7 @@ export class FrameLoop {
     this.over = null; // the one that a mixture lays over it
     this.parts = 1; // pictures side by side
     /** @type {(() => void)[]} */
-    this.after = []; // called after the next quick picture
+    this.begun = []; // called when the next quick picture has begun
     this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
     /** @type {number[]} */
     this.quickCosts = []; // the same of the last of them
@@ -209,6 +209,7 @@ export class FrameLoop {
     this.rush = { pieces, size: [width, height], coarseness,
       layers: [...new Set(pieces.map(({ picture }) => picture.layer))], start: performance.now(), spent: 0 };
     this.#piece(this.rush);
+    for (const callback of this.begun.splice(0)) callback();
   }
 
   /** @param {Rush} rush */
@@ -237,7 +238,6 @@ export class FrameLoop {
     this.quickCosts = [...this.quickCosts.slice(1 - KNOWN_COSTS), rush.spent / (width * height)];
     this.quickCost = [...this.quickCosts].sort((a, b) => a - b)[this.quickCosts.length >> 1];
     this.#fitScale(this.quickCost * width * height);
-    for (const callback of this.after.splice(0)) callback();
   }
 
   /**

@@ -7,7 +7,7 @@ import { BLOCK } from "./volume_blocks.js";
 /** @import { Sides, Vector3 } from "../types.d.ts" */
 /** @import { CastPlanar, CastSpace, Extremes, SpaceField } from "./types.d.ts" */
 
-export const CELL = 8; // voxels along the edge of a cell
+export const CELL = 8, QUICK_CELL = 16; // voxels along the edge of a cell; an eighth of them while something moves
 const MOST_CELLS = 64; // along an axis: of a box much larger than the volume they are larger
 const MOST_RINGS = 250; // a byte holds them
 const PLANAR_TILE = 4, SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are kept
@@ -244,14 +244,15 @@ function halfFloats(bits) {
  * @param {Uint8Array} seen.pairs of the largest values of the blocks, or of their largest opacities
  * @param {number} seen.beyond the same of what lies outside the volume
  * @param {boolean} seen.isLargest whether largest values are projected
+ * @param {number} seen.voxels along the edge of a cell, at least
  * @param {{planar: CastPlanar | null, space: CastSpace | null}} field
  * @returns {{size: Vector3, cells: Uint8Array, edge: Vector3}} `edge`: lengths of a cell's edges
  */
-export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest }, { planar, space }) {
+export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels }, { planar, space }) {
   const lengths = box.low.map((low, i) => box.high[i] - low);
   const size = /** @type {Vector3} */ (lengths.map((l, i) => (
-    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (CELL * spacing[i]) - 1e-6))))));
-  const edge = /** @type {Vector3} */ (lengths.map((l, i) => Math.max(CELL * spacing[i], l / size[i])));
+    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (voxels * spacing[i]) - 1e-6))))));
+  const edge = /** @type {Vector3} */ (lengths.map((l, i) => Math.max(voxels * spacing[i], l / size[i])));
   const half = /** @type {Vector3} */ (edge.map((e) => e / 2));
   const plane = planar && new PlanarRanges(planar, half), rest = space?.ranges;
   const regions = planar?.cut ? planar.cut.bits.length : 1, later = rest ? rest.regions : 1;

@@ -10,7 +10,7 @@
 import { dot } from "../maths/camera.js";
 import { clipSides, leftOf } from "../maths/clipping.js";
 import { AMBIENT_CELL } from "../maths/constants.js";
-import { blockPairs, emptyCells, SpaceRanges } from "./empty_space.js";
+import { blockPairs, CELL, emptyCells, QUICK_CELL, SpaceRanges } from "./empty_space.js";
 import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
@@ -405,20 +405,22 @@ export class RayCaster {
    * @param {ColorTable} table
    * @param {{planar: CastPlanar | null, space: CastSpace | null}} field
    * @param {boolean} isOriginal
+   * @param {number} voxels along the edge of a cell
    */
-  #cells(volume, table, { planar, space }, isOriginal) {
+  #cells(volume, table, { planar, space }, isOriginal, voxels) {
     const { extremes, outside, shape, spacing } = volume, { gl, skips } = this;
     if (!extremes) throw new Error("nothing to draw");
     /** @type {"cells" | "ownCells"} */
     const name = isOriginal ? "ownCells" : "cells";
     const isLargest = this.projection === "mip", box = isOriginal ? volume.ownBox : volume.box;
     const known = isLargest ? this.pairs.value : this.pairs.opacity;
-    const of = [planar, space, box, known, skips], old = this.empty[name];
+    const of = [planar, space, box, known, skips, voxels], old = this.empty[name];
     if (old?.of.every((part, i) => part === of[i])) return { name, cells: old };
     const pairs = skips ? known : new Uint8Array(known.length).fill(255);
     const opacity = Math.min(255, Math.ceil((255 * opacityOfByte(table.rgba, outside)) / OPACITY_SHARE));
     const beyond = !skips ? 255 : isLargest ? outside : opacity;
-    const found = emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest }, { planar, space });
+    const found = emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels },
+      { planar, space });
     this.#texture(name, gl.TEXTURE_3D, false);
     gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG8, ...found.size, 0, gl.RG, gl.UNSIGNED_BYTE, found.cells);
     const cells = { of, size: found.size, edge: found.edge, low: box.low };
@@ -495,7 +497,8 @@ export class RayCaster {
     gl.uniform1f(at.stride, stride);
     gl.uniform2f(at.place, whole.x + before(left, x), before(low, y));
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
-    const { name: unit, cells: { size, edge, low: corner } } = this.#cells(volume, table, { planar, space }, original);
+    const { name: unit, cells: { size, edge, low: corner } } = this.#cells(volume, table, { planar, space }, original,
+      coarseness > 1 ? QUICK_CELL : CELL);
     gl.uniform1i(at.cells, UNITS[unit]);
     gl.uniform3fv(at.cellCount, size);
     gl.uniform1f(at.layers, step / table.unit);
