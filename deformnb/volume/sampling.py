@@ -315,6 +315,22 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
     return lax.map(plane, jnp.arange(whole[0].shape[1]))
 
 
+def _listed(flat: Any, d: Any, voxels: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,
+            shape: tuple[int, int, int], method: str, compute: str, index: str, near: bool = False) -> Any:
+    """Single voxels (n,) of the output under displacements (3, n), as :func:`_general` gives them.
+
+    voxels : their indices z, y, x in the output, whose tables ``whole`` and ``part`` are.
+    """
+    def added(tables: Any) -> tuple[Any, ...]:
+        z, y, x = (table.at[:, at].get(mode="promise_in_bounds") for table, at in zip(tables, voxels, strict=True))
+        none = jnp.zeros((3, 1), z.dtype)
+        return none, none, z + y + x
+
+    row = tuple(component.reshape(1, 1, -1) for component in d)
+    return _general(flat, row, matrix, added(whole), added(part), fill, shape=shape, method=method, step=1,
+                    compute=compute, index=index, near=near).reshape(-1)
+
+
 def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,
               shape: tuple[int, int, int], normal: int, method: str, compute: str, index: str,
               near: bool = False) -> Any:
@@ -385,6 +401,7 @@ def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, 
 
 _STATIC = ("shape", "method", "compute", "index", "near")
 general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step"))
+listed = compiled(_listed, on_one_thread=True, static_argnames=_STATIC)
 extruded = compiled(_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
 rows = compiled(_rows, static_argnames=_STATIC)
 row_taps = compiled(_row_taps, static_argnames=_STATIC)

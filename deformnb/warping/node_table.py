@@ -1,4 +1,4 @@
-"""Displacements of a composition as one table of nodes, read by cubic interpolation.
+"""Displacements of a field or a composition as one table of nodes, read by cubic interpolation.
 
 Every deformation of a composition is evaluated at the places to which those after it lead, so that n of them cost n
 sums over control points at every voxel. Nodes a few voxels apart need a sixty-fourth of that. Between nodes at distance
@@ -16,7 +16,7 @@ modulation bends sharply: there the composition is evaluated at every voxel.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import pairwise
@@ -33,6 +33,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
 from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
 from deformnb.rbf.stages import Staged
 from deformnb.volume.sampling import on_device
@@ -75,6 +76,12 @@ _SMOOTHNESS: dict[type[kernels.AbstractKernel], int] = {
 # A bump of so many diagonals of a cell as support shows in the fourth differences wherever it lies.
 _NARROWEST = 4
 
+# Distances that are read off a mask's table change by up to this per length, those to lines and polygons by 1.
+_STEEPEST = 3**0.5
+
+# How much farther than half a diagonal the nearest node may be in cells that the deformation bends.
+_BENT = 1.15
+
 # Samples of a curve of modulation between two nodes, at least and at most.
 _SAMPLES = 8, 256
 
@@ -107,6 +114,15 @@ def smoothness_of(field: AbstractField) -> int | None:
             return None
     known = [smoothness_of(part) for part in parts]
     return None if None in known else min((k for k in known if k is not None), default=3)
+
+
+def node_count(grid: Grid) -> int:
+    """The number of nodes :data:`SPACING` voxels apart around all voxels of a grid."""
+    return int(np.prod(_node_shape(grid, SPACING)))
+
+
+def _node_shape(grid: Grid, spacing: int) -> tuple[int, ...]:
+    return tuple(-(-n // spacing) + 1 + 2 * _HALO for n in grid.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +237,7 @@ class _Lattice:
         assert smoothness is not None
         self._factor = _JUMPS[smoothness]
         cells = tuple(-(-n // spacing) for n in grid.shape)
-        self._shape = tuple(n + 1 + 2 * _HALO for n in cells)
+        self._shape = _node_shape(grid, spacing)
         self._values, self._near = np.empty((3, *self._shape), np.float32), np.zeros(self._shape, dtype=bool)
         self._error = np.zeros(self._shape, np.float32)
         self._types: dict[Any, Any] = {}
@@ -329,8 +345,13 @@ class _Walk:
                 for axis in range(3)]
 
     def _diagonal(self, places: Floats) -> float:
-        """A bound of twice the way from any place in a cell to the nearest node, for cells between these places."""
+        """A bound of the diagonals of the cells between these places."""
         return float(np.linalg.norm(self._sides(places)))
+
+    def _change(self, places: Floats, regions: Sequence[AbstractRegion]) -> float:
+        """A bound of how distances differ between any place in a cell and its nearest node, for these places."""
+        is_exact = all(isinstance(region, HalfSpace | Polygon | Line) for region in regions)
+        return (1.0 if is_exact else _STEEPEST) * _BENT * self._diagonal(places) / 2
 
     def through(self, field: AbstractField, x: Floats) -> Floats:
         """Displacements (n, dim) at places (n, dim), which are those of the nodes somewhere on the way."""
@@ -364,8 +385,8 @@ class _Walk:
     def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
         back = [x @ np.asarray(m).T + t for m, t in zip(field.matrices, field.shifts, strict=True)]
         distances = [region.signed_distance(y) for region, y in zip(field.regions, back, strict=True)]
-        for y, distance in zip(back, distances, strict=True):
-            self.near |= np.abs(distance) <= self._diagonal(y)
+        for region, y, distance in zip(field.regions, back, distances, strict=True):
+            self.near |= np.abs(distance) <= self._change(y, [region])
         outside = [np.maximum(distance, 0.0) for distance in distances]
         moved, weight = drift_and_weight(x, back, outside, field.scales, field.weights, np)
         return np.asarray(moved + weight[..., None] * self.through(field.base, x))
@@ -388,14 +409,14 @@ class _Walk:
             return np.stack([region.signed_distance(on) for region in field.regions])
 
         here, total = distances(x), np.zeros_like(x)
-        needed = self._diagonal(x) + field.softness
+        needed = self._change(x, field.regions) + field.softness
         smooth, free = np.zeros(len(x), dtype=bool), np.abs(here).min(axis=0) > needed
         for f, side in zip(field.fields, field.sides, strict=True):
             d = self.through(f, x)
             sign = np.where(side, -1.0, 1.0)[:, None]
             depth = (sign * here).min(axis=0)
             there = (sign * distances(x + d)).min(axis=0)
-            smooth |= (depth > needed) & (there > self._diagonal(x + d) + field.softness)
+            smooth |= (depth > needed) & (there > self._change(x + d, field.regions) + field.softness)
             free &= depth <= 0  # of a region without control points, which stays where it is
             total = np.where((depth > 0)[:, None], d, total)
         self.near |= ~(smooth | free)

@@ -104,14 +104,6 @@ class Places:
         whole = tuple(_cut(table, s) for table, s in zip(self.whole, every, strict=True))
         return whole, tuple(_cut(table, s) for table, s in zip(self.part, every, strict=True))
 
-    def listed(self, voxels: Sequence[NDArray[np.int32]]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """``whole`` and ``part`` of voxels (n,), given as indices z, y, x, as a block of one row."""
-        found = []
-        for tables in (self.whole, self.part):
-            z, y, x = (table[:, index] for table, index in zip(tables, voxels, strict=True))
-            found.append((np.zeros_like(z[:, :1]), np.zeros_like(z[:, :1]), z + y + x))
-        return found[0], found[1]
-
     def near(self, shape: Sequence[int]) -> bool:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
         farthest = sum(np.abs(table).max(axis=1, initial=0).astype(np.int64) for table in self.whole)

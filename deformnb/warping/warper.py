@@ -26,7 +26,7 @@ from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
 from deformnb.volume.labelled import is_labelled, mapped
 from deformnb.volume.plane import Raster
-from deformnb.volume.sampling import METHODS, on_device
+from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
@@ -84,11 +84,11 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
     method : a name of :data:`METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
         edges). Default is linear, and nearest for labels and bool.
-    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
-        linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
-        Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
-        Compositions and stages are interpolated where they are smooth, at most a hundredth of a voxel
-        (:data:`deformnb.warping.node_table.ERROR`) from the displacement at every voxel.
+    step : 1 keeps within a hundredth of a voxel (:data:`deformnb.warping.node_table.ERROR`) of the displacement at
+        every voxel: where the field is smooth it is interpolated between nodes that are close enough, elsewhere it is
+        evaluated. h > 1 evaluates it at every h-th voxel along each axis and interpolates linearly; the error of the
+        displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel. Extruded fields along an
+        axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
@@ -234,11 +234,11 @@ class Warper:
     def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
-    def _read(self, flat: Any, d: Any, at: Any, nodes: planning.Tables | None, step: int) -> NDArray[Any]:
-        """The voxels to which displacements lead from places in the input."""
+    def _listed(self, flat: Any, d: Any, voxels: tuple[NDArray[np.int32], ...]) -> NDArray[Any]:
+        at = self._places
         with self._arithmetic():
-            return np.asarray(sampling.general(flat, d, self._places.matrix, *at, self._fill, nodes, step=step,
-                                               **self._settings()))
+            return np.asarray(sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill,
+                                              **self._settings()))
 
     def _settings(self) -> dict[str, Any]:
         return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index,
@@ -390,16 +390,18 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     def work(block: tuple[slice, slice]) -> None:
         own = found(block)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
-            result = warper._read(flat, own.d, warper._places.block(block), own.nodes, step)
+            at = warper._places
+            with warper._arithmetic():
+                result = np.asarray(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
+                                                     step=step, **warper._settings()))
             if own.opacity is not None:
                 result = warper._faded(result, own.opacity)
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
         for voxels in own.exact:
             d, opacity = chain.exactly(voxels)
-            d = tuple(on_device(np.asarray(part).reshape(1, 1, -1)) for part in d)
             for warper, flat, out in zip(warpers, flats, outs, strict=True):
-                result = warper._read(flat, d, warper._places.listed(voxels), None, 1).ravel()
+                result = warper._listed(flat, d, voxels)
                 out[voxels] = result if opacity is None else warper._faded(result, opacity)
 
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape, SPACING)

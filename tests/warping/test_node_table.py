@@ -55,6 +55,7 @@ def cut(view: str) -> Cut:
     return Cut(Line(((a, b - 15), (a + 1.5, b), (a - 1, b + 15))))
 
 
+SOLID = RigidPart(HalfSpace(tuple(np.array(GRID.center) - 19.0), (1.0, 0.3, 0.2)))
 PULSE = (0.0,) * 60 + (1.0,) + (0.0,) * 60
 
 CHAINS: dict[str, Callable[[int], tuple[Step, ...]]] = {
@@ -69,6 +70,8 @@ CHAINS: dict[str, Callable[[int], tuple[Step, ...]]] = {
                                          on_plane("-y", seed)),
     "beside a rigid part": lambda seed: (on_plane("+z", seed, 0.5, parts=(part("+z"),)), on_plane("+y", seed, 0.5)),
     "beside a cut": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("+y", seed)),
+    "a fit in space": lambda seed: (in_space(seed),),
+    "a rigid part in space": lambda seed: (in_space(seed, 0.5, parts=(SOLID,)),),
     "cut by Eq. 8": lambda seed: (on_plane("+z", seed), on_plane("+x", seed, cuts=(cut("+x"),), cut_rule="paper")),
 }
 
