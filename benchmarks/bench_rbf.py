@@ -15,6 +15,7 @@ from scipy.interpolate import RBFInterpolator
 
 from benchmarks import c_loops, problem
 from benchmarks.timing import Case, Group
+from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
@@ -55,8 +56,8 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
     def error(result: NDArray[Any]) -> NDArray[Any]:
         return result - exact
 
-    def solve(moved: Callable[[], ControlPoints]) -> Any:
-        return fit_rbf(moved(), support=support)
+    def solve(moved: Callable[[], ControlPoints], **settings: Any) -> Any:
+        return fit_rbf(moved(), support=support, **settings)
 
     cases = [
         Case("deformnb: evaluate", lambda: fit.on_raster(raster), error, ours=True),
@@ -65,6 +66,9 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
         Case("deformnb: drag of one point", lambda: solve(one), ours=True),
         Case("deformnb: drag of one point and evaluate", lambda: solve(one).on_raster(raster), error, ours=True),
     ]
+    if count <= LARGEST_SET:
+        cases += [Case("deformnb: thin plate, solve", lambda: solve(every, kernel="thin_plate"), ours=True),
+                  Case("deformnb: thin plate, drag of one point", lambda: solve(one, kernel="thin_plate"), ours=True)]
     if not c_loops.why_absent():
         cases.append(Case("C loop", c_loops.sums(fit, raster), error))
     if not options.loops:

@@ -8,6 +8,9 @@ that the moved points M are bordered to the fixed ones F in ``n^2`` operations w
 and the inverse of ``Phi_FF`` is that of the whole matrix with the rows M left out, ``b -> w - G (G_M)^-1 w_M`` with
 ``w = Phi^-1 b`` and ``G = Phi^-1 E``, E the unit columns of M (G. H. Golub, C. F. Van Loan, Matrix Computations (2013),
 sections 2.1 and 6.5). Steps are always taken from the matrix that was factored, so that errors do not add up.
+
+Kernels of order 1 and 2 are definite only beside the polynomials P of a smaller degree. Their matrix is
+``[Phi P; P^T 0]``, and the rows of P^T stay among the fixed ones.
 """
 
 from __future__ import annotations
@@ -41,12 +44,17 @@ _MOST_MOVED = 16  # points beside a kept factor, and one of eight: more of them 
 
 
 class Matrix(Protocol):
-    """Phi + nugget of n points, factored, as two functions of columns (n, k)."""
+    """Phi + nugget of n points, factored, as two functions of columns (n, k).
+
+    For a kernel of order 1 or 2 it is bordered by the :func:`polynomials` of the points, and columns are (n + m, k).
+    """
 
     size: int
     """Numbers of the factor."""
     is_updated: bool
     """Points have moved since it was factored."""
+    origin: Floats
+    """The place from which the coordinates of its polynomials are counted, in the unit of the points."""
 
     def solve(self, b: Floats) -> Floats:
         """The columns c with ``(Phi + nugget) c = b``; NaN where the matrix is not definite."""
@@ -69,7 +77,9 @@ def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, ker
         If the factor would take more memory than 2 GiB.
     """
     if scales is not None:
-        return _Sparse(_relative(points), nugget, scales, kernel)
+        matrix = _Sparse(_relative(points), nugget, scales, kernel)
+        matrix.origin = points.origin
+        return matrix
     if points.count >= _KEPT_FROM:
         for base in _kept.like(points, nugget, kernel):
             moved = np.flatnonzero((base.points.targets != points.targets).any(axis=1))
@@ -80,8 +90,9 @@ def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, ker
 
 def factored_anew(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
     """The matrix of points factored as it is, and kept."""
-    kind = _Band if kernel.compact and points.count > DENSE else _Dense
+    kind = _Bordered if kernel.order else _Band if kernel.compact and points.count > DENSE else _Dense
     matrix = kind(_relative(points), nugget, kernel)
+    matrix.origin = points.origin
     if points.count >= _KEPT_FROM:
         _kept.add(_Base(points, nugget, kernel, matrix))
     return matrix
@@ -95,6 +106,7 @@ class _Dense:
     """A symmetric matrix and its Cholesky factor, in the two triangles of one array: fresh memory costs as much."""
 
     is_updated = False
+    origin: Floats
 
     def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
         n = len(x)
@@ -114,6 +126,59 @@ class _Dense:
         return np.asarray(upper + (self._diagonal - self._both.diagonal()[:, None]) * b)
 
 
+def polynomials(x: Floats, order: int) -> Floats:
+    """The monomials (n, m) of a degree below ``order``, 1 or 2, at relative places x (n, dim).
+
+    >>> polynomials(np.array([[3.0, 4.0]]), 2).tolist()
+    [[1.0, 3.0, 4.0]]
+    """
+    return np.concatenate([np.ones((len(x), 1)), x[:, : x.shape[1] * (order - 1)]], axis=1)
+
+
+class _Bordered:
+    """``[Phi P; P^T 0]`` of a kernel of order 1 or 2 by the null-space method.
+
+    With ``P = Q [R; 0]`` the lower right part of ``Q^T Phi Q`` is definite and has a Cholesky factor (M. Benzi,
+    G. H. Golub, J. Liesen, Acta Numerica 14 (2005) 1-137, section 6). ``Q = 1 - Y T Y^T`` of the reflections Y stays
+    in that form, so that beside the factor all takes n^2 operations.
+    """
+
+    is_updated = False
+    origin: Floats
+
+    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        n, self._phi = len(x), kernel_matrix(x, kernel)
+        self._phi.flat[:: n + 1] += nugget
+        self._p = polynomials(x, kernel.order)
+        m = self._p.shape[1]
+        raw, tau = np.linalg.qr(self._p, mode="raw")
+        self._r, y = np.triu(raw.T[:m]), np.tril(raw.T, -1)
+        y.flat[: m * m : m + 1] = 1.0
+        with np.errstate(all="ignore"):  # NaN where a reflection is none, and no factor then
+            self._yt = y @ np.linalg.inv(np.triu(y.T @ y, 1) + np.diag(1 / tau))
+        w = self._phi @ self._yt
+        z = w - 0.5 * y @ (self._yt.T @ w)
+        self._y, self._edge = y, self._phi[:, :m] - z @ y[:m].T - y @ z[:m].T  # Q^T Phi Q, its first columns
+        inner = scipy.linalg.blas.dsyr2k(-1.0, y[m:], z[m:], 1.0, self._phi[m:, m:].T, lower=1)
+        self._factor, self._failed = scipy.linalg.lapack.dpotrf(inner, lower=1, clean=0, overwrite_a=1)
+        self.size = 2 * n * n
+
+    def solve(self, b: Floats) -> Floats:
+        n, m = self._y.shape
+        if self._failed:
+            return np.full(b.shape, np.nan)
+        turned = b[:n] - self._y @ (self._yt.T @ b[:n])
+        found = np.empty_like(turned)
+        found[:m] = np.linalg.solve(self._r.T, b[n:])
+        found[m:] = scipy.linalg.lapack.dpotrs(self._factor, turned[m:] - self._edge[m:] @ found[:m], lower=1)[0]
+        last = np.linalg.solve(self._r, turned[:m] - self._edge.T @ found)
+        return np.concatenate([found - self._yt @ (self._y.T @ found), last])
+
+    def product(self, b: Floats) -> Floats:
+        n = len(self._y)
+        return np.concatenate([self._phi @ b[:n] + self._p @ b[n:], self._p.T @ b[:n]])
+
+
 class _Band:
     """Points sorted along their longest side reach only their neighbours in that order.
 
@@ -122,6 +187,7 @@ class _Band:
     """
 
     is_updated = False
+    origin: Floats
 
     def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
         self._order = np.argsort(x[:, np.ptp(x, axis=0).argmax()], kind="stable")
@@ -152,6 +218,7 @@ class _Sparse:
     """Points with radii of their own, whose matrix is not symmetric: sparse elimination (SuperLU)."""
 
     is_updated = False
+    origin: Floats
 
     def __init__(self, x: Floats, nugget: Floats, scales: Floats, kernel: type[AbstractKernel]) -> None:
         i, j, square = _neighbours(x, float(1 / scales.min()))
@@ -188,7 +255,7 @@ class _Moved:
     is_updated = True
 
     def __init__(self, base: _Base, targets: Floats, moved: NDArray[np.intp]) -> None:
-        self._base, self._moved, self.size = base.matrix, moved, base.matrix.size
+        self._base, self._moved, self.size, self.origin = base.matrix, moved, base.matrix.size, base.points.origin
         (n, dim), m = targets.shape, len(moved)
         x, y = np.zeros((capacity(n), dim)), np.zeros((_MOST_MOVED, dim))
         x[:n] = (targets - base.points.origin) / base.points.support
@@ -197,6 +264,8 @@ class _Moved:
         self._corner = self._columns[moved]
         self._corner.flat[:: m + 1] += base.nugget[moved]
         self._columns[moved] = 0.0
+        if base.kernel.order:
+            self._columns = np.concatenate([self._columns, polynomials(x[moved], base.kernel.order).T])
 
     def solve(self, b: Floats) -> Floats:
         n, m = self._columns.shape

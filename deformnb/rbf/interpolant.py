@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,10 +39,10 @@ from deformnb.rbf.evaluation import (
     local_squares,
     profile_of,
 )
-from deformnb.rbf.factors import DENSE, factored_anew, kernel_matrix, matrix_of
+from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_matrix, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
-from deformnb.rbf.system import Solved, plain_moments, solve, solve_factored
+from deformnb.rbf.system import Solved, plain_moments, solve, solve_bordered, solve_factored
 from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
@@ -405,11 +405,15 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
                               ready.trend, ready.notes, ready.ids, scales, smoothed)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     most = RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max()
+    is_whole = n > dim + 1 and ready.span.basis.shape[1] == dim  # enough points, and not all on a line or in a plane
+    own = None if scales is None else scales[:n]
     with float64():
-        if kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE)):
-            own = None if scales is None else scales[:n]
+        solved = None
+        if (kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE))) or (
+                kernel.order in (1, 2) and scales is None and ready.trend != "quadratic" and is_whole):
             solved = _solve_factored(ready, x[:n], d[:n], nugget[:n], own, turn, kernel, most).padded(size)
-        else:
+        # A nearly singular matrix beside polynomials has no Cholesky factor; elimination may still interpolate by it.
+        if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
             solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel,
                             trend=ready.trend)
         alpha, linear, constant, miss = (np.array(a) for a in solved[:4])
@@ -440,7 +444,12 @@ def _solve_factored(ready: PreparedPoints, x: NDArray[np.float64], d: NDArray[np
                     scales: NDArray[np.float64] | None, turn: NDArray[np.float64], kernel: type[AbstractKernel],
                     most: float) -> Solved:
     """The fit by a factored matrix, one that is kept where that is exact enough."""
-    solve_by = partial(solve_factored, x, d, span=ready.span, turn=turn, is_skew=scales is not None, trend=ready.trend)
+    def solve_by(matrix: Matrix) -> Solved:
+        if kernel.order:
+            return solve_bordered(x, d, matrix, ready.span, turn, order=kernel.order, trend=ready.trend,
+                                  shift=(ready.origin - matrix.origin) / ready.support)
+        return solve_factored(x, d, matrix, ready.span, turn, is_skew=scales is not None, trend=ready.trend)
+
     matrix = matrix_of(ready, nugget, scales, kernel)
     solved = solve_by(matrix)
     if matrix.is_updated and not np.abs(solved.miss).max() <= _UPDATED * most:

@@ -20,7 +20,7 @@ from deformnb.rbf.conditioning import LARGEST_SET, at_rest, box_diagonal, prepar
 from deformnb.rbf.interpolant import MOST_LEFT_OUT, left_out, parameters_of, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel, kernel_named
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import THIN, spreads_of, trend_named
+from deformnb.rbf.trends import THIN, are_wide, spreads_of, trend_named
 from deformnb.volume.volume import Grid
 
 SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
@@ -62,7 +62,8 @@ def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> floa
     :data:`MANY` points each reaches :data:`MOST_NEIGHBOURS`.
     """
     places = at_rest(points)
-    wide = int((spreads_of(places, places)[1] >= THIN).sum())
+    is_wide = are_wide(places - places.mean(axis=0), np.zeros_like(places))
+    wide = points.dim if is_wide else int((spreads_of(places, places)[1] >= THIN).sum())
     gaps, size = max(1.0, len(places) ** (1 / wide) - 1), box_diagonal(points) or np.inf
     longest = np.inf
     if len(places) > MANY and kernel.order < 2:

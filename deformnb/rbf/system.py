@@ -1,4 +1,4 @@
-"""Linear systems of a fit: compiled and differentiable for every kernel; by a factored matrix for those of order 0.
+"""Linear systems of a fit: compiled and differentiable for every kernel; by a factored matrix for orders 0 to 2.
 
 Coordinates are relative to the support radius. All components of the displacement share one matrix.
 """
@@ -213,6 +213,41 @@ def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, 
         alpha = w[:, dim:] - w[:, :dim] @ linear.T
     miss = matrix.product(alpha) + x @ linear.T + constant - rest
     return Solved(alpha, linear, constant, miss, None if bent is None else quadratic_forms(bent, dim))
+
+
+def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Floats, *, order: int, trend: str,
+                   shift: Floats) -> Solved:
+    """The fit of :func:`solve` for a kernel of order 1 or 2 by a bordered matrix that is factored.
+
+    Parameters
+    ----------
+    trend : any but "quadratic".
+    shift : (dim,) of relative coordinates, from those of x to those of the matrix.
+    """
+    n, dim = x.shape
+    given = np.concatenate([d, np.zeros((dim + 1 if order == 2 else 1, dim))])
+    if order == 2:
+        v, miss = _refined(matrix, matrix.solve(given), given)
+        linear = v[n + 1 :].T
+        return Solved(v[:n], linear, v[n] + linear @ shift, miss[:n])
+    v = matrix.solve(np.concatenate([np.pad(x, ((0, 1), (0, 0))), given], axis=1))
+    s = x.T @ v[:n, :dim]
+    linear = _linear_on_host(x, d, (s, s + d.T @ v[:n, :dim]), span, turn, trend)
+    given[:n] -= x @ linear.T
+    found, miss = _refined(matrix, v[:, dim:] - v[:, :dim] @ linear.T, given)
+    return Solved(found[:n], linear, found[n], miss[:n])
+
+
+def _refined(matrix: Matrix, found: Floats, given: Floats) -> tuple[Floats, Floats]:
+    """A solution and its residual; of points that have moved since they were factored with one step of refinement.
+
+    What is interpolated was wrong by 5e-11 of the extent of 220 thin-plate points without it.
+    """
+    miss = matrix.product(found) - given
+    if matrix.is_updated:
+        found = found - matrix.solve(miss)
+        miss = matrix.product(found) - given
+    return found, miss
 
 
 def _linear_on_host(x: Floats, d: Floats, moments: tuple[Floats, Floats] | None, span: Span, turn: Floats,

@@ -29,22 +29,23 @@ def anew(points: ControlPoints, at: NDArray[np.float64], **settings: Any) -> NDA
     return fit_rbf(shifted, **settings).displacement(at + FAR)
 
 
-@pytest.mark.parametrize("trend", TRENDS)
-@pytest.mark.parametrize("kernel", [name for name, kernel in KERNELS.items() if kernel.order == 0])
+@pytest.mark.parametrize(("kernel", "trend"), [(kernel.name, trend.name) for kernel in KERNELS.values()
+                                               for trend in TRENDS.values() if kernel.order <= min(trend.order, 2)])
 @pytest.mark.parametrize("smoothing", [0.0, 0.1])
 def test_a_drag_of_some_of_many_points_gives_the_fit_of_all_of_them(kernel: str, trend: str, smoothing: float) -> None:
     points, at = scattered(220, 2, seed=3), np.random.default_rng(0).uniform(-10, 110, (300, 2))
     support = 100 * KERNELS[kernel].shares[0]
     settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing, "support": support}
     fit_rbf(points, **settings)
+    cancel = 20 if kernel == "cubic" else 1  # its terms: elimination of the whole system was wrong by 6e-8 and 1e-8
     for moved in ([7], [7, 100], range(0, 80, 10)):  # each of them from where the last one ended
         target = np.array(points.target)
         target[list(moved)] += [3.0, -2.0]
         points = replace(points, target=target)
         dragged = fit_rbf(points, **settings)
-        np.testing.assert_allclose(dragged.displacement(at), anew(points, at, **settings), atol=1e-8)
+        np.testing.assert_allclose(dragged.displacement(at), anew(points, at, **settings), atol=1e-8 * cancel)
         if not smoothing:
-            np.testing.assert_allclose(dragged.displacement(target), points.displacement, atol=1e-9)
+            np.testing.assert_allclose(dragged.displacement(target), points.displacement, atol=1e-9 * cancel)
 
 
 def test_a_drag_beside_a_band_of_many_points_gives_the_fit_of_all_of_them() -> None:
@@ -76,3 +77,23 @@ def test_a_point_dragged_next_to_another_one_is_still_interpolated() -> None:
     source[4] = source[90] + [1e-3, 1e-4]
     near = replace(points, target=target, source=source)
     np.testing.assert_allclose(fit_rbf(near, support=40.0).displacement(target), near.displacement, atol=1e-8)
+
+
+def test_a_set_of_points_in_space_beside_polynomials_is_dragged_too() -> None:
+    points, at = scattered(240, 3, seed=6), np.random.default_rng(1).uniform(0, 100, (100, 3))
+    fit_rbf(points, kernel="cubic")
+    target = np.array(points.target)
+    target[[3, 200]] += 4.0
+    points = replace(points, target=target)
+    np.testing.assert_allclose(fit_rbf(points, kernel="cubic").displacement(at), anew(points, at, kernel="cubic"),
+                               atol=1e-8)
+
+
+@pytest.mark.parametrize("kernel", ["thin_plate", "cubic", "multiquadric"])
+def test_points_too_near_for_a_factor_are_interpolated_by_elimination(kernel: str) -> None:
+    points = scattered(40, 2, seed=2)
+    target, source = np.array(points.target), np.array(points.source)
+    target[4] = target[9] + [4e-4, 0.0]
+    source[4] = source[9] + [4e-4, 0.0]
+    near = replace(points, target=target, source=source)
+    np.testing.assert_allclose(fit_rbf(near, kernel=kernel).displacement(target), near.displacement, atol=1e-8)
