@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,21 @@ class NodeFile(pytest.File):
 
     def collect(self) -> Iterator[NodeTests]:
         yield NodeTests.from_parent(self, name="node")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, Any, Any]:
+    """Search no garbage while tests are imported, and later none in what they have imported: 770 000 objects that stay.
+
+    It saves 4 s of the 10.7 s in which a process collects all tests, and 4 s of the 37 s of the tests of studios.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.collect()
+        gc.freeze()
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> NodeFile | None:
