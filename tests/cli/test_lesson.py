@@ -13,6 +13,7 @@ import pytest
 from command_line import refused, run
 
 from deformnb.cli.lesson import lesson_notebook
+from deformnb.datasets import PHANTOMS
 from deformnb.lessons import LESSONS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -80,6 +81,8 @@ def test_a_lesson_is_copied_and_not_opened_where_a_server_asks(
 def test_the_picture_of_a_lesson_is_written_as_a_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    carp = PHANTOMS["fish"].make((16, 32, 16))  # of a quarter of the resolution: its still takes a tenth of the time
+    monkeypatch.setattr("deformnb.lessons.pages.lesson_carp", lambda: carp)
     assert run(tmp_path, "lesson affine pages --page", monkeypatch) == 0
     assert "wrote pages/affine.html" in capsys.readouterr().out.replace(os.sep, "/")
     text = (tmp_path / "pages" / "affine.html").read_text("utf-8")

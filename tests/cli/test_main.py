@@ -35,7 +35,7 @@ COMMANDS = ("demo", "warp", "info", "datasets", "doctor")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a small fish, and the results of a demonstration on it in "out"."""
     folder = tmp_path_factory.mktemp("cli")
-    write_volume(PHANTOMS["fish"].make((48, 96, 40)), folder / "fish.nii.gz")
+    write_volume(PHANTOMS["fish"].make((24, 48, 20)), folder / "fish.nii.gz")
     line = f"demo --volume {folder}/fish.nii.gz --out {folder}/out"
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         assert main(shlex.split(line)) == 0
