@@ -134,6 +134,13 @@ test("quick pictures keep their size while what they take changes by a third, an
   assert.equal(new Set(sizes).size, 1);
 });
 
+test("a quick picture has pixels enough to be looked at however long others keep the processors", () => {
+  const quick = (options) => played(options).casts.filter(([, name]) => name === "coarse0");
+  const least = (options) => Math.min(...quick(options).map(([, , { tile }]) => tile[2]));
+  assert.ok(least({ pixelCost: 1e-2, seconds: 30 }) >= 100);
+  assert.ok(least({ pixelCost: 1e-3 }) > 100);
+});
+
 for (const moves of [1, 2]) {
   test(`the first of ${moves} is drawn at once`, () => assert.ok(played({ moves }).presents[0][0] < 200));
 }

@@ -48,6 +48,7 @@ const PIECE_MS = 25; // of a quick picture: a widget that draws a picture beside
 const GPU_SHARE = 0.5, SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
 const HEARD_MS = 3; // from the end of the GPU's work until the page hears of it
 const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
+const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
 const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one is the fault of something else
 const FITS_EASILY = 0.75, EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
@@ -237,16 +238,18 @@ export class FrameLoop {
     const [width, height] = rush.size;
     this.quickCosts = [...this.quickCosts.slice(1 - KNOWN_COSTS), rush.spent / (width * height)];
     this.quickCost = [...this.quickCosts].sort((a, b) => a - b)[this.quickCosts.length >> 1];
-    this.#fitScale(this.quickCost * width * height);
+    this.#fitScale(width * height);
   }
 
   /**
    * Chooses the pixels of the next quick pictures by what those of this scale take.
-   * @param {number} ms
+   * @param {number} pixels
    */
-  #fitScale(ms) {
+  #fitScale(pixels) {
+    let ms = this.quickCost * pixels;
     const most = (this.caster.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * this.options().target;
-    while (ms > EXCEEDS * most && this.halvings < COARSEST) { this.halvings += 1; ms /= 2; }
+    const coarsest = Math.min(COARSEST, Math.floor(this.halvings + Math.log2(pixels / FEWEST_PIXELS)));
+    while (ms > EXCEEDS * most && this.halvings < coarsest) { this.halvings += 1; ms /= 2; }
     while (2 * ms < FITS_EASILY * most && this.halvings > 0) { this.halvings -= 1; ms *= 2; }
   }
 
