@@ -19,6 +19,7 @@ from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
 from deformnb.io.landmarks import read_landmarks, write_landmarks
 from deformnb.io.meshes import MESH_FORMATS, read_mesh, write_mesh
+from deformnb.rbf import fitting
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.inputs import volume_from
@@ -45,6 +46,18 @@ def test_strength_0_returns_the_input(small: Path, monkeypatch: pytest.MonkeyPat
     before, after = (read_volume(small / name) for name in ("tiny.nrrd", "out.nrrd"))
     np.testing.assert_array_equal(before.values, after.values)
     assert before.grid == after.grid
+
+
+def test_every_set_of_points_is_solved_once(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    solved, solve = [], fitting.solve_prepared
+
+    def counted(ready: Any, *rest: Any) -> Any:
+        solved.append(ready.count)
+        return solve(ready, *rest)
+
+    monkeypatch.setattr(fitting, "solve_prepared", counted)
+    assert run(small, "warp pull.json tiny.nrrd out.nrrd", monkeypatch) == 0
+    assert len(solved) == sum(len(step.maps) for step in read_deformation(small / "pull.json").steps)
 
 
 @pytest.mark.parametrize("strength", ["1", "0.5", "-1", "-1e-1", "2"])

@@ -27,6 +27,7 @@ from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.io.series import read_channels, write_channels
+from deformnb.rbf import fitting
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.kernels import KERNELS, register_kernel
 from deformnb.rbf.trends import TRENDS
@@ -114,6 +115,24 @@ def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
     assert studio.session.points == last
     studio.wait()
     assert studio.view._field is studio.session.field()
+
+
+def test_a_drop_is_solved_once_for_the_page_and_the_result(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+    drag(studio, a_drag(studio))
+    studio.wait()
+    solved, solve = [], fitting.solve_prepared
+
+    def counted(*args: Any) -> Any:
+        solved.append(threading.current_thread())
+        return solve(*args)
+
+    monkeypatch.setattr(fitting, "solve_prepared", counted)
+    drag(studio, a_drag(studio, 3.0))
+    studio.session.result()
+    studio.session.field()
+    assert solved.count(threading.current_thread()) == 1
+    studio.wait()
+    assert len(solved) <= 2  # diagnostics invert the whole system, in a thread of their own
 
 
 def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None:
