@@ -122,7 +122,7 @@ class _Dense:
         return np.asarray(scipy.linalg.lapack.dpotrs(self._both, b, lower=1)[0])
 
     def product(self, b: Floats) -> Floats:
-        upper = scipy.linalg.blas.dsymm(1.0, self._both, b, lower=0)  # but for the diagonal, which is the factor's
+        upper = _symmetric_product(self._both, b)  # but for the diagonal, which is the factor's
         return np.asarray(upper + (self._diagonal - self._both.diagonal()[:, None]) * b)
 
 
@@ -176,7 +176,7 @@ class _Bordered:
 
     def product(self, b: Floats) -> Floats:
         n = len(self._y)
-        return np.concatenate([self._phi @ b[:n] + self._p @ b[n:], self._p.T @ b[:n]])
+        return np.concatenate([_symmetric_product(self._phi.T, b[:n]) + self._p @ b[n:], self._p.T @ b[:n]])
 
 
 class _Band:
@@ -313,6 +313,14 @@ class _Kept:
 
 
 _kept = _Kept()
+
+
+def _symmetric_product(a: Floats, b: Floats) -> Floats:
+    """The product of a symmetric matrix (n, n), of which the upper triangle is read, with few columns (n, k).
+
+    Column by column: dsymm reads both triangles and copies them (2 columns of 512: 130 us instead of 44).
+    """
+    return np.stack([scipy.linalg.blas.dsymv(1.0, a, column, lower=0) for column in b.T], axis=1)
 
 
 def _neighbours(x: Floats, reach: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
