@@ -255,6 +255,7 @@ def test_columns_sort_up_down_and_back(table: TableOnPage) -> None:
 def test_headings_stand_above_their_columns(table: TableOnPage, width: int) -> None:
     table.page.set_viewport_size({"width": width, "height": 900})
     table.answered()
+    table.page.wait_for_function("document.querySelectorAll('.dnb-points-table .dnb-pt-row').length === 6")
     places = table.page.evaluate("""() => [...document.querySelectorAll(".dnb-points-table .dnb-pt-row")].map((row) =>
         [...row.children].map((cell) => Math.round(cell.getBoundingClientRect().right)))""")
     assert len(places) == 6
