@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
 from deformnb.warping.composed import ComposedEvaluator
-from deformnb.warping.node_table import Displacements
+from deformnb.warping.node_table import Displacements, NodeTable
 
 
-def at_voxels(found: Displacements, exactly: Callable[..., Any], block: tuple[slice, slice],
+def at_voxels(found: Displacements, table: NodeTable | ComposedEvaluator, block: tuple[slice, slice],
               grid: Grid) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Displacements (3, z, y, x) at the voxels of a block that lie in the grid, and opacity [z, y, x] beside cuts."""
     d = np.stack([np.asarray(part) for part in found.d])
@@ -25,9 +24,10 @@ def at_voxels(found: Displacements, exactly: Callable[..., Any], block: tuple[sl
         d = sum(w[:, None] * d[:, :, before + k] for k, w in enumerate(y))
     start = np.array([part.start for part in block])
     d = d[:, : grid.shape[0] - start[0], : grid.shape[1] - start[1]]
-    for voxels in found.exact:
+    for piece in (*found.exact, *table.left()):
+        voxels = piece()
         at = (voxels[0] - start[0], voxels[1] - start[1], voxels[2])
-        values, share = exactly(voxels)
+        values, share = table.exactly(voxels)
         d[:, *at] = values
         if share is not None:
             opacity = np.ones(d.shape[1:], np.float32) if opacity is None else opacity
@@ -39,4 +39,4 @@ def chain_at_voxels(field: AbstractField, grid: Grid) -> tuple[NDArray[Any], NDA
     """The same of a composition on all of its grid."""
     chain, block = ComposedEvaluator(field, grid), (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
     chain.prepare()
-    return at_voxels(chain.block(block), chain.exactly, block, grid)
+    return at_voxels(chain.block(block), chain, block, grid)

@@ -31,7 +31,7 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping import planning
 from deformnb.warping.cut_tiles import look_up
-from deformnb.warping.node_table import Displacements, NodeTable, node_count, smoothness_of
+from deformnb.warping.node_table import Displacements, NodeTable, Piece, Voxels, node_count, smoothness_of
 
 # Ten times below what linear interpolation between voxels of a noisy scan changes.
 _TABLE_ERROR = 2e-3
@@ -97,7 +97,11 @@ class ComposedEvaluator:
         found = None if self._nodes is None else self._nodes.block(block)
         return self._at_all(planning.lattice(self._grid, block, 1)) if found is None else found
 
-    def exactly(self, voxels: tuple[NDArray[np.int32], ...]) -> tuple[Any, NDArray[np.float32] | None]:
+    def left(self) -> list[Piece]:
+        """Pieces of the voxels of the blocks so far that :meth:`exactly` is to be asked for."""
+        return [] if self._nodes is None else self._nodes.left()
+
+    def exactly(self, voxels: Voxels) -> tuple[Any, NDArray[np.float32] | None]:
         """Displacements (3, n) at voxels of the grid, given as indices z, y, x, and their opacity (n,) beside cuts."""
         assert self._nodes is not None
         return self._nodes.exactly(voxels)

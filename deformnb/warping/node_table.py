@@ -17,10 +17,10 @@ modulation bends sharply: there the composition is evaluated at every voxel.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,6 +125,12 @@ def _node_shape(grid: Grid, spacing: int) -> tuple[int, ...]:
     return tuple(-(-n // spacing) + 1 + 2 * _HALO for n in grid.shape)
 
 
+Voxels: TypeAlias = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
+"""Indices z, y, x, each (n,); some voxels may come more than once."""
+
+Piece: TypeAlias = Callable[[], Voxels]
+
+
 @dataclass(frozen=True, eq=False)
 class Displacements:
     """Displacements of a block of voxels, as the warp's kernel reads them.
@@ -135,13 +141,13 @@ class Displacements:
     nodes : along z and y the first node that each voxel reads (n,) and the weights (T, n) of nodes from there; None
         where every voxel has its own.
     opacity : [z, y, x] of displacements at every voxel; None where all is 1.
-    exact : pieces of the voxels that are to be replaced, for :meth:`NodeTable.exactly`.
+    exact : pieces of the voxels that are to be replaced, for :meth:`NodeTable.exactly`, listed when they are called.
     """
 
     d: tuple[Any, ...]
     nodes: Tables | None = None
     opacity: NDArray[np.float32] | None = None
-    exact: tuple[tuple[NDArray[np.int32], ...], ...] = ()
+    exact: tuple[Piece, ...] = ()
 
 
 class NodeTable:
@@ -161,65 +167,73 @@ class NodeTable:
     def __init__(self, field: AbstractField, exactly: Callable[..., tuple[Any, Any]], grid: Grid,
                  progress: Progress | None = None) -> None:
         self._field, self._exactly, self._grid = field, exactly, grid
+        self._left: list[NDArray[np.intp]] = []
         self._whole = _Lattice(field, grid, SPACING, progress)
 
     def block(self, block: tuple[slice, slice]) -> Displacements | None:
         """Displacements in planes and rows of the grid that start at nodes and may end beyond the last ones.
 
-        None where the field bends so much that it is to be evaluated at every voxel of the block.
+        What is to be replaced there is added to :meth:`left`, or comes along if the block has nodes of its own. None
+        where the field bends so much that it is to be evaluated at every voxel of the block.
         """
         cells = (_cells(block[0]), _cells(block[1]))
         if self._whole.suffices(cells):
-            return self._read(self._whole, block, cells, (0, 0))
+            self._left.append(self._whole.bad_cells(cells))
+            return self._read(self._whole, block, cells)
         grid = planning.lattice(self._grid, block, 1)
         every = (slice(None), slice(None))
         for spacing in DENSER:
             lattice = _Lattice(self._field, grid, spacing)
             if lattice.suffices(every):
-                return self._read(lattice, block, every, (block[0].start, block[1].start))
+                (z, y), nx = block, self._grid.shape[2]
+                stop = np.minimum((z.stop, y.stop, nx), self._grid.shape)
+                pieces = _pieces(lattice.bad_cells(every), spacing, np.array([z.start, y.start, 0]), stop)
+                return replace(self._read(lattice, block, every), exact=tuple(pieces))
         return None
 
-    def exactly(self, voxels: tuple[NDArray[np.int32], ...]) -> tuple[Any, NDArray[np.float32] | None]:
+    def left(self) -> list[Piece]:
+        """Pieces of the voxels of all blocks so far that are to be replaced, as :attr:`Displacements.exact`."""
+        if not self._left:
+            return []
+        return list(_pieces(np.concatenate(self._left), SPACING, np.zeros(3, int), np.array(self._grid.shape)))
+
+    def exactly(self, voxels: Voxels) -> tuple[Any, NDArray[np.float32] | None]:
         """Displacements (3, n) of the field itself at voxels, given as indices z, y, x, and their opacity (n,)."""
         first = [int(index[0]) for index in reversed(voxels)]
         apart = np.stack([index - index[0] for index in reversed(voxels)]).astype(np.float64)
         d, opacity = self._exactly((self._grid.matrix @ apart).astype(np.float32), self._grid.index_to_point(first))
         return d, opacity if self._field.has_cuts else None
 
-    def _read(self, lattice: _Lattice, block: tuple[slice, slice], cells: tuple[slice, slice],
-              start: tuple[int, int]) -> Displacements:
+    def _read(self, lattice: _Lattice, block: tuple[slice, slice], cells: tuple[slice, slice]) -> Displacements:
         h = lattice.spacing
-        bad = np.argwhere(lattice.bad[cells])
-        bad[:, :2] += [part.start or 0 for part in cells]
         tables = []
         for part in block:
             n = np.arange(part.stop - part.start)
             tables.append(((n // h).astype(np.int32), np.stack(_lagrange(n % h / h)).astype(np.float32)))
         some = lattice.nodes[:, *(slice(part.start, None if part.stop is None else part.stop + 3) for part in cells)]
-        d = _along_x(on_device(some), _weights(self._grid.shape[2], h))
-        stop = [min(part.stop, n) for part, n in zip(block, self._grid.shape[:2], strict=True)]
-        pieces = _pieces(bad, h, (*start, 0), (*stop, self._grid.shape[2]))
-        return Displacements(d, tuple(tables), exact=tuple(pieces))
+        return Displacements(_along_x(on_device(some), _weights(self._grid.shape[2], h)), tuple(tables))
 
 
 def _cells(part: slice) -> slice:
     return slice(part.start // SPACING, -(-part.stop // SPACING))
 
 
-def _pieces(cells: NDArray[np.intp], side: int, start: tuple[int, ...],
-            stop: tuple[int, ...]) -> Iterator[tuple[NDArray[np.int32], ...]]:
-    """Indices z, y, x of all voxels in cells (n, 3), in pieces of few sizes; some voxels come more than once.
+def _pieces(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp]) -> Iterator[Piece]:
+    """All voxels in cells (n, 3), a few at a time: the indices of all would take more memory than the result.
 
     start : the first voxel of the first cell; stop : the end of the voxels.
     """
-    within = np.indices((side,) * 3).reshape(3, 1, -1)
-    for first in range(0, len(cells), _TOGETHER // side**3):
-        some = cells[first : first + _TOGETHER // side**3].T[:, :, None]
-        index = (side * some + within).reshape(3, -1) + np.array(start)[:, None]
-        index = np.minimum(index, np.array(stop)[:, None] - 1)
-        size = _FEW if index.shape[1] <= _FEW else _TOGETHER
-        filled = index.take(np.arange(size), 1, mode="clip").astype(np.int32)
-        yield filled[0], filled[1], filled[2]
+    most = _TOGETHER // side**3
+    for first in range(0, len(cells), most):
+        yield partial(_voxels, cells[first : first + most], side, start, stop)
+
+
+def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp]) -> Voxels:
+    index = (side * cells.T[:, :, None] + np.indices((side,) * 3).reshape(3, 1, -1)).reshape(3, -1) + start[:, None]
+    index = np.minimum(index, stop[:, None] - 1)
+    size = _FEW if index.shape[1] <= _FEW else _TOGETHER
+    z, y, x = index.take(np.arange(size), 1, mode="clip").astype(np.int32)
+    return z, y, x
 
 
 class _Lattice:
@@ -255,6 +269,12 @@ class _Lattice:
         """Check whether so few voxels in these cells are to be evaluated one by one that the nodes are worth it."""
         near, bad = self.near[cells], self.bad[cells]
         return bool(np.mean(bad & ~near) <= SPACINGS[self.spacing] and np.mean(bad) <= _MOST_EXACT)
+
+    def bad_cells(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
+        """Indices (n, 3) of the cells among these that are not interpolated."""
+        found = np.argwhere(self.bad[cells])
+        found[:, :2] += [part.start or 0 for part in cells]
+        return found
 
     def _evaluate(self, borders: dict[int, NDArray[np.bool_]], slab: slice) -> None:
         """The nodes of some planes, and one more, for the cells between this slab and the next one."""

@@ -457,7 +457,9 @@ def run_parts(parts: Sequence[_Part], work: Callable[[_Part], None], progress: P
     """Run the work for all parts, on as many threads as this process may use: XLA runs one call on one thread."""
     threads = min(len(parts), processors())
     done = 0.0
-    if threads == 1:
+    if not parts and progress:
+        progress(1.0)
+    if threads <= 1:
         for part in parts:
             work(part)
             done += 1

@@ -31,7 +31,7 @@ from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
-from deformnb.warping.node_table import SPACING, Displacements
+from deformnb.warping.node_table import SPACING, Displacements, Piece
 
 
 def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
@@ -65,8 +65,9 @@ def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, dis
 
 _Part = TypeVar("_Part")
 
-# About the share of the time that the nodes of a composition take.
-_NODES_SHARE = 0.25
+# The share of the work that is done when the nodes are evaluated, when the blocks are read from them, and when voxels
+# near cuts and parts are replaced.
+_ENDS = 0.25, 0.75, 1.0
 
 
 def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volume | None = None,
@@ -373,22 +374,12 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
 
     chain = ComposedEvaluator(field, grid)
     by_lattice = chain.is_single or step > 1
+    ends = (0.0, 1.0, 1.0) if by_lattice else _ENDS
     if not by_lattice:
-        chain.prepare(_within(progress, 0.0, _NODES_SHARE))
-        progress = _within(progress, _NODES_SHARE, 1.0)
-
-    def found(block: tuple[slice, slice]) -> Displacements:
-        if not by_lattice:
-            return chain.block(block)
-        lattice = planning.lattice(grid, block, step)
-        stored = planning.between_samples(field, lattice) if step == 1 else None
-        if stored is not None:
-            return Displacements(*stored)
-        d, opacity = planning.seen(field, lattice, step)
-        return Displacements(d, opacity=opacity)
+        chain.prepare(_within(progress, 0.0, ends[0]))
 
     def work(block: tuple[slice, slice]) -> None:
-        own = found(block)
+        own = _on_lattice(field, planning.lattice(grid, block, step), step) if by_lattice else chain.block(block)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             at = warper._places
             with warper._arithmetic():
@@ -398,15 +389,30 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
                 result = warper._faded(result, own.opacity)
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
-        for voxels in own.exact:
-            d, opacity = chain.exactly(voxels)
-            for warper, flat, out in zip(warpers, flats, outs, strict=True):
-                result = warper._listed(flat, d, voxels)
-                out[voxels] = result if opacity is None else warper._faded(result, opacity)
+        for piece in own.exact:
+            replace(piece)
+
+    def replace(piece: Piece) -> None:
+        voxels = piece()
+        d, opacity = chain.exactly(voxels)
+        for warper, flat, out in zip(warpers, flats, outs, strict=True):
+            result = warper._listed(flat, d, voxels)
+            out[voxels] = result if opacity is None else warper._faded(result, opacity)
 
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape, SPACING)
-    _share(warpers, parts, work, progress)
+    _share(warpers, parts, work, _within(progress, *ends[:2]))
+    if not by_lattice:
+        _share(warpers, chain.left(), replace, _within(progress, *ends[1:]))
     return outs
+
+
+def _on_lattice(field: AbstractField, lattice: Grid, step: int) -> Displacements:
+    """Stored samples as they are, anything else evaluated at every node of a lattice."""
+    stored = planning.between_samples(field, lattice) if step == 1 else None
+    if stored is not None:
+        return Displacements(*stored)
+    d, opacity = planning.seen(field, lattice, step)
+    return Displacements(d, opacity=opacity)
 
 
 def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:

@@ -100,7 +100,7 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
     found = table.block(BLOCK)
     if found is None:  # so bent that every voxel is evaluated: the bound holds by itself
         return
-    d, opacity = at_voxels(found, table.exactly, BLOCK, GRID)
+    d, opacity = at_voxels(found, table, BLOCK, GRID)
     wanted, share = field.seen(voxel_centres())
     error = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1)
     # Places in float32 fall to the other side of a cut where they lie on it.
@@ -119,19 +119,19 @@ def test_most_voxels_are_interpolated(name: str) -> None:
     table = table_of(Deformation(CHAINS[name](0)).field(GRID), asked)
     found = table.block(BLOCK)
     assert found is not None
-    at_voxels(found, table.exactly, BLOCK, GRID)
+    at_voxels(found, table, BLOCK, GRID)
     assert sum(asked) < 0.6 * GRID.size
 
 
 def test_blocks_read_the_same_nodes() -> None:
     field = Deformation(CHAINS["beside a rigid part"](1)).field(GRID)
-    table = table_of(field)
     block = (slice(8, 16), slice(20, 36))  # beyond the last row
-    whole, part = table.block(BLOCK), table.block(block)
+    tables = table_of(field), table_of(field)
+    whole, part = tables[0].block(BLOCK), tables[1].block(block)
     assert whole is not None
     assert part is not None
-    wanted, _ = at_voxels(whole, table.exactly, BLOCK, GRID)
-    found, _ = at_voxels(part, table.exactly, block, GRID)
+    wanted, _ = at_voxels(whole, tables[0], BLOCK, GRID)
+    found, _ = at_voxels(part, tables[1], block, GRID)
     assert np.abs(found - wanted[:, 8:16, 20:]).max() <= ROUNDING
 
 
