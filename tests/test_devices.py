@@ -66,7 +66,8 @@ print(json.dumps({
     "name": devices.device_name(), "is_host": devices.is_host(),
     "same": {name: bool(np.array_equal(first[name], second[name])) for name in first},
     "places": {"compiled": str(add(1.0).device), "float64": str(wide.device),
-               "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved], "maps": str(plan.maps.device)},
+               "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved],
+               "maps": str(plan.maps.device)},
     "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}))
 """
 

@@ -158,7 +158,8 @@ class Extruded:
     """An extruded field on an output grid that shares the axis of extrusion with the input, voxel by voxel.
 
     normal : the array axis (0, 1, 2 for z, y, x) along the plane's normal.
-    maps : K maps (2, rows, columns), float32; rows and columns are the two other array axes in order.
+    maps : K maps (2, rows, columns), float32, on the GPU that has computed them or of NumPy; rows and columns are the
+        two other array axes in order.
     weights : (K, n) along ``normal``; None if one map holds everywhere.
     matrix : 3 x 2, from displacement along (u, v) to input voxels (z, y, x).
     opacity : (rows, columns) of what cuts leave; None if there are none.
@@ -198,7 +199,7 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
         return None
     with devices.computing():
         found = [_on_voxels(m, field.plane, output, normal)[0] for m in field.maps]
-        maps = np.stack(found) if devices.is_host() else jnp.stack(found)
+        maps: Any = np.stack(found) if devices.is_host() else jnp.stack(found)
     n = np.arange(output.shape[normal])
     index = np.zeros((len(n), 3))
     index[:, 2 - normal] = n
