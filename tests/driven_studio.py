@@ -54,13 +54,23 @@ def a_drag(studio: Studio, by: float = 2.0) -> Any:
 
 def controls(studio: Studio) -> dict[str, Any]:
     """All controls by their description."""
-    bound = [c.widget for panel in studio._panels for c in panel.controls]
+    bound = [c.widget for panel in panels(studio) for c in panel.controls]
     return {widget.description: widget for widget in bound if hasattr(widget, "description")}
 
 
 def panel(studio: Studio, title: str) -> Any:
     """A panel by the title of its tab."""
-    return next(found for found in studio._panels if found.title == title)
+    return next(found for found in panels(studio) if found.title == title)
+
+
+def panels(studio: Studio) -> list[Any]:
+    """All panels; those that nobody has seen yet are made."""
+    return [*studio._panels.at_once, *(late.panel for late in studio._panels.late)]
+
+
+def panel_of(studio: Studio, kind: type[Any]) -> Any:
+    """The panel of a kind."""
+    return next(found for found in panels(studio) if isinstance(found, kind))
 
 
 def all_of(widget: Any) -> list[Any]:

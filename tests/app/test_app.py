@@ -79,6 +79,8 @@ def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
         async with connected(running) as page:
             return (await page.call("deformnb.open"))["widgets"]
 
+    for late in running.studio._panels.late:
+        running.application.thread.call(late.make).result(30)
     shown_only = {"HTMLModel", "LabelModel", "ImageModel", "ButtonModel", "FloatProgressModel", "AnyModel"}
     kinds = {state["_model_name"] for state in asyncio.run(talk()).values()
              if state["_model_module"] != "@jupyter-widgets/base" and not state["_model_name"].endswith("StyleModel")}

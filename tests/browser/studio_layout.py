@@ -65,6 +65,9 @@ GROUPS = {
 }
 """Sections with a heading, by the title of their group."""
 
+ARE_MADE = "() => ![...document.querySelectorAll('.dnb-studio .dnb-late')].some((place) => place.offsetParent)"
+"""Whether all panels that are seen have come from the kernel."""
+
 HEADING = ".dnb-section .jupyter-widget-Collapse-header"
 
 
@@ -89,6 +92,7 @@ def choose(page: Any, title: str) -> None:
         if "jupyter-widget-Collapse-open" not in heading.locator("..").get_attribute("class").split():
             heading.click()
         heading.scroll_into_view_if_needed()
+    page.wait_for_function(ARE_MADE)
     before = None
     while before != (before := page.evaluate(BOXES)):
         page.wait_for_timeout(100)

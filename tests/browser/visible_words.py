@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from browser.studio_layout import GROUPS, tabs_of
+from browser.studio_layout import ARE_MADE, GROUPS, tabs_of
 
 from deformnb.words import Translator
 
@@ -97,6 +97,7 @@ def walk_studio(page: Any) -> None:
         for heading in page.locator(".dnb-section .jupyter-widget-Collapse-header").filter(visible=True).all():
             if "jupyter-widget-Collapse-open" not in heading.locator("..").get_attribute("class").split():
                 heading.click()
+        page.wait_for_function(ARE_MADE)
         page.wait_for_timeout(200)
     for button in page.locator(".dnb-head-button[aria-haspopup]").all():
         button.click()

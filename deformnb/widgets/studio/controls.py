@@ -11,7 +11,8 @@ import re
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Generic, TypeVar
 
 import ipywidgets as ipw
 import numpy as np
@@ -23,9 +24,11 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay
 from deformnb.volume.volume import Volume
+from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.inputs.preset_menu import PresetMenu
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
+from deformnb.widgets.synced import worded_by_another
 
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
@@ -187,7 +190,6 @@ class Panel:
     ----------
     title : of its section; box : the widget; controls : what is bound.
     warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing.
-    reveal : brings the panel into view, where it is a section that can be folded.
     """
 
     title = ""
@@ -198,7 +200,6 @@ class Panel:
         self.session = session
         self.guard = guard
         self.controls: list[Control] = []
-        self.reveal: Callable[[], None] = lambda: None
         self._refreshing = _Depth()  # new options of a menu choose the first of them, and that is no edit of the user
 
     def add(self, widget: Any, read: Callable[[], Any], write: Callable[[Any], None]) -> Any:
@@ -234,15 +235,65 @@ class Panel:
         """Stop what the panel does on its own."""
 
 
+_AnyPanel = TypeVar("_AnyPanel", bound=Panel)
+
+
+class LatePanel(Generic[_AnyPanel]):
+    """A panel that is made when it is first seen or used: a studio is shown long before most of its panels are.
+
+    Parameters
+    ----------
+    kind : of the panel; arguments : it is made of these.
+
+    Attributes
+    ----------
+    title : of the panel; box : its place, empty and of the class dnb-late until it is made.
+    unfold : brings the place into view, where it is a section that can be folded.
+    """
+
+    def __init__(self, kind: type[_AnyPanel], *arguments: Any) -> None:
+        self._make = partial(kind, *arguments)
+        self._lock = threading.RLock()
+        self.title = kind.title
+        self.box = ipw.VBox([]).add_class("dnb-late")
+        self.unfold: Callable[[], None] = lambda: None
+        self.made: _AnyPanel | None = None
+
+    @property
+    def panel(self) -> _AnyPanel:
+        """The panel, made now if it was not before."""
+        return self.make()
+
+    def make(self) -> _AnyPanel:
+        """Make the panel, if it has not been made."""
+        with self._lock:
+            if self.made is None:
+                with worded_by_another(), parts_of_another():
+                    made = self._make()
+                self.box.children = (made.box,)
+                self.box.remove_class("dnb-late")
+                self.made = made
+            return self.made
+
+    def reveal(self) -> None:
+        """Bring the panel into view."""
+        self.unfold()
+
+    def opened(self, is_open: bool) -> None:
+        """Called when the place is shown, and when it is hidden."""
+        if is_open or self.made is not None:
+            self.panel.opened(is_open)
+
+
 class PicturePanel(Panel):
     """Row over the picture: the step that is edited, side, projection, slice.
 
     Parameters
     ----------
-    grids : the panel of Thompson's grids, which a button shows.
+    show_grids : shows the panel of Thompson's grids.
     """
 
-    def __init__(self, session: Session, guard: Guard, editor: Any, grids: Panel) -> None:
+    def __init__(self, session: Session, guard: Guard, editor: Any, show_grids: Callable[[], None]) -> None:
         super().__init__(session, guard)
         self._side = side = widget_of("view", layout=ipw.Layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
@@ -253,7 +304,7 @@ class PicturePanel(Panel):
                                       ".1f"),
                                self._held_depth, lambda value: session.set_trait("depth", value))
         hold = action_button("hold_outline", lambda: guard(session.hold_outline))
-        shows_grids = action_button("thompson", lambda: guard(grids.reveal))
+        shows_grids = action_button("thompson", lambda: guard(show_grids))
         self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have controls of their own
         self._step = ipw.HTML("")
         self.box = row(self._step, side, method, self._depth, hold, shows_grids)

@@ -17,6 +17,7 @@ from typing import Any
 
 import ipywidgets as ipw
 
+from deformnb.rbf.regions import AbstractRegion
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
@@ -25,6 +26,7 @@ from deformnb.widgets.studio.controls import (
     ChannelsPanel,
     DisplayPanel,
     Guard,
+    LatePanel,
     MapPanel,
     Panel,
     PictureLookPanel,
@@ -94,12 +96,12 @@ class Section:
 
     Parameters
     ----------
-    panel : its contents, which learn when they are seen.
+    panel : its contents, made when they are first seen; they learn when they are.
     is_open : from the start.
     has_heading : by which it is folded; one without is always open.
     """
 
-    panel: Panel
+    panel: LatePanel[Any]
     is_open: bool = False
     has_heading: bool = True
 
@@ -134,11 +136,19 @@ class StudioPanels:
         return next(panel for panel in self.menus.values() if isinstance(panel, HistoryPanel))
 
     @property
-    def all(self) -> list[Panel]:
-        """Every panel."""
-        sections = [section for group in self.groups.values() for section in group]
-        return [self.picture, self.volume, self.start, self.opening, *(section.panel for section in sections),
-                *self.menus.values(), *self.others]
+    def at_once(self) -> list[Panel]:
+        """The panels that are there from the start."""
+        return [self.picture, self.volume, self.start, self.opening, *self.menus.values(), *self.others]
+
+    @property
+    def late(self) -> list[LatePanel[Any]]:
+        """The panels of the sections."""
+        return [section.panel for group in self.groups.values() for section in group]
+
+    @property
+    def made(self) -> list[Panel]:
+        """All panels that have been made."""
+        return [*self.at_once, *(late.made for late in self.late if late.made is not None)]
 
 
 def make_panels(s: PanelParts) -> StudioPanels:
@@ -146,32 +156,38 @@ def make_panels(s: PanelParts) -> StudioPanels:
     files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
     result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
     files.box.children = (result_box.box, *files.box.children)
-    points = PointsPanel(s.session, s.guard, s.editors, s.worker)
-    shapes = ShapesPanel(s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)
-    fit = FitPanel(s.session, s.guard, s.editors, s.folder, s.target)
-    thompson = ThompsonPanel(s.session, s.guard, s.editors.plane, s.folder)
+    points = LatePanel(PointsPanel, s.session, s.guard, s.editors, s.worker)
+    shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)
+    fit = LatePanel(FitPanel, s.session, s.guard, s.editors, s.folder, s.target)
+    thompson = LatePanel(ThompsonPanel, s.session, s.guard, s.editors.plane, s.folder)
+    folded: list[LatePanel[Any]] = [points, shapes, fit, thompson]
     shape = [
-        _alone(StrengthPanel(s.session, s.guard)),
-        Section(StepsPanel(s.session, s.guard), is_open=True),
-        Section(MapPanel(s.session, s.guard), is_open=True),
-        *map(Section, (points, shapes, fit, thompson)),
+        _alone(StrengthPanel, s.session, s.guard),
+        Section(LatePanel(StepsPanel, s.session, s.guard), is_open=True),
+        Section(LatePanel(MapPanel, s.session, s.guard), is_open=True),
+        *(Section(panel) for panel in folded),
     ]
-    wand = Wand(s.session, s.editors.plane, s.worker, s.guard, shapes.add_regions)
-    compare = ComparePanel(s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target)
-    display = DisplayPanel(s.session, s.guard, s.view, s.opacity)
+
+    def take_regions(what: str, regions: Sequence[tuple[str, AbstractRegion]]) -> None:
+        shapes.panel.add_regions(what, regions)
+
+    wand = Wand(s.session, s.editors.plane, s.worker, s.guard, take_regions)
+    compare = LatePanel(ComparePanel, s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target)
+    channels = [LatePanel(ChannelsPanel, s.session, s.guard)] if s.session.channels else []
     groups = {
         "Shape": shape,
-        "Depth": [_alone(DepthPanel(s.session, s.guard, s.preview))],
-        "View": [Section(display, is_open=True),
-                 *([Section(ChannelsPanel(s.session, s.guard), is_open=True)] if s.session.channels else []),
-                 Section(PictureLookPanel(s.session, s.guard, s.editors.plane), is_open=True),
+        "Depth": [_alone(DepthPanel, s.session, s.guard, s.preview)],
+        "View": [Section(LatePanel(DisplayPanel, s.session, s.guard, s.view, s.opacity), is_open=True),
+                 *(Section(panel, is_open=True) for panel in channels),
+                 Section(LatePanel(PictureLookPanel, s.session, s.guard, s.editors.plane), is_open=True),
                  Section(compare)],
-        "Animate": [_alone(AnimationPanel(s.session, s.guard, s.view, s.folder))],
-        "Check": [_alone(DiagnosticsPanel(s.session, s.guard, s.view, s.editors, s.worker))],
+        "Animate": [_alone(AnimationPanel, s.session, s.guard, s.view, s.folder)],
+        "Check": [_alone(DiagnosticsPanel, s.session, s.guard, s.view, s.editors, s.worker)],
     }
+    groups["Check"][0].panel.make()  # it marks possible outliers on the picture, seen or not
     menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
              "export": files}
-    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson),
+    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson.reveal),
                         VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
                         ExamplesPanel(s.session, s.guard, is_start=True),
                         OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels),
@@ -188,7 +204,7 @@ def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels,
         view.background = "dark"  # bones and fins are bright
     editors.beside.children = (view,)
     panes = [_pane(panels.picture.box, editors.box, "picture"), _pane(panels.volume.box, editors.beside, "volume")]
-    warnings = [panel.warning for panel in panels.all if panel.warning is not None]
+    warnings = [panel.warning for panel in panels.at_once if panel.warning is not None]
     messages = _box([*warnings, words.box], "dnb-studio-messages")
     tabs = _grouped(panels.groups)
     tabs.children[-1].children += (_box([words.status], "dnb-section-plain"),)  # figures stand under "Check"
@@ -229,15 +245,15 @@ def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
 
     for number, box, reference in known:
         if (panel := reference()) is not None:
-            panel.reveal = partial(show, number, box)
+            panel.unfold = partial(show, number, box)
     notify()
     for widget in (tabs, *(box for _, box, _ in known if isinstance(box, ipw.Accordion))):
         widget.observe(notify, "selected_index")
     return tabs
 
 
-def _alone(panel: Panel) -> Section:
-    return Section(panel, is_open=True, has_heading=False)
+def _alone(kind: type[Panel], *arguments: Any) -> Section:
+    return Section(LatePanel(kind, *arguments), is_open=True, has_heading=False)
 
 
 def _fold(section: Section) -> Any:

@@ -51,7 +51,6 @@ from deformnb.widgets.cell_widgets import (
 )
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
-from deformnb.widgets.studio.controls import Panel
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, is_front_only, make_editor
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
@@ -194,7 +193,7 @@ def preview_png(editor: Any, view: Any) -> bytes:
 
 
 _PARTS = ("session", "view", "_shown", "_words", "_worker", "_edits", "_editors", "_link", "_picture", "_slices",
-          "_opacity", "_panels", "_wand", "_bar")  # attributes that are replaced with the session
+          "_opacity", "_panels", "_bar")  # attributes that are replaced with the session
 
 
 def _end(parts: Mapping[str, Any]) -> None:
@@ -202,10 +201,11 @@ def _end(parts: Mapping[str, Any]) -> None:
     for name in ("_worker", "_link", "_slices", "_editors"):
         if name in parts:
             parts[name].close()
-    for panel in parts.get("_panels", ()):
-        panel.close()
-    if "_wand" in parts:
-        parts["_wand"].close()
+    if "_opacity" in parts:
+        close_all(parts["_opacity"])  # it is in no box before its panel is seen
+    if "_panels" in parts:
+        for part in (*parts["_panels"].made, parts["_panels"].wand):
+            part.close()
 
 
 _LATER = 2.0  # seconds of rest after which the times of the view are looked at again
@@ -280,7 +280,6 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         before = {name: self.__dict__.pop(name) for name in _PARTS if name in self.__dict__}
         self.session = session
         self._shown = (session.deformation, session.index, session.key)
-        self._panels: list[Panel] = []
         self._words = StudioStatus()
         self._worker = Worker("deformnb-studio", failed=self._words.failed)
         is_whole = threading.Event()
@@ -310,8 +309,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                                       self._weakly(Studio.undo))
         self._edits.take_edits_from(self._editors, self._picture)
         self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
-        panels = self._make_panels(folder, labels, label_names, target)
-        self._panels, self._wand = panels.all, panels.wand
+        self._panels = panels = self._make_panels(folder, labels, label_names, target)
         head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call,
                           language=self._language)
         rows = arranged(head, self._editors, self.view, panels, self._words, height)
@@ -468,7 +466,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._words.guarded(lambda: self.session.set_trait("transfer", transfer))
 
     def _refresh_panels(self, _change: Any = None) -> None:
-        for panel in self._panels:
+        for panel in self._panels.made:
             panel.refresh()
 
     def _request_status(self) -> None:

@@ -583,6 +583,32 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     assert "JSON" in notice_of(studio)
 
 
+def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> None:
+    studio = Studio(a_volume(), folder=tmp_path, language="de")
+    try:
+        made = {late.title: late for late in studio._panels.late if late.made is not None}
+        assert list(made) == ["Strength", "Steps", "Interpolation", "Diagnostics"]
+        drag(studio, a_drag(studio))
+        tabs = next(box for box in all_of(studio) if isinstance(box, ipw.Tab))
+        tabs.selected_index = 2
+        assert {late.title for late in studio._panels.late if late.made is not None} == {
+            *made, "Colours and opacity", "Picture"}
+        points = next(late for late in studio._panels.late if late.title == "Points")
+        assert "dnb-late" in points.box._dom_classes
+        points.reveal()
+        assert tabs.selected_index == 0
+        assert points.box.children == (points.panel.box,)
+        assert "dnb-late" not in points.box._dom_classes
+        table = points.panel.table
+        assert table.language == ""  # its words are those of the head, in the page
+        assert table.uid == studio.editor.uid
+        again = points.panel
+        points.reveal()
+        assert points.panel is again
+    finally:
+        studio.close()
+
+
 # -- display and the end -----------------------------------------------------------------------------------------------
 
 
@@ -706,7 +732,7 @@ def test_colours_of_a_file_are_shown_and_one_volume_has_no_channels(tmp_path: Pa
         studio.close()
     plain = Studio(a_volume())
     try:
-        assert not any(one.title == "Channels" for one in plain._panels)
+        assert not any(one.title == "Channels" for one in plain._panels.late)
         with pytest.raises(DeformError, match="no channels"):
             plain.session.result_channels()
     finally:

@@ -255,7 +255,7 @@ def test_the_volume_is_turned_with_the_picture_until_somebody_turns_it(studio: S
 
 
 def test_the_grid_can_be_as_fine_as_the_editor_draws_it(studio: Studio) -> None:
-    density = next(w for w in all_of(studio) if getattr(w, "description", "") == "Grid")
+    density = next(w for w in all_of(panel(studio, "Picture").box) if getattr(w, "description", "") == "Grid")
     studio.editor.density = 64
     assert density.value == 64
 

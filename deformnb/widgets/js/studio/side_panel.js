@@ -40,6 +40,9 @@ export class SidePanel {
 
   isTabSet = false;
 
+  /** The section that was opened last: its contents come from the kernel. @type {Element | null} */
+  opened = null;
+
   isUsed = false; // by the user of this page, and not only by Python or another page
 
   frame = 0;
@@ -57,7 +60,10 @@ export class SidePanel {
     this.closing = new AbortController();
     const { signal } = this.closing, options = { signal, capture: true };
     for (const name of ["pointerdown", "keydown"]) {
-      panel.addEventListener(name, ({ isTrusted }) => { this.isUsed ||= isTrusted; }, options);
+      panel.addEventListener(name, ({ isTrusted }) => {
+        this.isUsed ||= isTrusted;
+        this.opened = null;
+      }, options);
     }
     this.splitter.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
     this.splitter.addEventListener("keydown", (event) => this.#key(event), { signal });
@@ -142,7 +148,7 @@ export class SidePanel {
       if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section)) heading.click();
       const is = isOpen(section);
       setAttributes(heading, { role: "button", tabindex: 0, "aria-expanded": is, ...OWN_KEYS });
-      if (before === false && is) this.#scrollTo(section);
+      if (before === false && is) { this.opened = section; this.#scrollTo(section); }
       if (before === undefined) this.sizes.observe(section);
       this.sections.set(section, is);
       now[title] = is;
@@ -160,12 +166,13 @@ export class SidePanel {
     if (this.isUsed) remember({ tab: this.panel.querySelector(".lm-mod-current")?.textContent?.trim() });
   }
 
-  /** A section that grows by what is chosen in one of its menus comes into view too. @param {Element} section */
+  /** A section that grows by its contents, or by what is chosen in one of its menus, comes into view. @param {Element} section */
   #sized(section) {
     const { height } = section.getBoundingClientRect(), before = this.heights.get(section) ?? height;
     this.heights.set(section, height);
     const { activeElement } = document;
-    if (height > before && activeElement?.matches("select") && section.contains(activeElement)) this.#scrollTo(section);
+    const isChosen = activeElement?.matches("select") && section.contains(activeElement);
+    if (height > before && (section === this.opened || isChosen)) this.#scrollTo(section);
   }
 
   /** By the panel's own scroll bar: scrollIntoView would move the page. @param {Element} section */

@@ -27,7 +27,7 @@ from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume, label_note
 from deformnb.widgets.inputs.file_input import FileInput
-from deformnb.widgets.studio.controls import Guard, Panel
+from deformnb.widgets.studio.controls import Guard, LatePanel, Panel
 from deformnb.widgets.studio.panels.compare import ComparePanel
 from deformnb.widgets.studio.panels.files import Question
 from deformnb.widgets.studio.panels.labels import is_volume_name
@@ -58,8 +58,9 @@ class OpenPanel(Panel):
 
     title = "Open"
 
-    def __init__(self, session: Session, guard: Guard, points: PointsPanel, shapes: ShapesPanel, fit: FitPanel,
-                 compare: ComparePanel, open_volume: Callable[[Volume | Channels], None],
+    def __init__(self, session: Session, guard: Guard, points: LatePanel[PointsPanel],
+                 shapes: LatePanel[ShapesPanel], fit: LatePanel[FitPanel], compare: LatePanel[ComparePanel],
+                 open_volume: Callable[[Volume | Channels], None],
                  decide_labels: Callable[[bool], None]) -> None:
         super().__init__(session, guard)
         self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
@@ -77,10 +78,10 @@ class OpenPanel(Panel):
     def _take(self, path: Path, progress: Progress) -> None:
         self.question.forget()
         if is_label_table(path.name) and (read_label_table(path) or not is_landmarks(path)):  # both have .csv files
-            self._shapes.labels.take_table(path)
+            self._shapes.panel.labels.take_table(path)
             self._shapes.reveal()
         elif is_landmarks(path):
-            self._points.files.take(path)
+            self._points.panel.files.take(path)
         elif path.suffix.lower() == _SESSION:
             self._take_session(path)
         else:
@@ -119,19 +120,19 @@ class OpenPanel(Panel):
         self.question.ask(question, first, answers[first], {words: answers[words] for words in others})
 
     def _show_beside(self, name: str, volume: Volume) -> None:
-        self._compare.take(volume)
+        self._compare.panel.take(volume)
         self._compare.reveal()
         self.session.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'
 
     def _take_target(self, name: str, volume: Volume) -> None:
-        self._fit.take(volume)
+        self._fit.panel.take(volume)
         self._fit.reveal()
         self.session.notice = f'{name} is the target under "Match to another picture".'
 
     def _take_labels(self, name: str, volume: Volume, names: Mapping[int, str]) -> None:
-        self._shapes.labels.take(name, replace(volume, is_labels=True), names)
+        self._shapes.panel.labels.take(name, replace(volume, is_labels=True), names)
         self._shapes.reveal()
-        count = len(self._shapes.labels.list.options)
+        count = len(self._shapes.panel.labels.list.options)
         self.session.notice = (f'{name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
                                'parts and cuts", and make them rigid parts or cuts.')
 

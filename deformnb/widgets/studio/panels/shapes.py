@@ -284,6 +284,7 @@ class ShapesPanel(Panel):
         more = row(*self._drawing, fixed)
         self.box = ipw.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
+        self._chosen_in_the_picture({"new": editor.chosen_shape})  # before the panel was made
         self.refresh()
 
     def _draw_buttons(self) -> list[Any]:

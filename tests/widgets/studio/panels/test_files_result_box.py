@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import box_of
+from driven_studio import box_of, panel_of
 
 from deformnb.analysis.extent import padded
 from deformnb.document import edits as key_frames
@@ -138,7 +138,7 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
 def test_the_warning_lies_over_the_volume() -> None:
     studio = Studio(a_brick())
     try:
-        panel = next(panel for panel in studio._panels if isinstance(panel, ResultBox))
+        panel = panel_of(studio, ResultBox)
         assert panel.warning in box_of(studio, "dnb-studio-messages").children
         drag_out(studio.session)
         studio.wait()
@@ -214,7 +214,7 @@ def test_previews_and_points_in_space_keep_the_box() -> None:
 def test_key_frames_are_played_in_the_box() -> None:
     studio = Studio(a_brick())
     try:
-        panel = next(panel for panel in studio._panels if isinstance(panel, AnimationPanel))
+        panel = panel_of(studio, AnimationPanel)
         drag_out(studio.session)
         studio.session.grow(12.0)
         studio.session.edit_document(key_frames.add_key(studio.session.deformation, 0.0), "a key frame")

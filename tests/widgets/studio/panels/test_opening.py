@@ -9,6 +9,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
+from driven_studio import panel_of
 from numpy.typing import NDArray
 from uploads import uploaded
 
@@ -36,7 +37,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     volume = PHANTOMS["bar"].make((12, 16, 20))
     studio = Studio(volume, folder=tmp_path)
     opening, fit = panel_of(studio, OpenPanel), panel_of(studio, FitPanel)
-    labels: LabelChooser = opening._shapes.labels
+    labels: LabelChooser = opening._shapes.panel.labels
 
     def drop(path: Path) -> str:
         uploaded(opening.box, path.name, path.read_bytes())
@@ -70,7 +71,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     drop(tmp_path / "other.nrrd")
     answer(opening, "Show beside")
     studio.wait()
-    np.testing.assert_array_equal(opening._compare._chosen.volume.values, grey)
+    np.testing.assert_array_equal(opening._compare.panel._chosen.volume.values, grey)
     drop(tmp_path / "other.nrrd")
     answer(opening, "Use as labels")
     assert "is no label volume" in studio._words.notice.value
@@ -188,7 +189,7 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
 def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path) -> None:
     studio = Studio(Volume(np.zeros((12, 24, 24), np.uint8), Grid((12, 24, 24)), "scan"), folder=tmp_path)
     opening = panel_of(studio, OpenPanel)
-    labels: LabelChooser = opening._shapes.labels
+    labels: LabelChooser = opening._shapes.panel.labels
 
     def drop(name: str, origin: float, is_labels: bool) -> None:
         write_volume(Volume(blocks(), Grid((12, 24, 24), origin=(origin, 0, 0)), is_labels=is_labels), tmp_path / name)
@@ -211,7 +212,3 @@ def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path
 def failing(*_given: Any) -> Any:
     raise DeformError("no room.")
 
-
-def panel_of(studio: Studio, kind: type[Any]) -> Any:
-    """The panel of a kind."""
-    return next(panel for panel in studio._panels if isinstance(panel, kind))

@@ -9,7 +9,7 @@ import ipywidgets as ipw
 import numpy as np
 import oracle
 import pytest
-from driven_studio import a_volume, all_of, wait_for
+from driven_studio import a_volume, all_of, panel_of, wait_for
 from front_end import deliver
 
 from deformnb.datasets import PHANTOMS
@@ -100,8 +100,8 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
 def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
     studio = Studio(a_volume(), side="+y")
     try:
-        panel = next(p for p in studio._panels if isinstance(p, ThompsonPanel))
-        fold = next(box for box in all_of(studio) if isinstance(box, ipw.Accordion) and panel.box in box.children)
+        panel = panel_of(studio, ThompsonPanel)
+        fold = next(box for box in all_of(studio) if isinstance(box, ipw.Accordion) and panel.box in all_of(box))
         assert panel.editor is studio._editors.plane
         assert panel.after.children == ()
         fold.selected_index = 0
