@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import compiled, float64, jax, jnp, lax, refuse_forked
+from deformnb._jax import compiled, float64, jax, jnp, lax, pytree, refuse_forked
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
@@ -71,6 +71,54 @@ def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
         np.copyto(copy, array)
         array = copy
     return jax.device_put(array if shape is None else array.reshape(shape), may_alias=True)
+
+
+@pytree(("row", "start"), ("shape",))
+@dataclass(frozen=True)
+class Within:
+    """An array of ``shape`` that lies in ``row``, one row of values in JAX's memory, from ``start`` on."""
+
+    row: Any
+    start: Any
+    shape: tuple[int, ...]
+
+    def at(self, k: Any) -> Any:
+        """The k-th part along the first axis."""
+        size = int(np.prod(self.shape[1:]))
+        return lax.dynamic_slice_in_dim(self.row, self.start + k * size, size).reshape(self.shape[1:])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The array in NumPy's memory."""
+        start = int(self.start)
+        values = np.asarray(self.row)[start:start + int(np.prod(self.shape))].reshape(self.shape)
+        return np.array(values, dtype, copy=copy)
+
+
+def shared(array: NDArray[Any]) -> Any:
+    """A part of a larger array as JAX sees it, copied as little as can be: by :func:`on_device`, or :class:`Within`.
+
+    The row of the latter begins before the part, where memory can be shared; parts of one shape have rows of one
+    length. Only what lies at the very beginning or end of the larger array is copied.
+    """
+    whole = array
+    while isinstance(whole.base, np.ndarray):
+        whole = whole.base
+    start = array.ctypes.data % _ALIGNMENT
+    # By its strides, not by where it starts alone: all parts of an array along its first axes are then of one kind,
+    # and one compilation serves them. Read as a row they take a twentieth longer, copied a quarter.
+    is_aligned = not (start or any(stride % _ALIGNMENT for stride in array.strides[:-2]))
+    is_part = array.flags.c_contiguous and whole.flags.c_contiguous and array.nbytes < whole.nbytes
+    if not devices.is_host() or is_aligned or not is_part or start % array.itemsize:
+        return on_device(array)
+    length = array.size + _ALIGNMENT // array.itemsize
+    values = whole.reshape(-1).view(np.uint8)
+    first = array.ctypes.data - start - values.ctypes.data
+    if 0 <= first <= values.size - length * array.itemsize:
+        row = values[first:first + length * array.itemsize].view(array.dtype)
+        return Within(on_device(row), np.int32(start // array.itemsize), array.shape)
+    row = aligned_empty((length,), array.dtype)
+    np.copyto(row[:array.size].reshape(array.shape), array)
+    return Within(on_device(row), np.int32(0), array.shape)
 
 
 def turned(array: NDArray[Any], axis: int, to: int) -> Any:
@@ -269,7 +317,7 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
 
     flat : the input's voxels (or spline coefficients), one row; ``shape`` is its shape.
     field : physical displacement (x, y, z) at every ``step``-th plane and row: three arrays (nodes z, nodes y, nx), or
-        one with the components last.
+        one with the components last, which may lie within another (:class:`Within`).
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
     nodes : None, or where planes and rows of the field lie instead of at every ``step``-th: for z and y the first
@@ -279,10 +327,12 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
     tail = () if isinstance(field, tuple) else (1,)
     within = jnp.asarray(np.arange(whole[1].shape[1]) % step / step, jnp.float32).reshape(-1, 1, *tail)
 
+    def nodes_of(values: Any, k: Any) -> Any:
+        return values.at(k) if isinstance(values, Within) else lax.dynamic_index_in_dim(values, k, keepdims=False)
+
     def between(values: Any, below: Any, t: Any) -> Any:
         # Two slices, a barrier, then rows: one slice of two planes costs 4 to 7 times more.
-        first = lax.dynamic_index_in_dim(values, below, keepdims=False)
-        second = lax.dynamic_index_in_dim(values, below + 1, keepdims=False)
+        first, second = nodes_of(values, below), nodes_of(values, below + 1)
         return lax.optimization_barrier((1 - t) * first + t * second)
 
     def component(values: Any, q: Any) -> Any:
@@ -293,7 +343,7 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
             rows = [near.at[before + k].get(mode="promise_in_bounds") for k in range(len(y))]
             return lax.optimization_barrier(sum(y[k][:, None] * row for k, row in enumerate(rows)))
         if step == 1:
-            return lax.dynamic_index_in_dim(values, q, keepdims=False)
+            return nodes_of(values, q)
         plane = between(values, q // step, (q % step).astype(jnp.float32) / step)
         return lax.optimization_barrier((1 - within) * plane[low] + within * plane[low + 1])
 

@@ -26,7 +26,7 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.sampling import METHODS, NEAR, on_device
+from deformnb.volume.sampling import METHODS, NEAR, on_device, shared
 from deformnb.volume.volume import Grid
 
 _Part = TypeVar("_Part")
@@ -326,7 +326,7 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
-            return on_device(checked(d))
+            return shared(checked(d))
     if step > 1 and grid.shape[2] > step:
         return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
     with devices.computing():  # else JAX would take what is done to the result to the device that it prefers

@@ -121,6 +121,23 @@ def test_aligned_memory_is_shared_and_other_memory_is_copied(dtype: str) -> None
         assert (np.asarray(array) == other).all()
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+def test_parts_of_a_larger_array_are_shared_wherever_they_begin(dtype: str) -> None:
+    count = 9 * 8 * 5 * 3
+    whole = sampling.aligned_empty((count + 1,), np.dtype(dtype))[1:].reshape(9, 8, 5, 3)
+    whole[...] = np.arange(count).reshape(whole.shape) % 251
+    parts = [whole[k:k + 3] for k in (0, 3, 6)]
+    seen = [sampling.shared(part) for part in parts]
+    assert len({(each.row.shape, each.shape) for each in seen}) == 1
+    for part, each in zip(parts, seen, strict=True):
+        np.testing.assert_array_equal(each, part)
+        np.testing.assert_array_equal(each.at(1), part[1])
+    first = seen[1].row.unsafe_buffer_pointer() + int(seen[1].start) * whole.itemsize
+    assert first == parts[1].ctypes.data
+    for other in (whole[3:6, ::-1], whole.copy()):  # not contiguous, and no part of another
+        np.testing.assert_array_equal(sampling.shared(other), other)
+
+
 @pytest.mark.parametrize(("dtype", "size", "wide"), [("uint8", 8, False), ("float32", 8, False), ("int32", 8, True),
                                                      ("float64", 8, True), ("uint8", 2**31, True)])
 def test_64_bits_only_where_they_are_needed(dtype: str, size: int, wide: bool) -> None:

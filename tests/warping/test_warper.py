@@ -590,6 +590,20 @@ def test_a_stored_field_on_a_coarse_grid_is_read_linearly(spacing: tuple[float, 
     assert np.mean(np.abs(warp(volume, field, fill=0.0).values - expected) <= 2 * RANGE_SHARE * 200) > 0.999
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "float32", "int32"])
+def test_a_stored_field_may_begin_anywhere_in_memory(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning, "BLOCK_VOXELS", 2 * STRAIGHT.shape[1] * STRAIGHT.shape[2])
+    values = np.asarray(scattered(STRAIGHT).values, np.float32)
+    results = []
+    for first in (0, 1, 5):  # numbers after an address from which JAX shares memory
+        room = sampling.aligned_empty((first + values.size,), values.dtype)
+        room[first:] = values.ravel()
+        field = DisplacementField(room[first:].reshape(values.shape), STRAIGHT)
+        results.append(warp(noise(STRAIGHT, dtype), field).values)
+    np.testing.assert_array_equal(results[1], results[0])
+    np.testing.assert_array_equal(results[2], results[0])
+
+
 # -- refusals --------------------------------------------------------------------------------------------------------
 
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
