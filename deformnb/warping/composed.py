@@ -1,7 +1,7 @@
-"""Deformations and their compositions, evaluated at all voxels of a block.
+"""Composition of several deformations, evaluated at all voxels of a block.
 
 ``D = D_last(x) + D_before(x + D_last(x)) + ...``: only the last one is evaluated on a lattice, the others at the places
-to which the ones after them lead. Where this, or a single deformation, is smooth it is interpolated between nodes
+to which the ones after them lead. Where the composition is smooth it is interpolated between nodes
 (:mod:`deformnb.warping.node_table`). Beside cuts it is evaluated at every voxel; there the maps over a picture are kept
 as tables and read linearly. A table is as fine as it must be for an error below a five-hundredth of a voxel; where that
 would take too many nodes, or a place lies beyond the table, the field itself is evaluated.
@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb import devices
 from deformnb._deferred import ndimage
 from deformnb._jax import compiled, jnp, lax
 from deformnb._typing import Progress
@@ -31,7 +30,7 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping import planning
 from deformnb.warping.cut_tiles import look_up
-from deformnb.warping.node_table import Displacements, NodeTable, Piece, Voxels, node_count, smoothness_of
+from deformnb.warping.node_table import Displacements, NodeTable, Piece, Voxels, smoothness_of
 
 # Ten times below what linear interpolation between voxels of a noisy scan changes.
 _TABLE_ERROR = 2e-3
@@ -39,9 +38,6 @@ _MOST_NODES = 3_000_000
 
 # How far beyond the volume's box the tables reach, as a share of it; beyond, the field itself is evaluated.
 _MARGIN = 0.1
-
-# Where nodes are no fewer than this share of the voxels, a single field is evaluated at all of these.
-_NODES_SHARE = 1 / 16
 
 # Places at which a table is compared with its map.
 _TRIALS = 2000
@@ -70,9 +66,7 @@ class ComposedEvaluator:
         self._rest = [_evaluator(link, grid) if self.has_cuts else partial(_exactly, link)
                       for link in self._links[start:]]
         is_long = bool(self._rest) or len(field.steps) > 1
-        # A GPU evaluates one fit at every voxel faster than the host its nodes.
-        is_worth = is_long or (devices.is_host() and node_count(grid) < _NODES_SHARE * grid.size)
-        self._is_known = is_worth and smoothness_of(field) is not None
+        self._is_known = is_long and smoothness_of(field) is not None
         self._nodes: NodeTable | None = None
         self._before = [] if self._first is None else [_evaluator(self._first, grid) if self.has_cuts
                                                        else partial(_exactly, self._first)]

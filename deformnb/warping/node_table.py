@@ -1,4 +1,4 @@
-"""Displacements of a field or a composition as one table of nodes, read by cubic interpolation.
+"""Displacements of a composition as one table of nodes, read by cubic interpolation.
 
 Every deformation of a composition is evaluated at the places to which those after it lead, so that n of them cost n
 sums over control points at every voxel. Nodes a few voxels apart need a sixty-fourth of that. Between nodes at distance
@@ -114,15 +114,6 @@ def smoothness_of(field: AbstractField) -> int | None:
             return None
     known = [smoothness_of(part) for part in parts]
     return None if None in known else min((k for k in known if k is not None), default=3)
-
-
-def node_count(grid: Grid) -> int:
-    """The number of nodes :data:`SPACING` voxels apart around all voxels of a grid."""
-    return int(np.prod(_node_shape(grid, SPACING)))
-
-
-def _node_shape(grid: Grid, spacing: int) -> tuple[int, ...]:
-    return tuple(-(-n // spacing) + 1 + 2 * _HALO for n in grid.shape)
 
 
 Voxels: TypeAlias = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
@@ -251,7 +242,7 @@ class _Lattice:
         assert smoothness is not None
         self._factor = _JUMPS[smoothness]
         cells = tuple(-(-n // spacing) for n in grid.shape)
-        self._shape = _node_shape(grid, spacing)
+        self._shape = tuple(n + 1 + 2 * _HALO for n in cells)
         self._values, self._near = np.empty((3, *self._shape), np.float32), np.zeros(self._shape, dtype=bool)
         self._error = np.zeros(self._shape, np.float32)
         self._types: dict[Any, Any] = {}

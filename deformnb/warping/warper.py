@@ -85,11 +85,11 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
     method : a name of :data:`METHODS`: "nearest", "linear" or "cubic" (B-spline, mirrored at the
         edges). Default is linear, and nearest for labels and bool.
-    step : 1 keeps within a hundredth of a voxel (:data:`deformnb.warping.node_table.ERROR`) of the displacement at
-        every voxel: where the field is smooth it is interpolated between nodes that are close enough, elsewhere it is
-        evaluated. h > 1 evaluates it at every h-th voxel along each axis and interpolates linearly; the error of the
-        displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel. Extruded fields along an
-        axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
+    step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
+        linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
+        Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
+        Compositions and stages are interpolated where they are smooth, at most a hundredth of a voxel
+        (:data:`deformnb.warping.node_table.ERROR`) from the displacement at every voxel.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns

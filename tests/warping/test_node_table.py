@@ -70,8 +70,7 @@ CHAINS: dict[str, Callable[[int], tuple[Step, ...]]] = {
                                          on_plane("-y", seed)),
     "beside a rigid part": lambda seed: (on_plane("+z", seed, 0.5, parts=(part("+z"),)), on_plane("+y", seed, 0.5)),
     "beside a cut": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("+y", seed)),
-    "a fit in space": lambda seed: (in_space(seed),),
-    "a rigid part in space": lambda seed: (in_space(seed, 0.5, parts=(SOLID,)),),
+    "a rigid part in space": lambda seed: (in_space(seed, 0.5, parts=(SOLID,)), on_plane("+y", seed)),
     "cut by Eq. 8": lambda seed: (on_plane("+z", seed), on_plane("+x", seed, cuts=(cut("+x"),), cut_rule="paper")),
 }
 
