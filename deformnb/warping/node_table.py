@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, jnp
 from deformnb._typing import Progress
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled
@@ -202,7 +201,7 @@ class NodeTable:
             n = np.arange(part.stop - part.start)
             tables.append(((n // h).astype(np.int32), np.stack(_lagrange(n % h / h)).astype(np.float32)))
         some = lattice.nodes[:, *(slice(part.start, None if part.stop is None else part.stop + 3) for part in cells)]
-        return Displacements(_along_x(on_device(some), _weights(self._grid.shape[2], h)), tuple(tables))
+        return Displacements(planning.along_x(on_device(some), _weights(self._grid.shape[2], h)), tuple(tables))
 
 
 def _cells(part: slice) -> slice:
@@ -322,11 +321,6 @@ def _lagrange(t: Any) -> tuple[Any, ...]:
     """Weights of the values at -1, 0, 1 and 2 for a place t from 0 to 1."""
     return (-t * (t - 1) * (t - 2) / 6, (t + 1) * (t - 1) * (t - 2) / 2, -(t + 1) * t * (t - 2) / 2,
             (t + 1) * t * (t - 1) / 6)
-
-
-@compiled
-def _along_x(nodes: Any, weights: Any) -> tuple[Any, ...]:
-    return tuple(jnp.einsum("zyi,ix->zyx", component, weights) for component in nodes)
 
 
 class _Walk:

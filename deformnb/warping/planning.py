@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from math import ceil
 from typing import Any, TypeVar
 
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import jnp
+from deformnb._jax import compiled, jnp
 from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
@@ -328,7 +329,7 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
         if d is not None:
             return shared(checked(d))
     if step > 1 and grid.shape[2] > step:
-        return tuple(on_device(d) for d in checked(_coarse_along_x(field, grid, step)))
+        return _coarse_along_x(field, grid, step)
     with devices.computing():  # else JAX would take what is done to the result to the device that it prefers
         stays = _on_device(field, grid)
         return tuple(on_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else tuple(stays)
@@ -348,13 +349,28 @@ def _on_device(field: AbstractField, on: Grid | Raster) -> Any | None:
     return d
 
 
-def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> NDArray[np.float32]:
+def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> tuple[Any, ...]:
     (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
-    count = ceil((nx - 1) / step) + 1
-    nodes = field.components_on_grid(Grid((nz, ny, count), (step * sx, sy, sz), grid.origin, grid.direction))
-    t = np.arange(step, dtype=np.float32) / np.float32(step)
-    between = nodes[..., :-1, None] * (1 - t) + nodes[..., 1:, None] * t
-    return np.concatenate([between.reshape(3, nz, ny, -1), nodes[..., -1:]], axis=-1)[..., :nx]
+    shape = (nz, ny, ceil((nx - 1) / step) + 1)
+    nodes = field.components_on_grid(Grid(shape, (step * sx, sy, sz), grid.origin, grid.direction))
+    return along_x(on_device(checked(nodes)), _linear_weights(nx, step))
+
+
+@lru_cache(maxsize=32)
+def _linear_weights(count: int, step: int) -> NDArray[np.float32]:
+    """Weights (nodes, count) of ``count`` voxels between nodes at every ``step``-th."""
+    at, last = np.arange(count), ceil((count - 1) / step)
+    low, t = at // step, at % step / step
+    weights = np.zeros((last + 1, count), np.float32)
+    weights[low, at] = 1 - t
+    weights[np.minimum(low + 1, last), at] += t
+    return weights
+
+
+@partial(compiled, on_one_thread=True)
+def along_x(nodes: Any, weights: Any) -> tuple[Any, ...]:
+    """Components (z, y, x) at voxels, from nodes (components, z, y, n) along x and their weights (n, x)."""
+    return tuple(jnp.einsum("zyi,ix->zyx", component, weights, precision="highest") for component in nodes)
 
 
 def seen(field: AbstractField, grid: Grid, step: int = 1) -> tuple[Any, NDArray[np.float32] | None]:
