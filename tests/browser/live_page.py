@@ -15,6 +15,9 @@ from front_end import deliver
 from numpy.typing import NDArray
 from waiting import PATIENCE
 
+FOLLOWED = "!document.querySelector('.dnb-view').deformnb.elements.frame"
+"""Letters, scale and cube are those of the camera: they follow it in the next frame."""
+
 _PAGE = """<!doctype html><meta charset="utf-8"><style>body { margin: 0; background: #888 }</style><div id="root"></div>
 <script>
 const models = {};

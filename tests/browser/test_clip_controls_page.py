@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.live_page import LivePage
+from browser.live_page import FOLLOWED, LivePage
 
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.inputs.clip_controls import ClipControls
@@ -123,7 +123,7 @@ def test_sliders_follow_a_program_and_another_view(page: LivePage) -> None:
 def test_the_bar_is_as_long_as_it_says(page: LivePage, zoom: float, least: float) -> None:
     view = opened(page)
     view.set_camera((0, 1, 0), zoom=zoom)
-    page.pixels()
+    page.wait(FOLLOWED)
     words, unit = texts(page, ".dnb-scale-text")[0].split()
     assert unit == "mm"
     assert float(words) / 10 ** np.floor(np.log10(float(words))) in (1, 2, 5)
@@ -136,10 +136,10 @@ def test_the_bar_is_as_long_as_it_says(page: LivePage, zoom: float, least: float
 def test_a_perspective_has_no_bar_and_says_why(page: LivePage) -> None:
     view = opened(page)
     view.set_camera(perspective=True)
-    page.pixels()
+    page.wait(FOLLOWED)
     assert texts(page, ".dnb-scale-text") == ["perspective"]
     assert "no length holds" in page.page.evaluate(f"{BAR}.title")
     assert not page.page.locator(".dnb-scale-bar").is_visible()
     view.set_camera(perspective=False)
-    page.pixels()
+    page.wait(FOLLOWED)
     assert page.page.locator(".dnb-scale-bar").is_visible()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.live_page import LivePage
+from browser.live_page import FOLLOWED, LivePage
 from PIL import Image
 
 from deformnb.document.deformation import Deformation, Step
@@ -241,6 +241,7 @@ def test_the_cube_turns_with_the_camera_and_a_face_looks_from_its_side(page: Liv
     shown = ".dnb-face:visible text"
     assert page.page.locator(shown).all_text_contents() == ["A"]  # looking along +y, from the front
     view.set_camera((-0.5, 0.7, -0.5))  # from the left, the front and above
+    page.wait(FOLLOWED)
     assert set(page.page.locator(shown).all_text_contents()) == {"A", "L", "S"}
     box = {name: page.page.locator(f'.dnb-face:has(text:text-is("{name}"))').bounding_box() for name in "ALS"}
     assert box["L"]["x"] > box["A"]["x"]  # the left side is on the viewer's right
@@ -249,10 +250,12 @@ def test_the_cube_turns_with_the_camera_and_a_face_looks_from_its_side(page: Liv
     page.wait("models.view.saved.length > 0")
     np.testing.assert_allclose(view.camera["direction"], [-1, 0, 0], atol=1e-6)
     # One face hides the others: arrows lead to its neighbours.
+    page.wait(FOLLOWED)
     assert page.page.locator(".dnb-turn:visible").count() == 4
     page.page.locator(".dnb-turn").nth(2).click()  # upwards
     page.wait("models.view.saved.length > 1")
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
+    page.wait(FOLLOWED)
     assert page.page.text_content(".dnb-right") == "R"
 
 

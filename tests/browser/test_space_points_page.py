@@ -108,6 +108,29 @@ def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, dir
     np.testing.assert_allclose(at, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), atol=1.5)
 
 
+def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: Any, page: LivePage) -> None:
+    here = shown(ControlPoints.from_arrays([CENTER, CENTER + 8.0]))
+    page.wait(f"{POINTS}.handles.byId.size === 2")
+    drawn = page.page.evaluate(f"""async () => {{
+      const shown = {POINTS}, {{ handles }} = shown, update = handles.update.bind(handles), drawn = [];
+      handles.update = (flat, ...given) => {{ drawn.push(flat); return update(flat, ...given); }};
+      const frame = () => new Promise((done) => {{ requestAnimationFrame(done); }});
+      for (let k = 0; k < 5; k++) shown.view.touch();
+      const early = drawn.length;
+      await frame();
+      const [before] = drawn.splice(0);
+      shown.points = shown.points.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 3) }}));
+      shown.draw();
+      shown.draw();
+      await frame();
+      return [early, drawn.length, drawn[0].filter((p) => before.includes(p)).map((p) => p.id)];
+    }}""")
+    assert drawn == [0, 1, [1]]
+    here.view.set_camera((1, 0, 0))
+    page.wait(f"Math.abs({POINTS}.camera.ahead[0]) === 1")
+    page.wait(f"{POINTS}.seen === JSON.stringify({POINTS}.camera)")  # of another camera all are
+
+
 def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(shown: Any, page: LivePage) -> None:
     here = shown(one())
     before, scale = middle(page.pixels()), here.scale(CENTER)

@@ -53,7 +53,7 @@ const AppRemote = {
       const camera = new Camera();
       camera.look(meta.camera.direction, meta.camera.up);
       this.frames.show(captionsOf(meta.shows, meta.layer));
-      this.frames.write(camera, "");
+      this.frames.write(camera);
       this.cube.draw(this.views, camera);
       setText(this.badge, meta.badge || "");
       Object.assign(this.$refs.root, { deformnb: meta }); // for tests and for debugging

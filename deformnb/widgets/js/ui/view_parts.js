@@ -27,11 +27,12 @@ export function lengthText(length, unit) {
   return `${Number((length * factor).toPrecision(1))} ${name}`;
 }
 
+/** @typedef {{ width: number, height: number }} Size  in CSS pixels */
+
 /** A bar of 1, 2 or 5 times a power of ten, with its length in the volume. */
 class ScaleBar {
   /** @param {Element} root */
   constructor(root) {
-    this.root = root;
     this.element = pageElement("div", "dnb-scale", root, { hidden: "" });
     this.text = pageElement("span", "dnb-scale-text", this.element);
     this.bar = pageElement("div", "dnb-scale-bar", this.element, { "aria-hidden": "true" });
@@ -40,18 +41,18 @@ class ScaleBar {
   /**
    * @param {{ height: number, bend: number }} camera  height: of the view, a length in space; bend: of a perspective
    * @param {string | null | undefined} unit  none shows no bar
+   * @param {Size} box  of the view
    * @param {number} [parts]  pictures side by side
    */
-  write({ height, bend }, unit, parts = 1) {
-    const { clientWidth, clientHeight } = this.root;
-    const isShown = unit && height > 0 && clientHeight > 0;
+  write({ height, bend }, unit, box, parts = 1) {
+    const isShown = unit && height > 0 && box.height > 0;
     this.element.hidden = !isShown;
     if (!isShown) return;
     this.element.classList.toggle("dnb-scale-none", bend > 0);
     this.element.title = bend > 0 ? NO_SCALE : "";
     if (bend > 0) { setText(this.text, "perspective"); return; }
-    const most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * clientWidth) / parts));
-    const pixel = height / clientHeight, length = roundLength(most * pixel);
+    const most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * box.width) / parts));
+    const pixel = height / box.height, length = roundLength(most * pixel);
     this.bar.style.width = `${(length / pixel).toFixed(1)}px`;
     setText(this.text, lengthText(length, unit));
   }
@@ -66,7 +67,8 @@ export const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
 
 /**
- * Give a view's root the size of its model's traits, as far as there is room; returns its size in pixels.
+ * Give a view's root the size of its model's traits, as far as there is room; returns its size in CSS pixels and the
+ * pixels of the screen for one of them.
  * @param {HTMLElement} root
  * @param {HTMLElement} host
  * @param {Model} model
@@ -79,7 +81,7 @@ export function sized(root, host, model) {
   root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // instead the size of the box around it
   host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
   const ratio = Math.min(2, window.devicePixelRatio || 1), box = root.getBoundingClientRect();
-  return [(box.width || width) * ratio, (box.height || height) * ratio].map(Math.round);
+  return { width: box.width || width, height: box.height || height, ratio };
 }
 
 /** @type {Record<string, string[]>} */
@@ -219,11 +221,12 @@ export class Frames {
   /**
    * Write the letters of the directions and the scale.
    * @param {{ right: number[], up: number[], height: number, bend: number }} camera
-   * @param {string | null | undefined} unit  of lengths; without one there is no scale
+   * @param {string | null | undefined} [unit]  of lengths; without one there is no scale
+   * @param {Size} [box]  of the view
    */
-  write(camera, unit) {
+  write(camera, unit, box = { width: 0, height: 0 }) {
     const { right, up } = camera;
-    this.scale.write(camera, unit, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
+    this.scale.write(camera, unit, box, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
     for (const { letters } of this.frames) letters.forEach((letter, i) => { setText(letter, texts[i]); });
   }

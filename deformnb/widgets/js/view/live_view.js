@@ -88,7 +88,7 @@ class LiveVolumeView {
   // -- canvas, captions, notice --------------------------------------------------------------------------------------
 
   size() {
-    const [w, h] = this.elements.size.map((n) => Math.max(1, n));
+    const [w, h] = this.elements.fit().map((n) => Math.max(1, n));
     if (this.pixels[0] === w && this.pixels[1] === h) return;
     this.camera.reframed(() => { this.pixels = [w, h]; });
     this.caster?.resize(w, h);
@@ -552,7 +552,7 @@ class LiveVolumeView {
   }
 
   touch(held = false) {
-    if (this.info) this.elements.follow(this.camera, this.info);
+    if (this.info) this.elements.follow(this.camera);
     this.spacePoints.draw();
     if (this.loop) this.loop.touch(held);
   }

@@ -104,7 +104,7 @@ export class ServerVolumeView {
     if (this.closed) return;
     const { background, theme } = this.elements;
     this.root.dataset.background = background;
-    const [w, h] = this.elements.size.map((n) => Math.min(4096, Math.max(16, n)));
+    const [w, h] = this.elements.fit().map((n) => Math.min(4096, Math.max(16, n)));
     const now = { width: w, height: h, background: theme.name,
       ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
     const sent = JSON.stringify(now);
@@ -212,7 +212,7 @@ export class ServerVolumeView {
 
   touchParts() {
     if (!this.info) return;
-    this.elements.follow(this.camera, this.info);
+    this.elements.follow(this.camera);
     this.spacePoints.draw();
   }
 

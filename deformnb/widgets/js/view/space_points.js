@@ -14,7 +14,7 @@ import { opacityOfByte } from "../webgl/volume_blocks.js";
 
 /** @import { Camera } from "../maths/camera.js" */
 /** @import { Sender } from "../sync/edits.js" */
-/** @import { Bus, Model, Point, PointsDetail, Sides, Vector2 } from "../types.d.ts" */
+/** @import { Bus, FlatPoint, Model, Point, PointsDetail, Sides, Vector2 } from "../types.d.ts" */
 /** @import { PlanarField, SpaceField } from "../webgl/types.d.ts" */
 /** @import { ScreenBox } from "./pointer.js" */
 /** @import { Field, VolumeViewLike, VolumeInfo } from "./types.d.ts" */
@@ -294,6 +294,10 @@ export class SpacePoints {
     this.axis = null; // that a drag is confined to
     /** @type {number[]} */
     this.order = []; // ids, the farthest first
+    /** @type {WeakMap<Point, FlatPoint & {depth: number}>} */
+    this.flat = new WeakMap(); // points on the picture from the camera `seen`
+    this.seen = "";
+    this.frame = 0; // the request of the next one, or 0
     this.lookedAt = -Infinity;
     this.timer = 0;
     this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, view.root);
@@ -356,6 +360,7 @@ export class SpacePoints {
 
   close() {
     this.leave();
+    cancelAnimationFrame(this.frame);
     clearTimeout(this.timer);
     this.closed.abort();
     this.svg.remove();
@@ -387,51 +392,73 @@ export class SpacePoints {
 
   /** The projection of the picture in which points are seen: of two side by side the deformed one. */
   get camera() {
-    const { view } = this, { camera } = view, { info, middle } = camera, { clientWidth, clientHeight } = view.canvas;
+    const { camera, elements: { box } } = this.view, { info, middle } = camera;
     const place = info.origin.map((o, row) => o + dot(info.axes[row], middle));
-    const width = Math.max(1, clientWidth / camera.parts);
+    const width = Math.max(1, box.width / camera.parts);
     return new SpaceCamera(camera, camera.bend, place,
-      { left: clientWidth - width, top: 0, width, height: Math.max(1, clientHeight) });
+      { left: box.width - width, top: 0, width, height: Math.max(1, box.height) });
   }
 
-  draw() {
+  /** Draws in the next frame, however often points, camera and field change before it. */
+  draw() { if (!this.frame) this.frame = requestAnimationFrame(() => this.drawNow()); }
+
+  drawNow() {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
     const { view, svg } = this, isShown = Boolean(this.editor && view.info?.origin && view.shown !== "original");
-    svg.setAttribute("visibility", isShown ? "visible" : "hidden");
+    setAttributes(svg, { visibility: isShown ? "visible" : "hidden" });
     if (!isShown) { this.handles.update([], this.selected, PIXELS, 0, 0); return; }
-    const { camera } = this, { clientWidth: width, clientHeight: height } = view.canvas;
+    const { camera } = this, { width, height } = view.elements.box;
     setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
-    const flat = this.points.map((p) => {
-      const target = camera.see(p.target);
-      return { id: p.id, name: p.name, active: p.active, target: target.at, source: camera.see(p.source).at,
-        depth: target.depth, away: 0, isFar: false, whole: p };
-    });
+    const flat = this.#flatFrom(camera);
     if (!this.drag0) flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; nothing jumps in a drag
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
     const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
     if (isFocusLost) view.canvas.focus({ preventScroll: true });
     this.#drawAxis(camera);
-    this.#lookLater();
+    this.#lookLater(camera);
+  }
+
+  /**
+   * The points on the picture; those that have not moved since the last frame are the same objects, not drawn again.
+   * @param {SpaceCamera} camera
+   */
+  #flatFrom(camera) {
+    const seen = JSON.stringify(camera);
+    if (seen !== this.seen) { this.seen = seen; this.flat = new WeakMap(); }
+    return this.points.map((p) => {
+      const known = this.flat.get(p);
+      if (known) return known;
+      const { at, depth } = camera.see(p.target);
+      const made = { id: p.id, name: p.name, active: p.active, target: at, source: camera.see(p.source).at, depth,
+        away: 0, isFar: false, whole: p };
+      this.flat.set(p, made);
+      return made;
+    });
   }
 
   /** @param {SpaceCamera} camera */
   #drawAxis(camera) {
     const { axis } = this, p = axis === null ? null : this.points.find((q) => this.selected.has(q.id));
-    this.axisLine.setAttribute("visibility", p ? "visible" : "hidden");
+    setAttributes(this.axisLine, { visibility: p ? "visible" : "hidden" });
     if (!p || axis === null) return;
     const far = 1000 * camera.see(p.target).scale, unit = [0, 1, 2].map((k) => (k === axis ? far : 0));
     const [from, to] = [-1, 1].map((sign) => camera.see(added(p.target, scaled(unit, sign))).at);
     setAttributes(this.axisLine, { d: `M ${from} L ${to}`, "data-axis": "xyz"[axis] });
   }
 
-  /** Marks the points that lie behind the body: a hundred steps for each, so not at every movement. */
-  #lookLater() {
+  /**
+   * Marks the points that lie behind the body: a hundred steps for each, so not at every movement.
+   * @param {SpaceCamera} camera
+   */
+  #lookLater(camera) {
     const now = performance.now(), { view } = this;
     if (!view.values) return;
     clearTimeout(this.timer);
     if (now - this.lookedAt < LATER) { this.timer = setTimeout(() => this.draw(), LATER); return; }
     this.lookedAt = now;
-    const body = this.body, { camera } = this;
+    const { body } = this;
     for (const p of this.points) {
       const isHidden = body?.hides(p.target, camera.toViewer(p.target)) ?? false, parts = this.handles.byId.get(p.id);
       if (!parts) continue;
@@ -571,6 +598,7 @@ export class SpacePoints {
     const id = nextId(this.points, sender.nextId);
     sender.edit(addedPoint(this.points, id, place, place), "add"); // Python finds where it takes hold
     this.select([id]);
+    this.drawNow(); // else nothing could take the focus
     this.handles.focus(id);
     this.liveRegion.textContent = `point ${id} added`;
     return true;

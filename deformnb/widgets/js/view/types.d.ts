@@ -7,6 +7,7 @@ import type { PlanarField, SpaceField } from "../webgl/types.d.ts";
 import type { PointerControls } from "./pointer.js";
 import type { SpacePoints } from "./space_points.js";
 import type { ViewCamera } from "./view_camera.js";
+import type { ViewElements } from "./view_elements.js";
 
 /** A buffer of a message. */
 export type Bytes = DataView<ArrayBuffer> | Uint8Array<ArrayBuffer> | ArrayBuffer;
@@ -62,6 +63,7 @@ export interface VolumeViewLike {
   model: Model;
   root: HTMLElement;
   canvas: HTMLCanvasElement;
+  elements: ViewElements;
   /** Width and height of the full picture in pixels. */
   pixels: number[];
   camera: ViewCamera;

@@ -7,7 +7,6 @@ import { Theme } from "../ui/theme.js";
 import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
 
 /** @import { Model } from "../types.d.ts" */
-/** @import { VolumeInfo } from "./types.d.ts" */
 /** @import { ViewCamera } from "./view_camera.js" */
 /** @import { Message } from "./volume_loader.js" */
 
@@ -39,6 +38,9 @@ export class ViewElements {
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
     this.followed = ""; // what frames and cube show
+    this.frame = 0; // the request of the next one, or 0
+    // Of the picture in CSS pixels, as last laid out: asking again lays out the page in every frame of a drag.
+    this.box = { width: 0, height: 0 };
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
     this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)",
       () => this.#save(actions.picture).catch((error) => this.showMessage(`The picture could not be saved: ${error.message}`)));
@@ -72,8 +74,12 @@ export class ViewElements {
     return background === "auto" ? this.theme.name : background;
   }
 
-  /** The size of the picture in pixels, after taking that of the traits. */
-  get size() { return sized(this.root, this.host, this.model); }
+  /** Takes the size of the traits, as far as there is room; the picture's own in pixels. */
+  fit() {
+    const { ratio, ...box } = sized(this.root, this.host, this.model);
+    this.box = box;
+    return [box.width * ratio, box.height * ratio].map(Math.round);
+  }
 
   /** @param {string} text */
   showMessage(text) {
@@ -88,22 +94,29 @@ export class ViewElements {
   }
 
   /**
-   * Follows the camera. Where nothing has changed nothing is written: in every frame of an animation it would cost a
-   * software renderer more than the volume.
+   * Follows the camera in the next frame.
    * @param {ViewCamera} camera
-   * @param {VolumeInfo} info
    */
-  follow(camera, info) {
-    const { right, up, direction, height, bend } = camera, { clientWidth, clientHeight } = this.root;
-    const shown = this.frames.frames.map(({ frame }) => frame.hidden);
-    const state = JSON.stringify([right, up, direction, height, bend, info, clientWidth, clientHeight, shown]);
+  follow(camera) {
+    if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.#write(camera); });
+  }
+
+  /**
+   * Where nothing has changed nothing is written: in every frame of an animation it would cost a software renderer more
+   * than the volume.
+   * @param {ViewCamera} camera
+   */
+  #write(camera) {
+    const { right, up, direction, height, bend, info } = camera, shown = this.frames.frames.map(({ frame }) => frame.hidden);
+    const state = JSON.stringify([right, up, direction, height, bend, info, this.box, shown]);
     if (state === this.followed) return;
     this.followed = state;
-    this.frames.write(camera, info.unit);
+    this.frames.write(camera, info.unit, this.box);
     this.cube.draw(info.views, camera);
   }
 
   close() {
+    cancelAnimationFrame(this.frame);
     this.observer.disconnect();
     this.theme.close();
     this.flicker.close();
