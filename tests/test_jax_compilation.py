@@ -17,10 +17,12 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.warping.planning import processors
 
-FIT = (
+FIT = (  # by a kernel whose system is compiled
+    "import numpy as np\n"
     "from deformnb import ControlPoints, Raster, fit_rbf\n"
-    "p = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [5, 5]], [[0, 0], [9, 1], [0, 9], [6, 5]])\n"
-    "fit_rbf(p, kernel='thin_plate').on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
+    "x = np.random.default_rng(0).uniform(0, 9, (8, 2))\n"
+    "p = ControlPoints.from_arrays(x, x + np.sin(x))\n"
+    "fit_rbf(p, kernel='quintic', trend='quadratic').on_raster(Raster((32, 32), (1, 1), (0, 0)))\n"
 )
 
 

@@ -106,7 +106,7 @@ def test_escape_gives_up_a_drag(on_drawing: OnDrawing) -> None:
     on_drawing.page.mouse.move(x + 30, y + 30, steps=3)
     on_drawing.page.keyboard.press("Escape")
     on_drawing.page.mouse.up()
-    np.testing.assert_allclose(on_drawing.node(0), (x, y), atol=1)
+    on_drawing.until(lambda: np.allclose(on_drawing.node(0), (x, y), atol=1))
     assert on_drawing.drawing.nodes is before
 
 
