@@ -1,4 +1,4 @@
-"""JAX comes at its first use: not before a studio is shown, and with all that has to be registered."""
+"""JAX and SciPy come at their first use: not before a studio is shown, and JAX with all that has to be registered."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ studio.wait()
 studio.warm_up = lambda: print("warm up")
 bundle = studio._repr_mimebundle_()
 data = bundle[0] if isinstance(bundle, tuple) else bundle
-print(sorted(data), [name for name in ("jax", "matplotlib", "vtkmodules") if name in sys.modules])
+print(sorted(data), [name for name in ("jax", "scipy", "matplotlib", "vtkmodules") if name in sys.modules])
 studio.close()
 """
 
@@ -67,7 +67,7 @@ def run(code: str, folder: Path) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_a_studio_is_shown_without_jax_and_warms_up_afterwards(isolated_folders: Path) -> None:
+def test_a_studio_is_shown_without_jax_and_scipy_and_warms_up_afterwards(isolated_folders: Path) -> None:
     *order, shown = run(SHOWN, isolated_folders)
     assert order == ["warm up"]
     assert "image/png" in shown

@@ -140,14 +140,14 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
     return lax.fori_loop(0, rows.shape[1] // _TILE, add, out)  # stacked by lax.map, it would all be copied once more
 
 
-_evaluate_lattice = compiled(_lattice, static_argnames=("kernel", "what"))
+_evaluate_lattice = compiled(_lattice, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
     return lax.map(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
 
 
-_evaluate_blocks = compiled(_blocks, static_argnames=("kernel", "what"))
+_evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],

@@ -58,18 +58,16 @@ class ComposedEvaluator:
     def __init__(self, field: AbstractField, grid: Grid) -> None:
         self._field, self._grid = field, grid
         self._links = [link for link in _links(field) if not isinstance(link, Identity)] or [Identity(3)]
-        # Fields with cuts are slow on a lattice too; others are exact and fast there.
-        start = 0 if self._links[0].has_cuts else 1
-        self._first = None if start == 0 else self._links[0]
         self.has_cuts = field.has_cuts
         # Without cuts little is left to the exact way, which needs no tables then.
-        self._rest = [_evaluator(link, grid) if self.has_cuts else partial(_exactly, link)
-                      for link in self._links[start:]]
+        self._evaluators = [_evaluator(link, grid) if self.has_cuts else partial(_exactly, link)
+                            for link in self._links]
+        # Fields with cuts are slow on a lattice too; others are exact and fast there.
+        start = 0 if self._links[0].has_cuts else 1
+        self._first, self._rest = self._links[0] if start else None, self._evaluators[start:]
         is_long = bool(self._rest) or len(field.steps) > 1
         self._is_known = is_long and smoothness_of(field) is not None
         self._nodes: NodeTable | None = None
-        self._before = [] if self._first is None else [_evaluator(self._first, grid) if self.has_cuts
-                                                       else partial(_exactly, self._first)]
 
     @property
     def is_single(self) -> bool:
@@ -102,7 +100,7 @@ class ComposedEvaluator:
 
     def _at_places(self, places: NDArray[np.float32], origin: NDArray[np.float64]) -> tuple[Any, Any]:
         d, opacity = np.zeros_like(places), np.ones(places.shape[1], np.float32)
-        for evaluate in (*self._before, *self._rest):
+        for evaluate in self._evaluators:
             more, share = evaluate(places + d, origin)
             d, opacity = d + more, opacity * share
         return d, opacity

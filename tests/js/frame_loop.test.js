@@ -9,8 +9,8 @@ import { FrameLoop } from "../../deformnb/widgets/js/view/render_loop.js";
 const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true, plays: 0, cost: () => 1 };
 
 /**
- * A page with a clock of its own: timers, frames, and a GPU that takes its time, `cost` times as long as usual. The compositor waits for all work of
- * the GPU if a canvas has changed, as browsers do that draw in software.
+ * A page with a clock of its own: timers, frames, and a GPU that takes its time, `cost` times as long as usual. The
+ * compositor waits for all work of the GPU if a canvas has changed, as browsers do that draw in software.
  */
 function played(options = {}) {
   const { pixelCost, seconds, moves, isSoftware, plays, cost } = { ...SOFTWARE, ...options };

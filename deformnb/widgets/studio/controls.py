@@ -189,7 +189,8 @@ class Panel:
     Attributes
     ----------
     title : of its section; box : the widget; controls : what is bound.
-    warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing.
+    warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing, as
+        all must that are made late.
     """
 
     title = ""

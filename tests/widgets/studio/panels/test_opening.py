@@ -211,4 +211,3 @@ def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path
 
 def failing(*_given: Any) -> Any:
     raise DeformError("no room.")
-
