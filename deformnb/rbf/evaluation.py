@@ -272,7 +272,7 @@ def _tiles(rows: Any, columns: Any, reached: Any, leaves: Leaves, *, kernel: typ
     return lax.map(tile, (rows, columns, reached))
 
 
-_evaluate_tiles = compiled(_tiles, static_argnames=("kernel", "what"))
+_evaluate_tiles = compiled(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def local_squares(leaves: Leaves) -> NDArray[np.float64]:

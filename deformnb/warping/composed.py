@@ -186,7 +186,7 @@ def _at_equal_steps(extrusion: Extrusion) -> NDArray[np.float32]:
     return np.stack([np.interp(z, extrusion.knots, w) for w in np.asarray(extrusion.weights)]).astype(np.float32)
 
 
-@compiled
+@partial(compiled, on_one_thread=True)
 def _moves(places: Any, maps: Any, frame: Any, start: Any, scale: Any, depth: Any, weights: Any) -> tuple[Any, Any]:
     """Columns and rows (2, n) of places (3, n) on the raster, and what each region moves there, (R, 2, n)."""
     a, b, c = (frame[k, 0] * places[0] + frame[k, 1] * places[1] + frame[k, 2] * places[2] + start[k] for k in range(3))
@@ -197,7 +197,7 @@ def _moves(places: Any, maps: Any, frame: Any, start: Any, scale: Any, depth: An
     return jnp.stack([x, y]), jnp.stack([jnp.stack(pair) for pair in moves])
 
 
-@partial(compiled, static_argnames=("sides", "rule"))
+@partial(compiled, on_one_thread=True, static_argnames=("sides", "rule"))
 def _seen(at: Any, moves: Any, distances: Any, frame: Any, scale: Any, softness: Any, *, sides: Any,
           rule: str) -> tuple[Any, Any]:
     """Displacements x, y, z (3, n) and opacity (n)."""

@@ -163,7 +163,7 @@ def look_up(table: Any, x: Any, y: Any) -> Any:
     return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
 
 
-@partial(compiled, static_argnames=("sides", "rule", "normal"))
+@partial(compiled, on_one_thread=True, static_argnames=("sides", "rule", "normal"))
 def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, scale: Any, softness: Any, *,
               sides: Any, rule: str, normal: int) -> tuple[Any, Any]:
     def one_slice(w: Any) -> tuple[Any, Any]:  # its arrays stay in the cache; all slices at once took 5 times as long
