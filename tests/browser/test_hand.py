@@ -305,6 +305,21 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
 
 
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_drop_keeps_the_fit_of_the_last_move(opened: Any, picture: Picture, points: ControlPoints,
+                                               stops: bool) -> None:
+    page = opened(Editor(picture, points, stop_at_folds=stops))
+    at = page.on_screen(points.target[4])
+    page.page.mouse.move(*at)
+    page.page.mouse.down()
+    page.page.mouse.move(at[0] + 9, at[1] + 5, steps=3)
+    page.wait(f"{PAGE}.pointTools.drag0 && !{PAGE}.isMoving && !{PAGE}.frame")
+    page.js(f"{{ window.moved = {PAGE}.layered; }}")
+    page.page.mouse.up()
+    assert np.linalg.norm(page.points.target[4] - points.target[4]) > 1
+    assert page.js(f"window.moved === {PAGE}.layered")
+
+
 def test_folds_in_air_stop_no_drag(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, stop_at_folds=True, air=float(picture.values.max())))  # nothing but air
     page.drag([70, 25], (330, 60), steps=12)

@@ -119,7 +119,13 @@ export class EditorView extends EditorDrawing {
 
   error = ""; // the reason why the points cannot be fitted
 
-  /** The last good fit. @type {LayeredFit | null} */
+  /**
+   * The last fit that was made, and of what.
+   * @type {{ points: Point[], settings: FitSettings, layered: LayeredFit } | null}
+   */
+  made = null;
+
+  /** The last good fit that is shown. @type {LayeredFit | null} */
   layered = null;
 
   /** The grid that was drawn, and what it was made of. @type {{ key: unknown[], lines: GridLines } | null} */
@@ -585,12 +591,31 @@ export class EditorView extends EditorDrawing {
     this.rate.drew(performance.now());
   }
 
+  /**
+   * The fit of points, and of shapes, with the settings of now; the last one made if it was of the same. So a drag that
+   * a look at folds let pass, and its drop, are fitted once.
+   * @param {Point[]} points
+   * @param {Partial<Shapes>} [shapes]
+   * @returns {LayeredFit}
+   * @throws {RbfError} where there is none
+   */
+  fitOf(points, shapes) {
+    const { made } = this, settings = { ...this.settings, ...shapes };
+    const names = /** @type {(keyof FitSettings)[]} */ (Object.keys({ ...settings, ...made?.settings }));
+    if (made && names.every((name) => made.settings[name] === settings[name]) && samePoints(made.points, points)) {
+      return made.layered;
+    }
+    const layered = layeredFit(points, { ...settings, previous: this.layered });
+    this.made = { points, settings, layered };
+    return layered;
+  }
+
   #refit() {
     this.isDirty = false;
     if (this.isBefore) return; // shows no fit
     const { settings } = this;
     try {
-      this.layered = layeredFit(this.points, { ...settings, previous: this.layered });
+      this.layered = this.fitOf(this.points);
       this.error = "";
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;

@@ -1,7 +1,6 @@
 // The stop of drags before the map folds, for control points and for rigid parts.
 
 import { NEARLY_FOLDED } from "../maths/constants.js";
-import { layeredFit } from "../maths/cuts.js";
 import { foldsOf, probesOf } from "../maths/folds.js";
 import { RbfError } from "../maths/rbf.js";
 
@@ -36,7 +35,7 @@ export class FoldStop {
   #leastOf({ points, shapes }) {
     const { editor } = this;
     try {
-      const layered = layeredFit(points, { ...editor.settings, ...shapes, previous: editor.layered });
+      const layered = editor.fitOf(points, shapes);
       const [few, many] = HOLD_NODES;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
       return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4), editor.tissueTest(layered)).least;

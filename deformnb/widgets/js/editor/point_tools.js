@@ -2,7 +2,7 @@
 
 import { treeOf } from "../ui/dom.js";
 import { Stroke } from "../maths/brushes.js";
-import { layeredFit, placeOf } from "../maths/cuts.js";
+import { placeOf } from "../maths/cuts.js";
 import { shownLength } from "../maths/numbers.js";
 import { freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims } from "../maths/points.js";
 import { RbfError, rbfLabel } from "../maths/rbf.js";
@@ -101,7 +101,7 @@ export class PointTools {
    */
   accepts(points, shapes = this.editor.shapes) {
     const { editor } = this;
-    try { layeredFit(points, { ...editor.settings, ...shapes, previous: editor.layered }); } catch (error) {
+    try { editor.fitOf(points, shapes); } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       const { message } = error;
       editor.showMessage(message, true);
@@ -523,7 +523,7 @@ export class PointTools {
     const stroke = new Stroke(editor.points, place, radius, { tool, box: editor.box,
       id: nextId(editor.points, editor.sender.nextId),
       reach: typeof settings.support === "number" ? settings.support : 0,
-      sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? layeredFit(points, settings) : null),
+      sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.fitOf(points) : null),
       settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
     if (stroke.lockedBy) { this.hintLocked([stroke.lockedBy.id]); return null; }
     if (!stroke.isPossible) { editor.hint("There is nothing here to take hold of"); return null; }
