@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 from os import PathLike
 from pathlib import Path
@@ -628,7 +629,7 @@ class Session(traitlets.HasTraits):
 
     def view_of(self, plane: Plane | None) -> str | None:
         """The name of a plane's side, None for an oblique plane and for none."""
-        return next((v for v in VIEWS if Plane.along(self.grid, v) == plane), None)
+        return None if plane is None else _sides_of(self.grid).get(plane)
 
     def side_of(self, plane: Plane | None) -> str:
         """The side of a plane in words: "from above", "oblique", or "in space" for none."""
@@ -1028,6 +1029,12 @@ def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
         if i in maps[k].ids:
             maps[k] = maps[k].edit(i, name=names[i])
     return replace(step, maps=tuple(maps))
+
+
+@lru_cache(maxsize=8)
+def _sides_of(grid: Grid) -> dict[Plane, str]:
+    """The names of the planes along the axes of a grid: asked for several times an edit, while the grid stays."""
+    return {Plane.along(grid, view): view for view in reversed(VIEWS)}  # the first name of a plane counts
 
 
 def _ordinal(number: int) -> str:
