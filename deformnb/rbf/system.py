@@ -77,8 +77,11 @@ def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scale
 def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_skew: bool) -> Any:
     """C (q, dim) of least energy beside all affine maps, ``(S + tr(S) bend)^-1 Q^T W d`` with ``S = Q^T W Q``.
 
-    W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection.
+    W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection. Zero where
+    the points determine none of it: S and its trace would be rounding, and C any number.
     """
+    if _is_open(span):
+        return jnp.zeros((q.shape[1], d.shape[1]))
     p = jnp.concatenate([one, x @ span.basis], axis=1)
     both = jnp.concatenate([q, d], axis=1)
     if is_skew:
@@ -92,6 +95,11 @@ def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_s
     size = jnp.trace(s)
     held = s if span.bend is None else s + jnp.where(size > 0, size, 1.0) * span.bend
     return jnp.linalg.solve(held, h)
+
+
+def _is_open(span: Span) -> bool:
+    """Check that the points determine no quadratic trend at all."""
+    return span.quadrics is not None and span.quadrics.shape[1] == 0
 
 
 def _inverse_of(phi: Any) -> Any:
@@ -265,6 +273,8 @@ _linear_alone = compiled(_linear_part, static_argnames="trend")
 
 def _quadratic_of(x: Floats, d: Floats, q: Floats, span: Span, matrix: Matrix | None) -> Floats:
     """As :func:`_quadratic_part`; without a matrix the plain projection."""
+    if _is_open(span):
+        return np.zeros((q.shape[1], d.shape[1]))
     p = np.concatenate([np.ones((len(x), 1)), x @ span.basis], axis=1)
     both = np.concatenate([q, d], axis=1)
     if matrix is None:
