@@ -392,6 +392,15 @@ class FieldMaps(FieldContent):
     view: Views
     seq: Annotated[int, "number"]
     follow: Annotated[Any, "index of the map that an editor moves, and the points and shapes it is of"]
+    moved: Annotated[Any, "points in space whose fit it is, and nodes of it while they move; null where Python fits"]
+
+
+class PointsFollowed(TypedDict):
+    """The front end follows the points of an editor in space: it makes their displacement itself while they move."""
+
+    type: Literal["follows"]
+    view: View
+    sender: Annotated[str, "of the edits of its window"]
 
 
 class StoredFieldMaps(FieldContent):
@@ -675,6 +684,7 @@ MESSAGES: tuple[MessageKind, ...] = (
     MessageKind(Chunk, TO_FRONT_END, _LIVE, "voxels, gzip"),
     MessageKind(FieldMaps, TO_FRONT_END, _LIVE, "maps, weights, distances to cuts, samples in space"),
     MessageKind(Seen, TO_PYTHON, _LIVE),
+    MessageKind(PointsFollowed, TO_PYTHON, _LIVE),
     MessageKind(StillRequest, TO_PYTHON, _LIVE),
     MessageKind(DrawnByPython, TO_FRONT_END, _LIVE),
     MessageKind(ToServerRenderer, TO_PYTHON, _LIVE),

@@ -373,12 +373,17 @@ def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
                          for w, m in zip(largest, region.maps, strict=True)) for region in planar.regions))
 
 
+def nodes_along(size: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Numbers of nodes along the axes of a box of this size, at most ``most``."""
+    return np.maximum(4, np.ceil(most * size / size.max())).astype(int)
+
+
 def _space(field: AbstractField, shown: PackedVolume, grid: Grid, space_size: int,
            reach: float) -> tuple[dict[str, Any], dict[str, bytes]]:
     box = shown.box(grid)
     low, high = np.asarray(box["low"]) - reach, np.asarray(box["high"]) + reach
     size = np.maximum(high - low, 1e-9)
-    counts = np.maximum(4, np.ceil(space_size * size / size.max())).astype(int)
+    counts = nodes_along(size, space_size)
     spacing = size / (counts - 1)
     own = shown.volume.grid
     first = own.index_to_point(low / np.asarray(own.spacing))

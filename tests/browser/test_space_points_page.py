@@ -131,6 +131,27 @@ def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: 
     page.wait(f"{POINTS}.seen === JSON.stringify({POINTS}.camera)")  # of another camera all are
 
 
+def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: LivePage) -> None:
+    here = shown(one())
+    view = "document.querySelector('.dnb-view').deformnb"
+    page.wait(f"{view}.spaceLink.given")
+    page.until(lambda: here.view._senders)
+    before, messages = middle(page.pixels()), here.view.stats()["messages"]
+    x, y = here.on_screen(CENTER)
+    here.mouse.move(x, y)
+    here.mouse.down()
+    here.mouse.move(x + 30, y - 18, steps=3)
+    page.wait(f"{view}.spaceLink.count > 0 && {view}.spaceLink.awaited === null")
+    page.answered()
+    assert here.view.stats()["messages"] == messages
+    nodes = page.page.evaluate(f"[...{view}.caster.givenSpace.shape]")
+    assert max(nodes) == 32
+    here.mouse.up()
+    here.settled()
+    page.wait(f"Math.max(...{view}.field.space.shape) === 64")  # Python's, of the same points
+    assert (middle(page.pixels()) - before)[0] > 6
+
+
 def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(shown: Any, page: LivePage) -> None:
     here = shown(one())
     before, scale = middle(page.pixels()), here.scale(CENTER)

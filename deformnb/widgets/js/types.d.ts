@@ -125,6 +125,13 @@ export interface Raster {
   origin: Vector2;
 }
 
+/** Nodes in space along x, y and z, and the distances between and the place of the first. */
+export interface Lattice {
+  shape: Vector3;
+  spacing: Vector3;
+  origin: Vector3;
+}
+
 /** The raster of a picture, and what its pixels mean: see picture_png in editor.py. */
 export interface PictureRaster extends Raster {
   channels?: number;

@@ -6,11 +6,13 @@ itself.
 
 Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
 has been found to hold no more, renderer, background: that of the page around), ``chunk`` (id, index: requests a piece),
-``seen`` (seq: that field is being drawn), ``screenshot`` (id, with a PNG), ``stats``, ``bye``, ``still`` and
+``seen`` (seq: that field is being drawn), ``follows`` (sender: of the edits of points in space in its window, which it
+fits itself while they move), ``screenshot`` (id, with a PNG), ``stats``, ``bye``, ``still`` and
 ``drawn`` (see :mod:`~deformnb.widgets.view.fallback`), ``movie_piece`` and ``movie_failed`` (see
 :mod:`~deformnb.widgets.view.page_scene`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
 ``field`` (see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an
-editor moves, and points, cuts and parts that the maps are of, or null), ``screenshot`` (id: requests one), and
+editor moves, and points, cuts and parts that the maps are of, or null; moved: the points in space whose fit it is, and
+the shape of the lattice for it while they move, or null), ``screenshot`` (id: requests one), and
 ``drawn``. Messages of the front end are checked and dropped if they are wrong.
 """
 
@@ -43,7 +45,7 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.edit_messages import measured, picture, take_traits, text, whole
+from deformnb.widgets.edit_messages import measured, picture, points_to_json, take_traits, text, whole
 from deformnb.widgets.messages import Chunk, DrawnByPython, FieldMaps, ScreenshotRequest
 from deformnb.widgets.packed_volume import (
     PackedVolume,
@@ -54,10 +56,17 @@ from deformnb.widgets.packed_volume import (
     whole_window,
 )
 from deformnb.widgets.synced import SyncedWidget
-from deformnb.widgets.textures import FieldTextures, count_maps, differ_only_in, field_textures, texture_frames
+from deformnb.widgets.textures import (
+    FieldTextures,
+    count_maps,
+    differ_only_in,
+    field_textures,
+    nodes_along,
+    texture_frames,
+)
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
 from deformnb.widgets.view.page_scene import PageGoneError, PageScene
-from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints
+from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints, plain_fit
 from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
 from deformnb.widgets.view.transport import Pacer
 
@@ -72,6 +81,8 @@ OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "wid
                      "settle_ms"})
 """Traits that a front end may change: the camera by the pointer, the others by links of widgets in the front end."""
 
+
+_WINDOWS = 16  # front ends whose windows are known
 
 _REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
 
@@ -160,6 +171,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._pacer = Pacer(self._send_field)
         self._has_front_end = False
         self._drawing: dict[str, bool] = {}  # front ends that draw, each with whether by a graphics card
+        self._senders: dict[str, str] = {}  # of the edits of points in space in the windows of front ends
+        self._moved: dict[str, Any] | None = None  # the points of which front ends make the field while they move
         self._movie: weakref.ref[PageScene] | None = None  # that one of them draws
         self._front_end_theme = "dark"
         self._waiting: dict[int, Callable[[bytes], None]] = {}
@@ -269,7 +282,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
               moments: TimeMaps | None = None) -> None:
         with self._lock:
             self._field, self._output, self._followed = field, output, followed
-            self._maps, self._moments = None, moments
+            self._maps, self._moments, self._moved = None, moments, None
 
     def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
                output: Grid | None = None) -> None:
@@ -367,14 +380,28 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif view is None:
             self._sent_cut = cut and cut["id"]
         self._sent["field_bytes"] += maps.size
-        message: FieldMaps = {"type": "field", "view": view, "seq": number, "follow": followed, **maps.content}
+        message: FieldMaps = {"type": "field", "view": view, "seq": number, "follow": followed,
+                              "moved": self._moved, **maps.content}
         self._post(message, maps.buffers)
 
     def _made_maps(self, shown: PackedVolume) -> FieldTextures:
         if self._moments is not None:
             return texture_frames(self._moments, shown, self._output, self._map_size)
         nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
-        return field_textures(self._field, shown, self._output, self._map_size, nodes)
+        made = field_textures(self._field, shown, self._output, self._map_size, nodes)
+        points = None if self.is_quick else plain_fit(self._field, self.points_editor)
+        if points is not None:
+            lattice = made.content["space"]
+            assert lattice is not None
+            size = (np.asarray(lattice["shape"]) - 1) * lattice["spacing"]
+            counts = nodes_along(size, min(QUICK_SIZE, self._space_size))
+            self._moved = {"points": points_to_json(points), "shape": counts.tolist()}
+        return made
+
+    def is_moved_in_page(self, sender: str) -> bool:
+        if self._server_renderer is not None or self._moved is None:
+            return False
+        return any(self._senders.get(view) == sender for view in self._drawing)
 
     def _update_server_renderer(self) -> None:
         """Let the server renderer, if there is one, draw what is shown now."""
@@ -460,6 +487,10 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._pacer.seen(whole(content.get("seq"), 1, 2**53))
 
+    def _follows(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        self._senders.pop(view, None)
+        self._senders = dict([*self._senders.items(), (view, text(content.get("sender")))][-_WINDOWS:])
+
     def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         pieces = self._pieces  # taken once: a cell may show another volume meanwhile
         if pieces is None or content.get("id") != pieces.shown.id:
@@ -486,6 +517,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _bye(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._drawing.pop(view, None)
+        self._senders.pop(view, None)
         movie = self._movie_under_way()
         if movie is not None and movie.front_end == view:
             movie.give_up("the page has been closed")
@@ -609,7 +641,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
 _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
     "hello": LiveView._hello, "chunk": LiveView._chunk, "still": LiveView._still,
-    "drawn": LiveView._drawn, "seen": LiveView._seen, "screenshot": LiveView._screenshot,
+    "drawn": LiveView._drawn, "seen": LiveView._seen, "follows": LiveView._follows, "screenshot": LiveView._screenshot,
     "stats": LiveView._stats, "bye": LiveView._bye, "movie_piece": LiveView._movie_piece,
     "movie_failed": LiveView._movie_failed,
 }

@@ -15,16 +15,18 @@ from waiting import wait_for
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.extrusion import extrude, interpolate, replicate
-from deformnb.rbf.fields import AbstractField, DisplacementField
+from deformnb.rbf.fields import AbstractField, DisplacementField, compose
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.regions import HalfSpace
+from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import LiveView, SpaceEditor, VolumeView
 from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.textures import field_textures
-from deformnb.widgets.view.space_points import QUICK_SIZE
+from deformnb.widgets.view.space_points import MOST_FITTED, QUICK_SIZE
 
 RAYS = ("webgl/volume_blocks.js", "maths/camera.js", "maths/space.js", "view/space_points.js")
 TURNED = ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
@@ -152,6 +154,103 @@ def test_an_editor_keeps_no_view_alive(volume: Volume, editor: SpaceEditor, poin
     del view
     gc.collect()
     assert held() is None or held()._leave_points is None  # type: ignore[union-attr]
+
+
+# ---- what the page makes of moving points itself ----------------------------------------------------------------------
+
+
+def followed(view: LiveView, sender: str = "w") -> None:
+    deliver(view, {"type": "follows", "view": "v", "sender": sender})
+
+
+def test_a_page_that_fits_the_points_gets_no_field_while_they_move(volume: Volume, editor: SpaceEditor,
+                                                                   points: ControlPoints) -> None:
+    view, fields = opened(volume)
+    view.edit_points(editor)
+    followed(view)
+    assert fields[-1]["moved"] == {"points": points_to_json(points), "shape": [28, 31, 32]}
+    count, moved = len(fields), points.move(0, points.target[0] + np.array([5.0, 0, 0]))
+    told(editor, moved, "move", 1)
+    assert len(fields) == count
+    told(editor, moved, "end", 2)
+    assert fields[-1]["moved"]["points"] == points_to_json(moved)
+    np.testing.assert_allclose(view._field.displacement(points.target), fit_rbf(moved).displacement(points.target),
+                               atol=1e-12)
+
+
+def test_a_page_in_another_window_gets_every_movement(volume: Volume, editor: SpaceEditor,
+                                                      points: ControlPoints) -> None:
+    view, fields = opened(volume)
+    view.edit_points(editor)
+    followed(view, "another window")
+    told(editor, points.move(0, points.target[0] + np.array([5.0, 0, 0])), "move", 1)
+    assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
+    deliver(view, {"type": "bye", "view": "v"})
+    assert not view.is_moved_in_page("another window")
+
+
+@pytest.mark.parametrize("kind", ["part", "stages", "before", "many", "document"])
+def test_what_a_page_cannot_make_python_makes(volume: Volume, points: ControlPoints, kind: str) -> None:
+    part = RigidPart(HalfSpace((-500.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    before = fit_rbf(points.move(1, points.target[1] + 2.0))
+    if kind == "many":
+        every = GRID.index_to_point(np.random.default_rng(1).uniform(2, 28, (MOST_FITTED + 1, 3)))
+        points = ControlPoints.from_arrays(every, every + 0.1)
+    made = SpaceEditor(volume, points, **({"options": {"parts": (part,)}} if kind == "part" else {}),
+                       **({"stages": 3} if kind == "stages" else {}), **({"before": before} if kind == "before" else {}))
+    view, fields = opened(volume)
+    view.edit_points(made, (lambda given: compose(before, fit_rbf(given))) if kind == "document" else None)
+    followed(view)
+    assert fields[-1]["moved"] is None
+    told(made, points.move(0, points.target[0] + np.array([0.5, 0, 0])), "move", 1)
+    assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
+    made.close()
+
+
+FOLLOWED = """async ({ info, moves, fields, settings }) => {
+  const traits = { uid: "e", settings, points: moves[0], seen: {}, lone_support: 9 }, shown = [], said = [];
+  const editor = { get: (name) => traits[name], on() {}, off() {}, send() {} };
+  const view = { info: () => info, apply: (space) => shown.push(space), move() {}, follows: (s) => said.push(s) };
+  const link = new SpaceLink({}, view), bus = busOf(editor);
+  await link.follow(editor);
+  link.merged({ ...fields[0].space, values: [] }, fields[0].moved);
+  const publish = (points, phase) => publishPoints(bus, { origin: "o", points, settings, fit: null, phase });
+  publish(moves[1], "move");
+  publish(moves[2], "move");
+  const early = shown.length;
+  link.catchUp();
+  publish(moves[0], "end");
+  const late = link.merged({ ...fields[0].space, values: [7] }, { ...fields[0].moved, points: moves[1] });
+  return { early, sender: said[0] === bus.sender.id, count: link.count, back: shown[1].values.length,
+    isOwn: late.values.length > 1, space: { ...shown[0], values: Array.from(shown[0].values) } };
+}"""
+
+
+@pytest.mark.parametrize("settings", [{}, {"kernel": "quintic", "trend": "quadratic"}, {"strength": 0.5},
+                                      {"kernel": "gaussian", "trend": "rigid", "smoothing": 0.2}])
+def test_the_page_makes_the_field_of_moving_points_as_python_does(volume: Volume, points: ControlPoints,
+                                                                  settings: dict[str, Any]) -> None:
+    """In a volume that is turned and has another spacing along each axis, at the same nodes."""
+    made = SpaceEditor(volume, points, **settings)
+    view, fields = opened(volume)
+    view.edit_points(made)
+    moved = [points, *(points.move(0, points.target[0] + np.array(by)) for by in ([1.0, 0, 0], [2.0, -1.5, 3.0]))]
+    state = made.get_state(["settings"])["settings"]
+    result = run_script(("view/follow_space.js", "sync/bus.js"), FOLLOWED, {
+        "info": packed_volume(volume, 10**6, 2048).info(), "settings": state,
+        "moves": [points_to_json(each) for each in moved],
+        "fields": [{"space": fields[-1]["space"], "moved": fields[-1]["moved"]}]})
+    field = made.field(moved[2])
+    maps = field_textures(field, packed_volume(volume, 10**6, 2048), None, 192, QUICK_SIZE)
+    content, values = maps.content["space"], np.frombuffer(maps.buffer("space"), "<f4")
+    space = result.pop("space")
+    assert space["shape"] == content["shape"]
+    np.testing.assert_allclose([space["origin"], space["spacing"]], [content["origin"], content["spacing"]], rtol=1e-12)
+    assert np.abs(values).max() > 0.5
+    np.testing.assert_allclose(space["values"], values, atol=2e-3)  # Python sums in float32 where a voxel allows it
+    # One field for two movements; Python's own where the points are again those that it is of.
+    assert result == {"early": 0, "sender": True, "count": 2, "back": 0, "isOwn": True}
+    made.close()
 
 
 # ---- rays of the page ------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ const MOST_KEPT = 8; // matrices: of each region of cuts there is one
 const MOST_NUMBERS = 2 ** 24; // of all of them, if they are as large as the latest
 
 /**
- * What a matrix is made of: places (n x 2), the support radius, what is added to the diagonal, and null or the support
+ * What a matrix is made of: places (n x dim), the support radius, what is added to the diagonal, and null or the support
  * radii of the centres' own.
  * @typedef {{ kernel: string, radius: number, places: Float64Array, nugget: ArrayLike<number>,
  *   radii: ArrayLike<number> | null }} Centres
@@ -49,6 +49,7 @@ class KernelMatrix {
    */
   constructor(n, centres, profile) {
     this.n = n;
+    this.dim = centres.places.length / n;
     this.profile = profile;
     this.centres = centres;
     this.phi = new Float64Array(n * n); // row by row
@@ -64,12 +65,12 @@ class KernelMatrix {
    * @param {number} most
    */
   movedIn(now, most) {
-    const { n, centres: old } = this, found = [];
+    const { n, dim, centres: old } = this, found = [];
     const isOther = old.kernel !== now.kernel || old.radius !== now.radius || !old.radii !== !now.radii;
-    if (isOther || now.nugget.length !== n) return null;
+    if (isOther || now.nugget.length !== n || now.places.length !== old.places.length) return null;
     for (let k = 0; k < n; k++) {
-      const isSame = old.places[2 * k] === now.places[2 * k] && old.places[2 * k + 1] === now.places[2 * k + 1] &&
-        old.nugget[k] === now.nugget[k] && old.radii?.[k] === now.radii?.[k];
+      let isSame = old.nugget[k] === now.nugget[k] && old.radii?.[k] === now.radii?.[k];
+      for (let c = dim * k; c < dim * (k + 1); c++) if (old.places[c] !== now.places[c]) isSame = false;
       if (isSame) continue;
       if (found.length >= most) return null;
       found.push(k);
@@ -89,12 +90,17 @@ class KernelMatrix {
 
   /** Evaluate row and column i up to a number of centres. @param {number} i @param {number} count */
   #evaluate(i, count) {
-    const { n, phi, profile, centres: { places, radius, nugget, radii } } = this, a = places[2 * i], b = places[2 * i + 1];
-    const own = radii ? radii[i] : radius;
+    const { n, dim, phi, profile, centres: { places, radius, nugget, radii } } = this, own = radii ? radii[i] : radius;
     for (let j = 0; j < count; j++) {
-      const da = a - places[2 * j], db = b - places[2 * j + 1], r = radii ? radii[j] : radius;
-      phi[i * n + j] = profile((da / r) ** 2 + (db / r) ** 2);
-      phi[j * n + i] = r === own ? phi[i * n + j] : profile((da / own) ** 2 + (db / own) ** 2);
+      const r = radii ? radii[j] : radius;
+      let s = 0, t = 0;
+      for (let c = 0; c < dim; c++) {
+        const step = places[dim * i + c] - places[dim * j + c];
+        s += (step / r) ** 2;
+        t += (step / own) ** 2;
+      }
+      phi[i * n + j] = profile(s);
+      phi[j * n + i] = r === own ? phi[i * n + j] : profile(t);
     }
     phi[i * n + i] += nugget[i];
   }

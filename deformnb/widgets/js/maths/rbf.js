@@ -1,5 +1,5 @@
-// The fit of control points on a picture, equal to deformnb.rbf.fitting.fit_rbf for dimension 2. All arithmetic is
-// in float64, as in the package; a test compares the two for every kernel and trend.
+// The fit of control points on a picture or in space, equal to deformnb.rbf.fitting.fit_rbf. All arithmetic is in
+// float64, as in the package; a test compares the two for every kernel and trend.
 
 import {
   COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MANY, MOST_GAIN,
@@ -8,7 +8,7 @@ import {
 import { kernelMatrix } from "./kernel_matrix.js";
 import { kernelOfTable } from "./kernel_table.js";
 
-/** @import { FitSettings, KernelTable, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
+/** @import { FitSettings, KernelTable, Lattice, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
 
 /**
  * share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps;
@@ -30,10 +30,41 @@ import { kernelOfTable } from "./kernel_table.js";
  */
 
 // ---- linear algebra: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, dense ---------------------------------
-// Matrices of n rows and m columns are Float64Array of n * m, row by row; matrices of 2 x 2 are nested lists.
+// Matrices of n rows and m columns are Float64Array of n * m, row by row; those of dim x dim are nested lists.
 
 /**
- * alpha (n x 2), A (2 x 2), t (2) and the residual of relative targets x and displacements d (both n x 2).
+ * A matrix by its entries.
+ * @param {number} dim
+ * @param {(i: number, j: number) => number} entry
+ */
+function rbfMatrix(dim, entry) {
+  return Array.from({ length: dim }, (_, i) => Array.from({ length: dim }, (__, j) => entry(i, j)));
+}
+
+/** @param {number} dim */
+function rbfEye(dim) { return rbfMatrix(dim, (i, j) => Number(i === j)); }
+
+/** @param {number[]} p @param {number[]} q */
+function rbfDot(p, q) { return p.reduce((sum, value, k) => sum + value * q[k], 0); }
+
+/** @param {number[][]} a @param {number[][]} b */
+function rbfTimes(a, b) {
+  return rbfMatrix(a.length, (i, j) => a[i].reduce((sum, value, k) => sum + value * b[k][j], 0));
+}
+
+/** @param {number[][]} m */
+function rbfTrace(m) { return m.reduce((sum, row, k) => sum + row[k], 0); }
+
+/** @param {number[]} p @param {number[]} q */
+function rbfCross([a, b, c], [d, e, f]) { return [b * f - c * e, c * d - a * f, a * e - b * d]; }
+
+/** The sum of the outer products of images and directions. @param {number[][]} images @param {number[][]} basis */
+function rbfOuter(images, basis, dim = basis[0].length) {
+  return rbfMatrix(dim, (i, j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0));
+}
+
+/**
+ * alpha (n x dim), A (dim x dim), t (dim) and the residual of relative targets x and displacements d (both n x dim).
  * @param {ReturnType<typeof kernelMatrix>} matrix
  * @param {Float64Array} x
  * @param {Float64Array} d
@@ -44,9 +75,9 @@ import { kernelOfTable } from "./kernel_table.js";
  * @param {boolean} isSkew  the matrix is not symmetric: points have support radii of their own
  */
 function rbfSolve(matrix, x, d, span, turn, kernel, trend, isSkew) {
-  const { n, phi } = matrix;
+  const { n, dim, phi } = matrix;
   const { order } = RBF_KERNELS[kernel], whole = d, isBent = trend === "quadratic";
-  const q = isBent ? rbfProducts(x) : new Float64Array(0);
+  const q = isBent ? rbfProducts(x, dim) : new Float64Array(0), width = q.length / n;
   /** @type {number[][] | null} */
   let bent = null;
   if (isBent && order < 3) {
@@ -58,52 +89,65 @@ function rbfSolve(matrix, x, d, span, turn, kernel, trend, isSkew) {
   let solved;
   if (isSkew) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
   else if (order === 3) {
-    solved = rbfBorderedTrend(phi, x, d, span.basis, q, span.quadrics ?? []);
+    solved = rbfBorderedTrend(phi, x, d, span.basis, dim, q, span.quadrics ?? []);
     bent = solved.bent ?? null;
-  } else if (order === 2) solved = rbfBorderedTrend(phi, x, d, span.basis);
+  } else if (order === 2) solved = rbfBorderedTrend(phi, x, d, span.basis, dim);
   else if (trend === "none") {
-    solved = { alpha: matrix.solve(d, 2), linear: [[0, 0], [0, 0]], constant: [0, 0] };
+    solved = { alpha: matrix.solve(d, dim), linear: rbfMatrix(dim, () => 0), constant: new Array(dim).fill(0) };
   } else solved = rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend);
-  const { alpha, linear, constant } = solved, miss = new Float64Array(2 * n);
+  const { alpha, linear, constant } = solved, miss = new Float64Array(dim * n);
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < 2; k++) {
-      let sum = x[2 * i] * linear[k][0] + x[2 * i + 1] * linear[k][1] + constant[k] - whole[2 * i + k];
-      if (bent) for (let j = 0; j < 3; j++) sum += q[3 * i + j] * bent[j][k];
-      for (let j = 0; j < n; j++) sum += phi[i * n + j] * alpha[2 * j + k];
-      miss[2 * i + k] = sum;
+    for (let k = 0; k < dim; k++) {
+      let sum = constant[k] - whole[dim * i + k];
+      for (let j = 0; j < dim; j++) sum += x[dim * i + j] * linear[k][j];
+      if (bent) for (let j = 0; j < width; j++) sum += q[width * i + j] * bent[j][k];
+      for (let j = 0; j < n; j++) sum += phi[i * n + j] * alpha[dim * j + k];
+      miss[dim * i + k] = sum;
     }
   }
-  return { ...solved, miss, quadratic: bent && rbfQuadraticForms(bent) };
+  return { ...solved, miss, quadratic: bent && rbfQuadraticForms(bent, dim) };
 }
 
-// ---- the quadratic trend: products of two coordinates, a^2, b^2 and sqrt(2) a b -------------------------------------
+// ---- the quadratic trend: products of two coordinates: squares, then mixed ones times sqrt(2) -----------------------
 
-/** @param {Float64Array} x  n x 2; n x 3 products come back */
-function rbfProducts(x) {
-  const out = new Float64Array(1.5 * x.length);
-  for (let i = 0, j = 0; i < x.length; i += 2, j += 3) {
-    out[j] = x[i] * x[i];
-    out[j + 1] = x[i + 1] * x[i + 1];
-    out[j + 2] = Math.SQRT2 * x[i] * x[i + 1];
+/** The pairs of coordinates of the products. @param {number} dim @returns {Vector2[]} */
+function rbfPairs(dim) {
+  const all = Array.from({ length: dim }, (_, a) => a);
+  return [...all.map((a) => /** @type {Vector2} */ ([a, a])),
+    ...all.flatMap((a) => all.slice(0, a).map((b) => /** @type {Vector2} */ ([a, b])))];
+}
+
+/** @param {Float64Array} x  n x dim; the products of each row come back @param {number} dim */
+function rbfProducts(x, dim) {
+  const pairs = rbfPairs(dim), n = x.length / dim, out = new Float64Array(n * pairs.length);
+  for (let i = 0, k = 0; i < x.length; i += dim) {
+    for (const [a, b] of pairs) out[k++] = (a === b ? 1 : Math.SQRT2) * x[i + a] * x[i + b];
   }
   return out;
 }
 
-/** The symmetric matrices of both components. @param {number[][]} c  3 x 2 */
-function rbfQuadraticForms(c) {
-  return [0, 1].map((m) => [[c[0][m], Math.SQRT1_2 * c[2][m]], [Math.SQRT1_2 * c[2][m], c[1][m]]]);
+/** The symmetric matrices of all components. @param {number[][]} c  products x dim @param {number} dim */
+function rbfQuadraticForms(c, dim) {
+  const pairs = rbfPairs(dim);
+  return Array.from({ length: dim }, (_, m) => {
+    const form = rbfMatrix(dim, () => 0);
+    pairs.forEach(([a, b], k) => { form[a][b] = form[b][a] = (a === b ? 1 : Math.SQRT1_2) * c[k][m]; });
+    return form;
+  });
 }
 
 /** Displacements without their quadratic part. @param {Float64Array} d @param {Float64Array} q @param {number[][]} c */
 function rbfWithout(d, q, c) {
+  const dim = c[0].length, width = c.length;
   return Float64Array.from(d, (value, i) => {
-    const m = i % 2, j = 3 * (i - m) / 2;
-    return value - q[j] * c[0][m] - q[j + 1] * c[1][m] - q[j + 2] * c[2][m];
+    const m = i % dim, at = width * (i - m) / dim;
+    return c.reduce((left, row, k) => left - q[at + k] * row[m], value);
   });
 }
 
 /**
- * Factors (3 x 2) of the products of least energy beside all affine maps, as deformnb.rbf.interpolant has them.
+ * Factors (products x dim) of the products of least energy beside all affine maps, as deformnb.rbf.interpolant has
+ * them.
  * @param {Float64Array} phi
  * @param {Float64Array} x
  * @param {Float64Array} d
@@ -112,30 +156,37 @@ function rbfWithout(d, q, c) {
  * @param {boolean} isSkew  the matrix is not symmetric: by plain least squares
  */
 function rbfQuadraticPart(phi, x, d, q, span, isSkew) {
-  const n = x.length / 2, width = span.basis.length + 1, p = rbfAffineColumns(x, span.basis);
-  const both = new Float64Array(5 * (n + width));
-  for (let i = 0; i < n; i++) both.set([q[3 * i], q[3 * i + 1], q[3 * i + 2], d[2 * i], d[2 * i + 1]], 5 * i);
-  const w = isSkew ? rbfProjected(p, both, n, width, 5)
-    : rbfFactored(rbfBordered(phi, p, n, width), n + width)(both, 5);
-  const s = new Float64Array(9), h = new Float64Array(6);
+  const n = Math.sqrt(phi.length), dim = x.length / n, count = q.length / n, all = count + dim;
+  // Where the points determine none of it, all that follows would be rounding.
+  if (span.quadrics?.length === 0) return Array.from({ length: count }, () => new Array(dim).fill(0));
+  const width = span.basis.length + 1, p = rbfAffineColumns(x, span.basis, dim), both = new Float64Array(all * (n + width));
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < 3; k++) {
-      for (let j = 0; j < 3; j++) s[3 * k + j] += q[3 * i + k] * w[5 * i + j];
-      for (let m = 0; m < 2; m++) h[2 * k + m] += q[3 * i + k] * w[5 * i + 3 + m];
+    both.set(q.subarray(count * i, count * (i + 1)), all * i);
+    both.set(d.subarray(dim * i, dim * (i + 1)), all * i + count);
+  }
+  const w = isSkew ? rbfProjected(p, both, n, width, all)
+    : rbfFactored(rbfBordered(phi, p, n, width), n + width)(both, all);
+  const s = new Float64Array(count * count), h = new Float64Array(count * dim);
+  for (let i = 0; i < n; i++) {
+    for (let k = 0; k < count; k++) {
+      for (let j = 0; j < count; j++) s[count * k + j] += q[count * i + k] * w[all * i + j];
+      for (let m = 0; m < dim; m++) h[dim * k + m] += q[count * i + k] * w[all * i + count + m];
     }
   }
-  const trace = s[0] + s[4] + s[8], size = trace > 0 ? trace : 1;
+  let trace = 0;
+  for (let k = 0; k < count; k++) trace += s[(count + 1) * k];
+  const size = trace > 0 ? trace : 1;
   span.bend?.flat().forEach((value, k) => { s[k] += size * value; });
-  const c = rbfFactored(s, 3)(h, 2);
-  return [0, 1, 2].map((k) => [c[2 * k], c[2 * k + 1]]);
+  const c = rbfFactored(s, count)(h, dim);
+  return Array.from({ length: count }, (_, k) => Array.from(c.subarray(dim * k, dim * (k + 1))));
 }
 
-/** (1, x on the span of the points), n x (1 + rank). @param {Float64Array} x @param {number[][]} basis */
-function rbfAffineColumns(x, basis) {
-  const n = x.length / 2, width = basis.length + 1, p = new Float64Array(n * width);
+/** (1, x on the span of the points), n x (1 + rank). @param {Float64Array} x @param {number[][]} basis @param {number} dim */
+function rbfAffineColumns(x, basis, dim) {
+  const n = x.length / dim, width = basis.length + 1, p = new Float64Array(n * width);
   for (let i = 0; i < n; i++) {
     p[i * width] = 1;
-    basis.forEach((e, k) => { p[i * width + 1 + k] = x[2 * i] * e[0] + x[2 * i + 1] * e[1]; });
+    basis.forEach((e, k) => { p[i * width + 1 + k] = e.reduce((sum, value, c) => sum + x[dim * i + c] * value, 0); });
   }
   return p;
 }
@@ -172,18 +223,23 @@ function rbfProjected(p, b, n, r, m) {
  * The part of the products that centred points determine beside affine maps: deformnb.rbf.trends.quadric_span.
  * @param {number[][]} rows
  * @param {number[][]} basis
+ * @param {number} dim
  */
-function rbfQuadricSpan(rows, basis) {
-  const n = rows.length, size = rows.reduce((m, p) => Math.max(m, Math.abs(p[0]), Math.abs(p[1])), 0) || 1;
-  const x = Float64Array.from(rows.flatMap((p) => [p[0] / size, p[1] / size])), q = rbfProducts(x);
-  const rest = rbfProjected(rbfAffineColumns(x, basis), q, n, basis.length + 1, 3);
-  const { sigma, directions } = rbfSingular([0, 1, 2].map((k) => rows.map((_, i) => rest[3 * i + k])));
-  const eye = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
-  if (!(sigma[0] > FLAT * q.reduce((m, value) => Math.max(m, Math.abs(value)), 1))) return { quadrics: [], bend: eye };
+function rbfQuadricSpan(rows, basis, dim) {
+  const n = rows.length, size = rows.flat().reduce((m, value) => Math.max(m, Math.abs(value)), 0) || 1;
+  const x = Float64Array.from(rows.flat(), (value) => value / size), q = rbfProducts(x, dim), count = q.length / n;
+  const rest = rbfProjected(rbfAffineColumns(x, basis, dim), q, n, basis.length + 1, count);
+  const { sigma, directions } = rbfSingular(Array.from({ length: count }, (_, k) => rows.map((__, i) => rest[count * i + k])));
+  if (!(sigma[0] > FLAT * q.reduce((m, value) => Math.max(m, Math.abs(value)), 1))) {
+    return { quadrics: [], bend: rbfEye(count) };
+  }
   const spreads = sigma.map((value) => value / sigma[0]), weights = spreads.map((value) => rbfPenalty(value, THIN_BEND));
-  return { quadrics: directions.filter((_, k) => spreads[k] > FLAT),
-    bend: eye.map((_, i) => eye.map((__, j) => weights.reduce((sum, w, k) => sum + w * directions[k][i] *
-      directions[k][j], 0))) };
+  return { quadrics: directions.filter((_, k) => spreads[k] > FLAT), bend: rbfWeighted(directions, weights) };
+}
+
+/** The symmetric matrix with these orthonormal directions and eigenvalues. @param {number[][]} directions @param {number[]} weights */
+function rbfWeighted(directions, weights) {
+  return rbfOuter(directions.map((e, k) => e.map((value) => weights[k] * value)), directions);
 }
 
 /** The penalty of a direction with this spread. @param {number} spread @param {number} limit */
@@ -258,56 +314,69 @@ function rbfBordered(phi, p, n, r) {
  * @param {string} trend
  */
 function rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend) {
-  const { n, phi } = matrix, w = new Float64Array(n * 4), mean = [0, 0, 0, 0];
+  const { n, dim, phi } = matrix, all = 2 * dim, w = new Float64Array(n * all), mean = new Array(all).fill(0);
+  /** @type {(out: Float64Array, width: number, first: number) => void} */
+  const fill = (out, width, first) => {
+    for (let i = 0; i < n; i++) {
+      out.set(x.subarray(dim * i, dim * (i + 1)), width * i + first);
+      out.set(d.subarray(dim * i, dim * (i + 1)), width * i + first + dim);
+    }
+  };
   if (RBF_KERNELS[kernel].order === 0) {
-    const rhs = new Float64Array(n * 5);
-    for (let i = 0; i < n; i++) rhs.set([1, x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 5 * i);
-    const v = matrix.solve(rhs, 5);
-    const sums = [0, 0, 0, 0, 0];
-    for (let i = 0; i < n; i++) for (let k = 0; k < 5; k++) sums[k] += v[5 * i + k];
-    for (let k = 0; k < 4; k++) {
+    const width = all + 1, rhs = new Float64Array(n * width).fill(1);
+    fill(rhs, width, 1);
+    const v = matrix.solve(rhs, width), sums = new Float64Array(width);
+    for (let i = 0; i < n; i++) for (let k = 0; k < width; k++) sums[k] += v[width * i + k];
+    for (let k = 0; k < all; k++) {
       mean[k] = sums[k + 1] / sums[0];
-      for (let i = 0; i < n; i++) w[4 * i + k] = v[5 * i + k + 1] - v[5 * i] * mean[k];
+      for (let i = 0; i < n; i++) w[all * i + k] = v[width * i + k + 1] - v[width * i] * mean[k];
     }
   } else { // Phi is not definite: only the bordered system is well posed
-    const rhs = new Float64Array((n + 1) * 4);
-    for (let i = 0; i < n; i++) rhs.set([x[2 * i], x[2 * i + 1], d[2 * i], d[2 * i + 1]], 4 * i);
-    const v = rbfFactored(rbfBordered(phi, new Float64Array(n).fill(1), n, 1), n + 1)(rhs, 4);
-    w.set(v.subarray(0, 4 * n));
-    for (let k = 0; k < 4; k++) mean[k] = v[4 * n + k];
+    const rhs = new Float64Array((n + 1) * all);
+    fill(rhs, all, 0);
+    const v = rbfFactored(rbfBordered(phi, new Float64Array(n).fill(1), n, 1), n + 1)(rhs, all);
+    w.set(v.subarray(0, all * n));
+    for (let k = 0; k < all; k++) mean[k] = v[all * n + k];
   }
-  const s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
+  const s = rbfMatrix(dim, () => 0), h = rbfMatrix(dim, () => 0);
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < 2; k++) {
-      for (let j = 0; j < 2; j++) {
-        s[k][j] += x[2 * i + k] * w[4 * i + j];
-        h[k][j] += (x[2 * i + k] + d[2 * i + k]) * w[4 * i + j];
+    for (let k = 0; k < dim; k++) {
+      for (let j = 0; j < dim; j++) {
+        s[k][j] += x[dim * i + k] * w[all * i + j];
+        h[k][j] += (x[dim * i + k] + d[dim * i + k]) * w[all * i + j];
       }
     }
   }
-  if (trend === "affine" && span.ridge) rbfSteady(s, h, rbfPlainMoments(x, d), span.ridge);
-  const m = rbfTrendMap(s, h, span, turn, trend), linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
-  const alpha = new Float64Array(2 * n);
+  if (trend === "affine" && span.ridge) rbfSteady(s, h, rbfPlainMoments(x, d, dim), span.ridge);
+  const linear = rbfLessOne(rbfTrendMap(s, h, span, turn, trend)), alpha = new Float64Array(dim * n);
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < 2; k++) {
-      alpha[2 * i + k] = w[4 * i + 2 + k] - linear[k][0] * w[4 * i] - linear[k][1] * w[4 * i + 1];
+    for (let k = 0; k < dim; k++) {
+      let value = w[all * i + dim + k];
+      for (let j = 0; j < dim; j++) value -= linear[k][j] * w[all * i + j];
+      alpha[dim * i + k] = value;
     }
   }
-  return { alpha, linear, constant: [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]) };
+  return { alpha, linear, constant: rbfConstant(mean, linear) };
 }
 
-/** Means and second moments in which all points count alike. @param {Float64Array} x @param {Float64Array} d */
-function rbfPlainMoments(x, d) {
-  const n = x.length / 2, mean = [0, 0, 0, 0], s = [[0, 0], [0, 0]], h = [[0, 0], [0, 0]];
+/** A linear map less the identity. @param {number[][]} m */
+function rbfLessOne(m) { return rbfMatrix(m.length, (i, j) => m[i][j] - Number(i === j)); }
+
+/** What a linear map leaves of the mean of displacements, behind the mean of places. @param {number[]} mean @param {number[][]} linear */
+function rbfConstant(mean, linear) { return linear.map((row, k) => mean[row.length + k] - rbfDot(row, mean)); }
+
+/** Means and second moments in which all points count alike. @param {Float64Array} x @param {Float64Array} d @param {number} dim */
+function rbfPlainMoments(x, d, dim) {
+  const n = x.length / dim, mean = new Array(2 * dim).fill(0), s = rbfMatrix(dim, () => 0), h = rbfMatrix(dim, () => 0);
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < 2; k++) { mean[k] += x[2 * i + k] / n; mean[2 + k] += d[2 * i + k] / n; }
+    for (let k = 0; k < dim; k++) { mean[k] += x[dim * i + k] / n; mean[dim + k] += d[dim * i + k] / n; }
   }
   for (let i = 0; i < n; i++) {
-    for (let k = 0; k < 2; k++) {
-      for (let j = 0; j < 2; j++) {
-        const c = x[2 * i + j] - mean[j], p = x[2 * i + k] - mean[k];
+    for (let k = 0; k < dim; k++) {
+      for (let j = 0; j < dim; j++) {
+        const c = x[dim * i + j] - mean[j], p = x[dim * i + k] - mean[k];
         s[k][j] += p * c;
-        h[k][j] += (p + d[2 * i + k] - mean[2 + k]) * c;
+        h[k][j] += (p + d[dim * i + k] - mean[dim + k]) * c;
       }
     }
   }
@@ -322,10 +391,9 @@ function rbfPlainMoments(x, d) {
  * @param {number[][]} ridge
  */
 function rbfSteady(s, h, plain, ridge) {
-  const share = Math.max(...ridge.flat().map(Math.abs));
-  const weight = 1 / (s[0][0] + s[1][1]), other = share / (plain.s[0][0] + plain.s[1][1]);
-  for (let i = 0; i < 2; i++) {
-    for (let j = 0; j < 2; j++) {
+  const share = Math.max(...ridge.flat().map(Math.abs)), weight = 1 / rbfTrace(s), other = share / rbfTrace(plain.s);
+  for (let i = 0; i < s.length; i++) {
+    for (let j = 0; j < s.length; j++) {
       s[i][j] = weight * s[i][j] + other * plain.s[i][j];
       h[i][j] = weight * h[i][j] + other * plain.h[i][j];
     }
@@ -342,15 +410,21 @@ function rbfSteady(s, h, plain, ridge) {
  * @param {string} trend
  */
 function rbfLeastSquares(phi, x, d, span, turn, trend) {
-  let linear = [[0, 0], [0, 0]], constant = [0, 0];
+  const dim = turn.length;
+  let linear = rbfMatrix(dim, () => 0), constant = new Array(dim).fill(0);
   if (trend !== "none") {
-    const { mean, s, h } = rbfPlainMoments(x, d), m = rbfTrendMap(s, h, span, turn, trend);
-    linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
-    constant = [0, 1].map((k) => mean[2 + k] - linear[k][0] * mean[0] - linear[k][1] * mean[1]);
+    const { mean, s, h } = rbfPlainMoments(x, d, dim);
+    linear = rbfLessOne(rbfTrendMap(s, h, span, turn, trend));
+    constant = rbfConstant(mean, linear);
   }
-  const left = Float64Array.from(d, (value, i) => value - constant[i % 2] - linear[i % 2][0] * x[i - (i % 2)] -
-    linear[i % 2][1] * x[i - (i % 2) + 1]);
-  return { alpha: rbfFactored(phi, x.length / 2)(left, 2), linear, constant };
+  const left = rbfWithoutLinear(x, d, linear), moved = left.map((value, i) => value - constant[i % dim]);
+  return { alpha: rbfFactored(phi, x.length / dim)(moved, dim), linear, constant };
+}
+
+/** Displacements without a linear part. @param {Float64Array} x @param {Float64Array} d @param {number[][]} linear */
+function rbfWithoutLinear(x, d, linear) {
+  const dim = linear.length;
+  return Float64Array.from(d, (value, i) => linear[i % dim].reduce((left, m, k) => left - m * x[i - (i % dim) + k], value));
 }
 
 /**
@@ -362,23 +436,38 @@ function rbfLeastSquares(phi, x, d, span, turn, trend) {
  * @param {string} trend
  */
 function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
-  if (trend === "translation") return [[1, 0], [0, 1]];
-  const size = s[0][0] + s[1][1];
+  if (trend === "translation") return rbfEye(s.length);
+  const size = rbfTrace(s);
   if (trend === "affine_exact" || (trend === "affine" && !ridge)) {
-    return rbfComplete(rbfAffineImages(s, h, basis), basis);
+    return rbfComplete(rbfAffineImages(s, h, basis), basis, s.length);
   }
-  const rotation = rbfNearestRotation(h, size, turn);
+  const isHeld = trend === "affine" && ridge !== null;
+  const rotation = rbfNearestRotation(isHeld ? rbfHeldAboutRow(h, size, ridge) : h, size, turn);
   if (trend === "rigid") return rotation;
-  let scale = 0;
-  for (let i = 0; i < 2; i++) for (let j = 0; j < 2; j++) scale += rotation[i][j] * h[i][j];
-  scale = Math.max(scale / size, 0);
+  const scale = Math.max(rotation.reduce((sum, row, i) => sum + rbfDot(row, h[i]), 0) / size, 0);
   const similar = rotation.map((row) => row.map((value) => scale * value));
-  if (trend === "similarity" || !ridge) return similar;
+  if (!isHeld) return similar;
   // G + (H - G S) (S + tr(S) ridge)^-1: the similarity, corrected where the points determine more
-  const rest = h.map((row, i) => row.map((value, j) => value - similar[i][0] * s[0][j] - similar[i][1] * s[1][j]));
+  const taken = rbfTimes(similar, s), rest = h.map((row, i) => row.map((value, j) => value - taken[i][j]));
   const held = s.map((row, i) => row.map((value, j) => value + size * ridge[i][j]));
-  const images = rbfAffineImages(held, rest, [[1, 0], [0, 1]]);
+  const images = rbfAffineImages(held, rest, rbfEye(s.length));
   return similar.map((row, i) => row.map((value, j) => value + images[j][i]));
+}
+
+/**
+ * H with the smallest turn of a row of points in space added, as much as the row is thin: see
+ * deformnb.rbf.trends._held_about_a_row.
+ * @param {number[][]} h
+ * @param {number} size
+ * @param {number[][]} ridge
+ */
+function rbfHeldAboutRow(h, size, ridge) {
+  if (h.length === 2) return h;
+  const { sigma, directions } = rbfSingular(ridge), along = directions[2]; // the penalty of the row is zero
+  const image = h.map((row) => rbfDot(row, along)), length = Math.hypot(...image);
+  const turn = rbfSmallestTurn(along, length > 0 ? image.map((value) => value / length) : along);
+  const across = rbfMatrix(3, (i, j) => Number(i === j) - along[i] * along[j]), more = rbfTimes(turn, across);
+  return h.map((row, i) => row.map((value, j) => value + sigma[1] * size * more[i][j]));
 }
 
 /**
@@ -388,38 +477,78 @@ function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
  * @param {number[][]} basis
  */
 function rbfAffineImages(s, h, basis) {
-  /** @type {(m: number[][], p: number[], q: number[]) => number} */
-  const quadratic = (m, p, q) => p[0] * (m[0][0] * q[0] + m[0][1] * q[1]) + p[1] * (m[1][0] * q[0] + m[1][1] * q[1]);
-  const rank = basis.length, small = new Float64Array(rank * rank), rhs = new Float64Array(rank * 2);
+  const rank = basis.length, dim = s.length, small = new Float64Array(rank * rank), rhs = new Float64Array(rank * dim);
   for (let i = 0; i < rank; i++) {
-    for (let j = 0; j < rank; j++) small[i * rank + j] = quadratic(s, basis[i], basis[j]);
-    for (let k = 0; k < 2; k++) rhs[2 * i + k] = basis[i][0] * h[k][0] + basis[i][1] * h[k][1];
+    for (let j = 0; j < rank; j++) small[i * rank + j] = rbfDot(basis[i], s.map((row) => rbfDot(row, basis[j])));
+    for (let k = 0; k < dim; k++) rhs[dim * i + k] = rbfDot(basis[i], h[k]);
   }
-  const images = rbfFactored(small, rank)(rhs, 2);
-  return basis.map((_, i) => [images[2 * i], images[2 * i + 1]]);
+  const images = rbfFactored(small, rank)(rhs, dim);
+  return basis.map((_, i) => Array.from(images.subarray(dim * i, dim * (i + 1))));
 }
 
 /**
- * The linear map of the directions of the basis to the images, which rotates and scales the direction across with them.
+ * The linear map of the directions of the basis to the images, which rotates and scales the directions across with
+ * them: deformnb.rbf.trends.complete.
  * @param {number[][]} images
  * @param {number[][]} basis
+ * @param {number} dim
  */
-function rbfComplete(images, basis) {
-  if (basis.length === 0) return [[1, 0], [0, 1]];
-  /** @type {(p: number[], q: number[]) => number[][]} */
-  const outer = (p, q) => [[p[0] * q[0], p[0] * q[1]], [p[1] * q[0], p[1] * q[1]]];
+function rbfComplete(images, basis, dim) {
+  const rank = basis.length;
+  if (rank === 0) return rbfEye(dim);
+  if (rank === dim) return rbfOuter(images, basis);
   /** @type {(p: number[]) => number[]} */
   const quarter = (p) => [-p[1], p[0]];
-  const first = outer(images[0], basis[0]);
-  const other = basis.length === 2 ? outer(images[1], basis[1]) : outer(quarter(images[0]), quarter(basis[0]));
-  return first.map((row, i) => row.map((value, j) => value + other[i][j]));
+  if (dim === 2) return rbfOuter([images[0], quarter(images[0])], [basis[0], quarter(basis[0])]);
+  if (rank === 1) return rbfSmallestTurn(basis[0], images[0]);
+  const image = rbfCross(images[0], images[1]), scale = Math.sqrt(Math.hypot(...image)) || 1;
+  return rbfOuter([...images, image.map((value) => value / scale)], [...basis, rbfCross(basis[0], basis[1])]);
+}
+
+/**
+ * Scale times the smallest rotation that takes a unit vector to the direction of its image, by Rodrigues.
+ * @param {number[]} q
+ * @param {number[]} image
+ */
+function rbfSmallestTurn(q, image) {
+  const length = Math.hypot(...image), t = image.map((value) => value / (length || 1));
+  const isOpposite = rbfDot(q, t) < -1 + 1e-9; // half a turn, about any axis across q, and the rest from there
+  const start = isOpposite ? q.map((value) => -value) : q, [a, b, c] = rbfCross(start, t);
+  const k = [[0, -c, b], [c, 0, -a], [-b, a, 0]], square = rbfTimes(k, k);
+  const rest = 2 / start.reduce((sum, value, i) => sum + (value + t[i]) ** 2, 0);
+  const turn = rbfMatrix(3, (i, j) => Number(i === j) + k[i][j] + rest * square[i][j]);
+  if (!isOpposite) return turn.map((row) => row.map((value) => length * value));
+  const sizes = q.map(Math.abs), least = sizes.indexOf(Math.min(...sizes));
+  const aside = q.map((value, i) => Number(i === least) - q[least] * value), size = Math.hypot(...aside);
+  const half = rbfMatrix(3, (i, j) => 2 * aside[i] * aside[j] / size ** 2 - Number(i === j));
+  return rbfTimes(turn, half).map((row) => row.map((value) => length * value));
 }
 
 /** @param {number[][]} h @param {number} size @param {number[][]} previous  where there is none */
 function rbfNearestRotation(h, size, previous) {
-  const least = NO_ANGLE * Math.max(size, Math.hypot(h[0][0], h[0][1], h[1][0], h[1][1]));
-  const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], length = Math.hypot(c, s);
-  return length > least ? [[c / length, -s / length], [s / length, c / length]] : previous;
+  const least = NO_ANGLE * Math.max(size, Math.hypot(...h.flat())), { rotation, certainty } = rbfRotation(h);
+  if (certainty > least) return rotation;
+  return h.length === 2 ? previous
+    : rbfRotation(h.map((row, i) => row.map((value, j) => value + least * previous[i][j]))).rotation;
+}
+
+/**
+ * The rotation R with the largest tr(R^T H), and the sum of the two smallest stretches of H, which is zero where the
+ * rotation is open.
+ * @param {number[][]} h
+ */
+function rbfRotation(h) {
+  if (h.length === 2) {
+    const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], certainty = Math.hypot(c, s), length = certainty || 1;
+    return { rotation: [[c / length, -s / length], [s / length, c / length]], certainty };
+  }
+  const { sigma, directions: [p, q] } = rbfSingular([0, 1, 2].map((k) => h.map((row) => row[k])));
+  const [first, other] = [p, q].map((e) => h.map((row) => rbfDot(row, e)));
+  const u = first.map((value) => value / (sigma[0] || 1)), slant = rbfDot(u, other);
+  const aside = other.map((value, k) => value - slant * u[k]), size = Math.hypot(...aside) || 1;
+  const v = aside.map((value) => value / size);
+  const sign = rbfDot(h[0], rbfCross(h[1], h[2])) < 0 ? -1 : 1;
+  return { rotation: rbfOuter([u, v, rbfCross(u, v)], [p, q, rbfCross(p, q)]), certainty: sigma[1] + sign * sigma[2] };
 }
 
 /**
@@ -429,65 +558,50 @@ function rbfNearestRotation(h, size, previous) {
  * @param {Float64Array} x
  * @param {Float64Array} d
  * @param {number[][]} basis
- * @param {Float64Array | null} [q]  n x 3
+ * @param {number} dim
+ * @param {Float64Array | null} [q]
  * @param {number[][]} [quadrics]
  */
-function rbfBorderedTrend(phi, x, d, basis, q = null, quadrics = []) {
-  const n = x.length / 2, rank = basis.length, affine = rank + 1, width = affine + quadrics.length;
-  const first = rbfAffineColumns(x, basis), p = new Float64Array(n * width);
+function rbfBorderedTrend(phi, x, d, basis, dim, q = null, quadrics = []) {
+  const n = x.length / dim, rank = basis.length, affine = rank + 1, width = affine + quadrics.length;
+  const first = rbfAffineColumns(x, basis, dim), p = new Float64Array(n * width), count = q ? q.length / n : 0;
   for (let i = 0; i < n; i++) {
     p.set(first.subarray(i * affine, (i + 1) * affine), i * width);
-    if (q) quadrics.forEach((e, k) => { p[i * width + affine + k] = rbfDot3(e, q, 3 * i); });
+    if (q) {
+      quadrics.forEach((e, k) => {
+        p[i * width + affine + k] = e.reduce((sum, value, j) => sum + value * q[count * i + j], 0);
+      });
+    }
   }
   const factored = rbfFactored(rbfBordered(phi, p, n, width), n + width);
   const solve = (/** @type {Float64Array} */ b) => {
-    const rhs = new Float64Array(2 * (n + width));
+    const rhs = new Float64Array(dim * (n + width));
     rhs.set(b);
-    const v = factored(rhs, 2);
-    const bent = [0, 1, 2].map((j) => [0, 1].map(
-      (m) => quadrics.reduce((sum, e, k) => sum + e[j] * v[2 * (n + affine + k) + m], 0)));
-    return { alpha: v.slice(0, 2 * n), constant: [v[2 * n], v[2 * n + 1]], bent: q ? bent : null,
-      images: basis.map((_, k) => [v[2 * (n + 1 + k)], v[2 * (n + 1 + k) + 1]]) };
+    const v = factored(rhs, dim), row = (/** @type {number} */ k) => Array.from(v.subarray(dim * k, dim * (k + 1)));
+    const bent = Array.from({ length: count }, (_, j) => Array.from({ length: dim }, (__, m) => quadrics.reduce(
+      (sum, e, k) => sum + e[j] * v[dim * (n + affine + k) + m], 0)));
+    return { alpha: v.slice(0, dim * n), constant: row(n), bent: q ? bent : null,
+      images: basis.map((_, k) => row(n + 1 + k)) };
   };
-  // D on the span of the points: sum of image (outer) direction
-  /** @type {(images: number[][]) => number[][]} */
-  const spanned = (images) => [0, 1].map((i) => [0, 1].map(
-    (j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0)));
   const whole = solve(d);
-  if (rank === 2) return { ...whole, linear: spanned(whole.images) };
-  const m = rbfComplete(whole.images.map((image, k) => [basis[k][0] + image[0], basis[k][1] + image[1]]), basis);
-  const linear = [[m[0][0] - 1, m[0][1]], [m[1][0], m[1][1] - 1]];
+  if (rank === dim) return { ...whole, linear: rbfOuter(whole.images, basis, dim) };
+  const linear = rbfLessOne(rbfComplete(whole.images.map((image, k) => image.map((value, j) => basis[k][j] + value)),
+    basis, dim));
   // Points that are flat only to rounding lie a little off their span, where the completed map displaces them too.
-  const left = Float64Array.from(q && whole.bent ? rbfWithout(d, q, whole.bent) : d, (value, i) => {
-    const k = i - (i % 2);
-    return value - linear[i % 2][0] * x[k] - linear[i % 2][1] * x[k + 1];
-  });
-  const rest = solve(left), more = spanned(rest.images);
+  const rest = solve(rbfWithoutLinear(x, q && whole.bent ? rbfWithout(d, q, whole.bent) : d, linear));
+  const more = rbfOuter(rest.images, basis, dim);
   return { alpha: rest.alpha, constant: rest.constant,
     bent: whole.bent?.map((row, j) => row.map((value, m) => value + (rest.bent?.[j][m] ?? 0))),
     linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
 }
 
-/** @param {number[]} e @param {Float64Array} q @param {number} at */
-function rbfDot3(e, q, at) {
-  return e[0] * q[at] + e[1] * q[at + 1] + e[2] * q[at + 2];
-}
-
 /** Orthonormal directions that span centred points. @param {number[][]} rows */
 function rbfSpan(rows) {
   if (rows.length < 2) return [];
-  const { sigma, along } = rbfPrincipal(rows);
+  const dim = rows[0].length;
+  const { sigma, directions } = rbfSingular(Array.from({ length: dim }, (_, k) => rows.map((row) => row[k])));
   if (sigma[0] === 0) return [];
-  return sigma[1] > FLAT * sigma[0] ? [[1, 0], [0, 1]] : [along];
-}
-
-/**
- * Singular values of rows of two numbers, falling, and the direction of the first.
- * @param {number[][]} rows
- */
-function rbfPrincipal(rows) {
-  const { sigma, directions } = rbfSingular([rows.map((r) => r[0]), rows.map((r) => r[1])]);
-  return { sigma, along: directions[0] };
+  return sigma[dim - 1] > FLAT * sigma[0] ? rbfEye(dim) : directions.filter((_, k) => sigma[k] > FLAT * sigma[0]);
 }
 
 /**
@@ -521,63 +635,49 @@ function rbfSingular(columns) {
 }
 
 /**
- * The spread of places across their longest direction, relative to it, in the thinner of two sets:
- * deformnb.rbf.trends.thin_directions in the plane.
+ * The principal directions of places, and their spread along each relative to the longest, in the thinner of two sets:
+ * deformnb.rbf.trends.thin_directions.
  * @param {number[][]} targets
  * @param {number[][]} sources
  */
 function rbfSpreads(targets, sources) {
-  const [x, y] = [targets, sources].map(rbfScaled);
+  const [x, y] = [targets, sources].map(rbfScaled), dim = x[0].length, tiny = 1e-12; // both may be flat in one direction
   /** @type {(p: number[][], q: number[][]) => number[][]} */
-  const moments = (p, q) => [0, 1].map((i) => [0, 1].map((j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0)));
+  const moments = (p, q) => rbfMatrix(dim, (i, j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0));
   const xx = moments(x, x), yy = moments(y, y), yx = moments(y, x);
-  const least = 2e-9 * Math.sqrt((xx[0][0] + xx[1][1]) * (yy[0][0] + yy[1][1]));
-  const c = yx[0][0] + yx[1][1] + least, s = yx[1][0] - yx[0][1], length = Math.hypot(c, s) || 1;
-  const back = y.map(([p, q]) => [(c * p + s * q) / length, (c * q - s * p) / length]);
-  const a = rbfRelative(moments(x, x));
-  const b = yy[0][0] + yy[1][1] > 0 ? rbfRelative(moments(back, back)) : a, tiny = 1e-12;
+  const least = 1e-9 * Math.sqrt(rbfTrace(xx) * rbfTrace(yy)); // the smallest turn where one is open
+  const { rotation } = rbfRotation(yx.map((row, i) => row.map((value, j) => value + (i === j ? least : 0))));
+  const back = y.map((row) => rotation.map((_, k) => row.reduce((sum, value, i) => sum + value * rotation[i][k], 0)));
+  const a = rbfRelative(xx), b = rbfTrace(yy) > 0 ? rbfRelative(moments(back, back)) : a;
+  /** @type {(m: number[][], t: number) => number[][]} */
+  const more = (m, t) => m.map((row, i) => row.map((value, j) => value + (i === j ? t : 0)));
   // 2 A (A + B)^-1 B
-  const p = a[0][0] + b[0][0] + 2 * tiny, q = a[0][1] + b[0][1], r = a[1][1] + b[1][1] + 2 * tiny, det = p * r - q * q;
-  const inverse = [[r / det, -q / det], [-q / det, p / det]];
-  /** @type {(m: number[][], k: number[][]) => number[][]} */
-  const times = (m, k) => [0, 1].map((i) => [0, 1].map((j) => m[i][0] * k[0][j] + m[i][1] * k[1][j]));
-  /** @type {(m: number[][]) => number[][]} */
-  const more = (m) => [[m[0][0] + tiny, m[0][1]], [m[1][0], m[1][1] + tiny]];
-  const both = times(times(more(a), inverse), more(b)), off = both[0][1] + both[1][0];
-  const mean = both[0][0] + both[1][1], half = Math.hypot(both[0][0] - both[1][1], off);
-  const angle = Math.atan2(off, both[0][0] - both[1][1]) / 2;
-  return { spread: Math.sqrt(Math.max(2 * (mean - half), 0) / (2 * (mean + half))),
-    along: [Math.cos(angle), Math.sin(angle)] };
+  const sum = more(a.map((row, i) => row.map((value, j) => value + b[i][j])), 2 * tiny).flat();
+  const solved = rbfFactored(Float64Array.from(sum), dim)(Float64Array.from(more(b, tiny).flat()), dim);
+  const both = rbfTimes(more(a, tiny), rbfMatrix(dim, (i, j) => solved[dim * i + j]));
+  const { sigma, directions } = rbfSingular(rbfMatrix(dim, (i, j) => both[i][j] + both[j][i]));
+  return { spreads: sigma.map((value) => Math.sqrt(value / sigma[0])), directions };
 }
 
 /** Places centred, and at most 1 in size: squares of tiny lengths would be zero. @param {number[][]} places */
 function rbfScaled(places) {
-  const mean = [0, 1].map((k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
-  const centred = places.map((p) => [p[0] - mean[0], p[1] - mean[1]]);
-  const size = centred.reduce((m, p) => Math.max(m, Math.abs(p[0]), Math.abs(p[1])), 0) || 1;
-  return centred.map((p) => [p[0] / size, p[1] / size]);
+  const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
+  const centred = places.map((p) => p.map((value, k) => value - mean[k]));
+  const size = centred.flat().reduce((m, value) => Math.max(m, Math.abs(value)), 0) || 1;
+  return centred.map((p) => p.map((value) => value / size));
 }
 
 /** Second moments relative to their largest eigenvalue. @param {number[][]} m */
 function rbfRelative(m) {
-  const largest = (m[0][0] + m[1][1] + Math.hypot(m[0][0] - m[1][1], 2 * m[0][1])) / 2 || 1;
+  const largest = rbfSingular(m).sigma[0] || 1;
   return m.map((row) => row.map((value) => value / largest));
 }
 
-/** @param {number[][]} m */
-function rbfSpectralNorm(m) {
-  const e = (m[0][0] + m[1][1]) / 2, f = (m[0][0] - m[1][1]) / 2;
-  const g = (m[1][0] + m[0][1]) / 2, h = (m[1][0] - m[0][1]) / 2;
-  return Math.hypot(e, h) + Math.hypot(f, g);
-}
-
 /** The rotation of the trend of a fit. @param {RbfFit} fit */
-function rbfRotationOf(fit) {
-  const m = [[1 + fit.linear[0][0] / fit.support, fit.linear[0][1] / fit.support],
-    [fit.linear[1][0] / fit.support, 1 + fit.linear[1][1] / fit.support]];
-  const c = m[0][0] + m[1][1], s = m[1][0] - m[0][1], length = Math.hypot(c, s);
-  if (!(m[0][0] * m[1][1] - m[0][1] * m[1][0] > 0) || length === 0) return [[1, 0], [0, 1]];
-  return [[c / length, -s / length], [s / length, c / length]];
+function rbfRotationOf({ linear, support }) {
+  const m = linear.map((row, i) => row.map((value, j) => Number(i === j) + value / support));
+  const determinant = m.length === 2 ? m[0][0] * m[1][1] - m[0][1] * m[1][0] : rbfDot(m[0], rbfCross(m[1], m[2]));
+  return determinant > 0 ? rbfRotation(m).rotation : rbfEye(m.length);
 }
 
 // ---- remarks on a fit, as deformnb.rbf.conditioning makes them -----------------------------------------------------
@@ -589,8 +689,8 @@ function rbfRotationOf(fit) {
  */
 function rbfNeighbours({ merged, n, origin, radius }, most) {
   const count = Math.min(most, n - 1), found = new Int32Array(n * count), gaps = new Float64Array(n * count).fill(Infinity);
-  const x = new Float64Array(2 * n);
-  merged.forEach((q, k) => { for (const c of [0, 1]) x[2 * k + c] = (q.x[c] - origin[c]) / radius; });
+  const dim = origin.length, x = new Float64Array(dim * n);
+  merged.forEach((q, k) => { for (let c = 0; c < dim; c++) x[dim * k + c] = (q.x[c] - origin[c]) / radius; });
   /** @type {(i: number, j: number, gap: number) => void} */
   const insert = (i, j, gap) => {
     let at = (i + 1) * count - 1;
@@ -600,7 +700,8 @@ function rbfNeighbours({ merged, n, origin, radius }, most) {
   };
   for (let i = 0; i < n; i++) {
     for (let j = i + 1; j < n; j++) {
-      const da = x[2 * i] - x[2 * j], db = x[2 * i + 1] - x[2 * j + 1], gap = da * da + db * db;
+      let gap = 0;
+      for (let c = 0; c < dim; c++) { const step = x[dim * i + c] - x[dim * j + c]; gap += step * step; }
       if (gap < gaps[(i + 1) * count - 1]) insert(i, j, gap);
       if (gap < gaps[(j + 1) * count - 1]) insert(j, i, gap);
     }
@@ -612,22 +713,22 @@ function rbfNeighbours({ merged, n, origin, radius }, most) {
 function rbfClosest(ready) {
   if (ready.n < 2) return "a single point";
   const { merged } = ready, { found } = rbfNeighbours(ready, 1);
-  const gap = (/** @type {number} */ k) => Math.hypot(...[0, 1].map((c) => merged[k].x[c] - merged[found[k]].x[c]));
+  const gap = (/** @type {number} */ k) => rbfDistance(merged[k].x, merged[found[k]].x);
   const least = merged.reduce((best, _, k) => (gap(k) < gap(best) ? k : best), 0);
   return `${rbfLabel(merged[least].point)} and ${rbfLabel(merged[found[least]].point)}`;
 }
 
 /** @param {Ready} ready @param {string} kernel @param {number[][]} map */
 function rbfWarnings(ready, kernel, map) {
-  const notes = [];
+  const notes = [], { sigma } = rbfSingular(map); // of the transpose: the singular values are the same
   const isPlain = ready.trend === "affine_exact" ||
     (["affine", "quadratic"].includes(ready.trend) && RBF_KERNELS[kernel].order >= 2);
-  if (isPlain && rbfSpectralNorm(map) > STEEP) {
+  if (isPlain && sigma[0] > STEEP) {
     notes.push(`the affine trend stretches more than ${STEEP} times: the control points nearly lie on one line ` +
       "or in one plane; the trend similarity would not");
   }
   /** @type {(place: (q: Place) => number[]) => number} */
-  const spread = (place) => Math.max(...[0, 1].map((k) => {
+  const spread = (place) => Math.max(...map.map((_, k) => {
     const all = ready.merged.map((q) => place(q)[k]);
     return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
   }));
@@ -636,33 +737,37 @@ function rbfWarnings(ready, kernel, map) {
     affine_exact: "the trend collapses everything to one place",
     quadratic: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
-  const sources = spread((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]);
+  const sources = spread(rbfSource);
   if (Object.hasOwn(collapses, ready.trend) && sources < NO_ANGLE * spread((q) => q.x)) {
     notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
-  } else if (isPlain) {
-    const largest = rbfSpectralNorm(map), det = map[0][0] * map[1][1] - map[0][1] * map[1][0];
-    if (!(Math.abs(det) >= NO_ANGLE * largest * largest)) {
-      notes.push("the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
-        "everything flat");
-    }
+  } else if (isPlain && !(sigma[sigma.length - 1] >= NO_ANGLE * sigma[0])) {
+    notes.push("the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
+      "everything flat");
   }
   return notes;
 }
 
 /** Ids of points that share a source and have different targets. @param {Ready} ready @param {number} [most] */
 function rbfTornPairs({ merged, n, ids }, most = 3) {
-  const size = Math.max(0, ...[0, 1].map((k) => rbfExtent(merged.map((q) => [q.x[k], 0])))), near = SAME_PLACE * size;
+  const size = Math.max(0, ...rbfSizes(merged.map((q) => q.x))), near = SAME_PLACE * size;
+  const sources = merged.map(rbfSource);
   /** @type {Vector2[]} */
   const found = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
-    const { x: [a, b], d: [da, db] } = merged[i], from = a + da, to = b + db;
     for (let j = i + 1; j < n && found.length < most; j++) {
-      const { x, d } = merged[j], gap = from - x[0] - d[0];
-      if (Math.abs(gap) <= near && Math.hypot(gap, to - x[1] - d[1]) <= near) found.push([ids[i], ids[j]]);
+      if (Math.abs(sources[i][0] - sources[j][0]) <= near && rbfDistance(sources[i], sources[j]) <= near) {
+        found.push([ids[i], ids[j]]);
+      }
     }
   }
   return found;
 }
+
+/** @param {Place} place */
+function rbfSource({ x, d }) { return x.map((value, k) => value + d[k]); }
+
+/** @param {number[]} p @param {number[]} q */
+function rbfDistance(p, q) { return Math.hypot(...p.map((value, k) => value - q[k])); }
 
 /**
  * Ids of points that are pulled past each other.
@@ -673,14 +778,14 @@ function rbfTornPairs({ merged, n, ids }, most = 3) {
 function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
-  const moved = merged.map(({ d, x }) => [0, 1].map((k) => d[k] + x[k] - map[k][0] * x[0] - map[k][1] * x[1]));
+  const moved = merged.map(({ d, x }) => map.map((row, k) => d[k] + x[k] - rbfDot(row, x)));
   const pairs = new Map(), { found, count } = rbfNeighbours(ready, 4);
   for (let i = 0; i < n; i++) {
     for (const j of found.subarray(i * count, (i + 1) * count)) {
-      const gap = [merged[i].x[0] - merged[j].x[0], merged[i].x[1] - merged[j].x[1]];
+      const gap = merged[i].x.map((value, k) => value - merged[j].x[k]);
       const along = Math.max(COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
-        Math.hypot(...map.map((row) => row[0] * gap[0] + row[1] * gap[1])));
-      const beside = Math.hypot(moved[i][0] - moved[j][0], moved[i][1] - moved[j][1]);
+        Math.hypot(...map.map((row) => rbfDot(row, gap))));
+      const beside = rbfDistance(moved[i], moved[j]);
       // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes the names.
       const degree = Math.round(4 * Math.log2(beside / along));
       if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
@@ -791,15 +896,15 @@ export const RBF_TRENDS = {
 // ---- the fit --------------------------------------------------------------------------------------------------------
 
 /**
- * The fit of control points. Throws RbfError.
+ * The fit of control points on a picture, or of dimension 3 in space. Throws RbfError.
  * @param {Point[]} points
  * @param {FitSettings & { previous?: RbfFit | null }} [settings]
  */
-export function rbfFit(points, settings = {}) {
+export function rbfFit(points, settings = {}, dim = 2) {
   const kernel = rbfKernelOf(settings), trend = settings.trend ?? "affine";
   const smoothing = settings.smoothing ?? 0, strength = settings.strength ?? 1;
   rbfCheckSettings(kernel, trend, smoothing, strength, settings.support ?? null);
-  rbfCheckPoints(points);
+  rbfCheckPoints(points, dim);
   const active = points.filter((p) => p.active !== false);
   if (RBF_KERNELS[kernel].order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
     throw new RbfError(`control points have support radii of their own, and the ${kernel} kernel, which has no end, ` +
@@ -811,7 +916,7 @@ export function rbfFit(points, settings = {}) {
   }
   // The radius is that of the points as dragged, at full strength, as in deformnb.document.deformation.Step.
   const radius = rbfRadius(active, rbfSupport(points, settings), trend);
-  const ready = rbfPrepare(active, kernel, radius, trend, smoothing, strength);
+  const ready = rbfPrepare(active, kernel, radius, trend, smoothing, strength, dim);
   if (ready.n === 0) return rbfIdentity(ready, kernel, "none", 1);
   return rbfSolvePrepared(ready, kernel, smoothing, settings.previous ?? null);
 }
@@ -851,10 +956,10 @@ export function rbfLabel(point) {
 }
 
 /** Throw an RbfError for points that cannot be fitted. @param {Point[]} points */
-export function rbfCheckPoints(points) {
+export function rbfCheckPoints(points, dim = 2) {
   for (const p of points) {
     for (const [what, place] of Object.entries({ source: p.source, target: p.target })) {
-      const good = Array.isArray(place) && place.length === 2 &&
+      const good = Array.isArray(place) && place.length === dim &&
         place.every((v) => Number.isFinite(v) && Math.abs(v) <= LARGEST_COORDINATE);
       if (!good) {
         throw new RbfError(`the ${what} of ${rbfLabel(p)} is [${place}]; coordinates must be finite and below 1e15. ` +
@@ -885,12 +990,14 @@ function rbfAtRest(points) {
   return rbfExtent(sources) > SAME_PLACE * rbfExtent(targets) ? sources : targets;
 }
 
-/** The diagonal of the box of places; 0 for none. @param {number[][]} places */
-function rbfExtent(places) {
-  const size = [0, 1].map((k) => places.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
+/** The sides of the box of places; nothing for none. @param {number[][]} places */
+function rbfSizes(places) {
+  return (places[0] ?? []).map((_, k) => places.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
     places.reduce((m, p) => Math.min(m, p[k]), Infinity));
-  return places.length ? Math.hypot(size[0], size[1]) : 0;
 }
+
+/** The diagonal of the box of places; 0 for none. @param {number[][]} places */
+function rbfExtent(places) { return Math.hypot(...rbfSizes(places)); }
 
 /** @param {Ends[]} points */
 export function rbfBoxDiagonal(points) {
@@ -905,8 +1012,9 @@ export function rbfBoxDiagonal(points) {
 function rbfUsualSupport(points, kernel) {
   const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
   if (size === 0) return null;
-  const isThin = rbfSpreads(places, places).spread < THIN, wide = isThin ? 1 : 2;
-  const across = Math.max(1, places.length ** (1 / wide) - 1), ball = isThin ? 2 : Math.PI;
+  const { spreads } = rbfSpreads(places, places), wide = spreads.filter((spread) => spread >= THIN).length;
+  const isThin = wide < spreads.length, ball = [2, Math.PI, 4 / 3 * Math.PI][wide - 1];
+  const across = Math.max(1, places.length ** (1 / wide) - 1);
   const most = places.length > MANY && RBF_KERNELS[kernel].order < 2
     ? (MOST_NEIGHBOURS / ball) ** (1 / wide) / Math.sqrt(wide) / across : Infinity;
   return size * Math.min(share, most, ...(isThin ? [0.5, gaps / across] : []));
@@ -942,12 +1050,13 @@ function rbfRadius(active, radius, trend) {
  * @param {string} trend
  * @param {number} smoothing
  * @param {number} strength
+ * @param {number} dim
  * @returns {Ready}
  */
-function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
+function rbfPrepare(active, kernel, given, trend, smoothing, strength, dim) {
   const places = active.map((p) => {
-    const x = strength === 1 ? [...p.target] : [0, 1].map((k) => p.source[k] + strength * (p.target[k] - p.source[k]));
-    return { point: p, w: p.weight ?? 1, x, d: [p.source[0] - x[0], p.source[1] - x[1]] };
+    const x = strength === 1 ? [...p.target] : p.source.map((value, k) => value + strength * (p.target[k] - value));
+    return { point: p, w: p.weight ?? 1, x, d: p.source.map((value, k) => value - x[k]) };
   });
   const box = rbfBoxDiagonal(places.map((q) => ({ source: q.point.source, target: q.x }))) ?? Infinity, limited = [];
   let radius = given;
@@ -958,31 +1067,42 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength) {
   }
   const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
   const n = merged.length;
-  const origin = n ? [0, 1].map((k) => merged.reduce((sum, q) => sum + q.x[k], 0) / n) : [0, 0];
-  const basis = rbfSpan(merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]));
+  const origin = Array.from({ length: dim }, (_, k) => n && merged.reduce((sum, q) => sum + q.x[k], 0) / n);
+  const centred = merged.map((q) => q.x.map((value, k) => value - origin[k])), basis = rbfSpan(centred);
   const { ridge, where } = rbfThinness(merged, basis);
   const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where);
   /** @type {Pick<Span, "quadrics" | "bend">} */
-  const bent = name === "quadratic" ? rbfQuadricSpan(
-    merged.map((q) => [q.x[0] - origin[0], q.x[1] - origin[1]]), basis) : {};
-  const open = bent.bend?.flat().some((value) => value !== 0) ? rbfOpenBend(n, kernel) : [];
+  const bent = name === "quadratic" ? rbfQuadricSpan(centred, basis, dim) : {};
+  const open = bent.bend?.flat().some((value) => value !== 0) ? rbfOpenBend(n, kernel, dim) : [];
   return { n, merged, origin, radius, basis, ridge, ...bent, trend: name,
     notes: [...limited, ...notes, ...remark, ...open], ids: merged.map((q) => q.point.id) };
 }
 
 /**
- * The penalty of the trend "affine" across a row of points, and the place of the row in words; nothing for wide sets.
+ * The penalty of the trend "affine" across a row of points, or in space across a flat set, and its place in words;
+ * nothing for wide sets.
  * @param {Place[]} merged
  * @param {number[][]} basis
  */
 function rbfThinness(merged, basis) {
   if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
-  const { spread, along } = rbfSpreads(merged.map((q) => q.x), merged.map((q) => [q.x[0] + q.d[0], q.x[1] + q.d[1]]));
-  if (spread >= THIN) return { ridge: null, where: "" };
-  const weight = rbfPenalty(spread, THIN);
-  const across = [-along[1], along[0]], quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
-  const degrees = ((quarters * 15) % 180 + 180) % 180;
-  return { ridge: across.map((p) => across.map((q) => weight * p * q)), where: `on one line, at ${degrees} degrees` };
+  const { spreads, directions } = rbfSpreads(merged.map((q) => q.x), merged.map(rbfSource));
+  const wide = spreads.filter((spread) => spread >= THIN).length;
+  if (wide === spreads.length) return { ridge: null, where: "" };
+  return { ridge: rbfWeighted(directions, spreads.map((spread) => rbfPenalty(spread, THIN))),
+    where: rbfThinly(directions, wide) };
+}
+
+/** @param {number[][]} directions @param {number} wide  of them that are not thin */
+function rbfThinly(directions, wide) {
+  const along = wide === 1 ? directions[0] : directions[directions.length - 1];
+  if (along.length === 2) {
+    const quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
+    return `on one line, at ${((quarters * 15) % 180 + 180) % 180} degrees`;
+  }
+  const sizes = along.map(Math.abs), sign = Math.sign(along[sizes.indexOf(Math.max(...sizes))]);
+  const text = along.map((value) => (rbfRound(10 * sign * value) / 10 + 0).toFixed(1)).join(", ");
+  return wide === 1 ? `on one line, along (${text})` : `in one plane, across (${text})`;
 }
 
 /** The nearest integer; halves go to the even number, as in Python. @param {number} value */
@@ -1013,7 +1133,7 @@ function rbfMerge(places, radius, reach, smoothing) {
     for (let next = at + 1; next < order.length; next++) {
       const j = order[next], p = places[i].x, q = places[j].x;
       if (q[0] - p[0] > near) break;
-      if (Math.hypot(q[0] - p[0], q[1] - p[1]) <= near) pairs.push([Math.min(i, j), Math.max(i, j)]);
+      if (rbfDistance(p, q) <= near) pairs.push([Math.min(i, j), Math.max(i, j)]);
     }
   });
   if (pairs.length === 0) return { merged: places, notes: [] };
@@ -1030,7 +1150,7 @@ function rbfMerge(places, radius, reach, smoothing) {
   for (const members of groups.values()) { // in the order of their first members
     const w = members.reduce((sum, q) => sum + q.w, 0);
     /** @type {(key: "x" | "d") => number[]} */
-    const mean = (key) => [0, 1].map((k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
+    const mean = (key) => members[0][key].map((_, k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
     merged.push({ point: members[0].point, w, x: mean("x"), d: mean("d") });
     if (members.length > 1) {
       notes.push(`${members.map((q) => rbfLabel(q.point)).join(", ")} are at one place and count as one`);
@@ -1043,7 +1163,7 @@ function rbfMerge(places, radius, reach, smoothing) {
 function rbfRefuseConflicts(places, pairs, radius) {
   for (const [i, j] of pairs) {
     const p = places[i], q = places[j];
-    if (Math.hypot(p.d[0] - q.d[0], p.d[1] - q.d[1]) <= SAME_DISPLACEMENT * radius) continue;
+    if (rbfDistance(p.d, q.d) <= SAME_DISPLACEMENT * radius) continue;
     const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
     throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but require ` +
       `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`);
@@ -1068,34 +1188,37 @@ function rbfDeterminedTrend(trend, kernel, n, rank, where) {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
   if (rank === 0) return [order >= 2 ? trend : "translation", ["one control point: the trend is a translation"]];
-  if (!where || RBF_TRENDS[trend].order < 2) return [trend, []];
+  if (!where) return [trend, []];
+  if (RBF_TRENDS[trend].order < 2) {
+    return [trend, rank === 1 && where.includes("along")
+      ? ["the control points lie on one line: the turn about it is the smallest possible"] : []];
+  }
   const lie = `the control points lie nearly ${where}: across it`;
   if (trend !== "affine_exact" && order < 2) return [trend, [`${lie} the affine trend turns and scales as along it`]];
   return [trend, [`${lie} nothing holds the affine trend, which may shear or stretch without bounds; a Wendland ` +
     "kernel with the trend affine stays calm"]];
 }
 
-/** A note where n points do not determine all of the quadratic trend. @param {number} n @param {string} kernel */
-function rbfOpenBend(n, kernel) {
+/** A note where n points do not determine all of the quadratic trend. @param {number} n @param {string} kernel @param {number} dim */
+function rbfOpenBend(n, kernel, dim) {
   if (n < 2) return [];
-  const why = n < 6 ? `the quadratic trend needs 6 control points or more, and there are ${n}`
-    : "the control points lie nearly on one conic (an ellipse, a hyperbola, two lines)";
-  return [`${why}: ${RBF_KERNELS[kernel].order > 2 && n >= 6
+  const least = (dim + 1) * (dim + 2) / 2;
+  const curve = dim === 2 ? "one conic (an ellipse, a hyperbola, two lines)" : "one quadric (an ellipsoid, two planes)";
+  const why = n < least ? `the quadratic trend needs ${least} control points or more, and there are ${n}`
+    : `the control points lie nearly on ${curve}`;
+  return [`${why}: ${RBF_KERNELS[kernel].order > 2 && n >= least
     ? "nothing holds the quadratic trend beside it; the thin-plate kernel would stay calm"
     : "what they leave open of it is left out"}`];
 }
 
 /** @param {Ready} ready @param {string} kernel @param {string} trend @param {number} support @returns {RbfFit} */
 function rbfIdentity(ready, kernel, trend, support) {
-  const centers = new Float64Array(2 * ready.n);
-  ready.merged.forEach((q, k) => {
-    centers[2 * k] = (q.x[0] - ready.origin[0]) / support;
-    centers[2 * k + 1] = (q.x[1] - ready.origin[1]) / support;
-  });
+  const dim = ready.origin.length;
+  const centers = Float64Array.from(ready.merged.flatMap((q) => q.x.map((value, k) => (value - ready.origin[k]) / support)));
   const radii = ready.merged.map((q) => q.point.radius ?? ready.radius), isOwn = radii.some((r) => r !== ready.radius);
   const scales = isOwn ? Float64Array.from(radii, (r) => ready.radius / r) : null;
-  return { count: ready.n, scales, centers, coefficients: new Float64Array(2 * ready.n), linear: [[0, 0], [0, 0]],
-    constant: [0, 0], quadratic: null, origin: ready.origin, support, kernel, trend, ids: ready.ids,
+  return { count: ready.n, scales, centers, coefficients: new Float64Array(dim * ready.n),
+    linear: rbfMatrix(dim, () => 0), constant: new Array(dim).fill(0), quadratic: null, origin: ready.origin, support, kernel, trend, ids: ready.ids,
     notes: ready.notes, doubts: [] };
 }
 
@@ -1109,13 +1232,11 @@ function rbfIdentity(ready, kernel, trend, support) {
 function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const { n, radius: r } = ready;
   const fit = rbfIdentity(ready, kernel, ready.trend, r);
-  const d = new Float64Array(2 * n);
-  ready.merged.forEach((q, k) => { d[2 * k] = q.d[0] / r; d[2 * k + 1] = q.d[1] / r; });
+  const d = Float64Array.from(ready.merged.flatMap((q) => q.d), (value) => value / r), dim = ready.origin.length;
   if (d.every((value) => value === 0)) return fit; // exactly the identity, which a solve would miss by rounding
   const nugget = ready.merged.map((q) => smoothing / q.w);
-  const turn = previous === null ? [[1, 0], [0, 1]] : rbfRotationOf(previous);
-  const places = new Float64Array(2 * n);
-  ready.merged.forEach((q, k) => { places[2 * k] = q.x[0]; places[2 * k + 1] = q.x[1]; });
+  const turn = previous === null ? rbfEye(dim) : rbfRotationOf(previous);
+  const places = Float64Array.from(ready.merged.flatMap((q) => q.x));
   const radii = fit.scales && ready.merged.map((q) => q.point.radius ?? r);
   const matrix = kernelMatrix({ kernel, radius: r, places, nugget, radii }, RBF_KERNELS[kernel].profile);
   const { alpha, linear, constant, quadratic, miss } = rbfSolve(matrix, fit.centers, d, ready, turn, kernel, ready.trend,
@@ -1132,7 +1253,7 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
       `the system is singular to working precision (closest are ${rbfClosest(ready)}). Use a smaller support, a ` +
       "Wendland kernel, or a little smoothing.");
   }
-  const map = [[1 + linear[0][0], linear[0][1]], [linear[1][0], 1 + linear[1][1]]];
+  const map = linear.map((row, i) => row.map((value, j) => Number(i === j) + value));
   const torn = rbfTornPairs(ready);
   /** @type {(pair: number[]) => boolean} */
   const isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
@@ -1161,8 +1282,8 @@ export function rbfAt(fit, a, b) {
   const profile = RBF_KERNELS[fit.kernel].profile;
   let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
   if (fit.quadratic) {
-    u += rbfQuadraticAt(fit.quadratic[0], p, q);
-    v += rbfQuadraticAt(fit.quadratic[1], p, q);
+    u += rbfQuadraticAt(fit.quadratic[0], [p, q]);
+    v += rbfQuadraticAt(fit.quadratic[1], [p, q]);
   }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
     const dp = p - x[j], dq = q - x[j + 1], s = dp * dp + dq * dq;
@@ -1173,9 +1294,9 @@ export function rbfAt(fit, a, b) {
   return [u, v];
 }
 
-/** The value of a quadratic form. @param {number[][]} h  symmetric @param {number} p @param {number} q */
-export function rbfQuadraticAt(h, p, q) {
-  return h[0][0] * p * p + 2 * h[0][1] * p * q + h[1][1] * q * q;
+/** The value of a quadratic form. @param {number[][]} h  symmetric @param {number[]} place */
+export function rbfQuadraticAt(h, place) {
+  return place.reduce((sum, p, i) => sum + p * rbfDot(h[i], place), 0);
 }
 
 /**
@@ -1206,42 +1327,90 @@ export function rbfJacobianAt(fit, a, b) {
 }
 
 /**
- * Displacements at the pixels of a raster, nv * nu * 2 numbers with the component last. One centre after the other, and
- * for compact kernels only the columns that it reaches: the row's distance is constant.
+ * Displacements at the pixels of a raster, nv * nu * 2 numbers with the component last.
  * @param {RbfFit} fit
  * @param {Raster} raster
  * @param {Float32Array | null} [out]
  */
-export function rbfOnRaster(fit, raster, out = null) {
-  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, r = fit.support;
-  const map = out ?? new Float32Array(nv * nu * 2);
-  const step = du / r, p0 = (raster.origin[0] - fit.origin[0]) / r;
-  const { centers: x, coefficients: alpha, linear, constant, quadratic, count, scales } = fit;
-  const { profile, compact } = RBF_KERNELS[fit.kernel], row = new Float64Array(2 * nu);
-  for (let i = 0; i < nv; i++) {
-    const q = (raster.origin[1] + i * dv - fit.origin[1]) / r;
-    for (let k = 0; k < nu; k++) {
-      const p = p0 + k * step;
-      row[2 * k] = linear[0][0] * p + linear[0][1] * q + constant[0];
-      row[2 * k + 1] = linear[1][0] * p + linear[1][1] * q + constant[1];
-      if (quadratic) {
-        row[2 * k] += rbfQuadraticAt(quadratic[0], p, q);
-        row[2 * k + 1] += rbfQuadraticAt(quadratic[1], p, q);
-      }
-    }
-    for (let c = 0, j = 0; c < count; c++, j += 2) {
-      const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq2 = (q - x[j + 1]) ** 2;
-      if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;
-      const reach = compact ? Math.sqrt(1 / w - dq2) : Infinity;
-      const first = Math.max(0, Math.ceil((x[j] - reach - p0) / step));
-      const last = Math.min(nu - 1, Math.floor((x[j] + reach - p0) / step));
-      for (let k = first; k <= last; k++) {
-        const dp = p0 + k * step - x[j], phi = profile((dp * dp + dq2) * w);
-        row[2 * k] += au * phi;
-        row[2 * k + 1] += av * phi;
-      }
-    }
-    map.set(row, 2 * nu * i);
+export function rbfOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }, out = null) {
+  const map = out ?? new Float32Array(nv * nu * 2), row = new RbfRow(fit, a, du, nu);
+  for (let i = 0; i < nv; i++) row.evaluate([b + i * dv], map, 2 * nu * i);
+  return map;
+}
+
+/**
+ * Displacements at the nodes of a lattice in space, nz * ny * nx * 3 numbers with the component last.
+ * @param {RbfFit} fit  of dimension 3
+ * @param {Lattice} lattice
+ */
+export function rbfOnLattice(fit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }) {
+  const map = new Float32Array(nx * ny * nz * 3), row = new RbfRow(fit, x, dx, nx);
+  for (let k = 0, at = 0; k < nz; k++) {
+    for (let j = 0; j < ny; j++, at += 3 * nx) row.evaluate([y + j * dy, z + k * dz], map, at);
   }
   return map;
+}
+
+/**
+ * Displacements along a row of places, from a first coordinate on. One centre after the other, and for compact kernels
+ * only the places that it reaches: the distance across the row is constant.
+ */
+class RbfRow {
+  /**
+   * @param {RbfFit} fit
+   * @param {number} first
+   * @param {number} step
+   * @param {number} count
+   */
+  constructor(fit, first, step, count) {
+    this.fit = fit;
+    this.step = step / fit.support;
+    this.first = (first - fit.origin[0]) / fit.support;
+    this.sums = Array.from({ length: 3 }, () => new Float64Array(count)); // of each component; in a plane the last is idle
+    const dim = fit.constant.length, isMoving = (/** @type {number} */ c) => (
+      fit.coefficients.subarray(dim * c, dim * (c + 1)).some((value) => value !== 0));
+    this.moving = Array.from({ length: fit.count }, (_, c) => c).filter(isMoving); // centres
+  }
+
+  /**
+   * @param {number[]} across  the other coordinates
+   * @param {Float32Array} out
+   * @param {number} at
+   */
+  evaluate(across, out, at) {
+    const { fit, step, first: p0, moving, sums } = this, { support, origin, centers: x, coefficients: alpha, scales } = fit;
+    const place = [0, ...across.map((value, k) => (value - origin[k + 1]) / support)], [, q, r] = place;
+    const dim = place.length, [us, vs, ws] = sums, { length } = us, { profile, compact } = RBF_KERNELS[fit.kernel];
+    this.#trend(place);
+    for (const c of moving) {
+      const j = dim * c, w = scales ? scales[c] * scales[c] : 1;
+      const d2 = (q - x[j + 1]) ** 2 + (dim > 2 ? (r - x[j + 2]) ** 2 : 0);
+      if (compact && d2 * w >= 1) continue;
+      const reach = compact ? Math.sqrt(1 / w - d2) : Infinity, middle = x[j] - p0;
+      const first = Math.max(0, Math.ceil((middle - reach) / step));
+      const last = Math.min(length - 1, Math.floor((middle + reach) / step));
+      const au = alpha[j], av = alpha[j + 1], aw = dim > 2 ? alpha[j + 2] : 0;
+      for (let k = first; k <= last; k++) {
+        const dp = k * step - middle, phi = profile((dp * dp + d2) * w);
+        us[k] += au * phi;
+        vs[k] += av * phi;
+        ws[k] += aw * phi;
+      }
+    }
+    for (let m = 0; m < dim; m++) for (let k = 0, n = at + m; k < length; k++, n += dim) out[n] = sums[m][k];
+  }
+
+  /** Begin with the trend. @param {number[]} place  relative coordinates; the first one is set here */
+  #trend(place) {
+    const { fit: { linear, constant, quadratic }, first, step, sums } = this;
+    for (const [m, [along, ...across]] of linear.entries()) {
+      const sum = sums[m], rest = across.reduce((value, a, k) => value + a * place[k + 1], constant[m]);
+      for (let k = 0; k < sum.length; k++) sum[k] = along * (first + k * step) + rest;
+      if (!quadratic) continue;
+      for (let k = 0; k < sum.length; k++) {
+        place[0] = first + k * step;
+        sum[k] += rbfQuadraticAt(quadratic[m], place);
+      }
+    }
+  }
 }

@@ -4,7 +4,7 @@ import { dot } from "./camera.js";
 import { shownLength } from "./numbers.js";
 import { changed } from "./points.js";
 
-/** @import { FlatPoint, PaneInfo, Point, Vector3 } from "../types.d.ts" */
+/** @import { FlatPoint, PaneInfo, Point, RbfFit, Vector3 } from "../types.d.ts" */
 
 /**
  * The coordinates [a, b, c] in a picture of a place in space.
@@ -63,6 +63,27 @@ export function turnedInSpace(points, ids, pane, angle, factor = 1) {
     const [a, b, d] = inPane(pane, p.target).map((x, k) => x - about[k]);
     return { target: fromPane(pane, [about[0] + c * a - s * b, about[1] + s * a + c * b, about[2] + factor * d]) };
   });
+}
+
+/**
+ * A fit in space, in another frame.
+ * @param {RbfFit} fit
+ * @param {number[][]} axes  of the frame, which are orthonormal
+ * @param {number[]} origin  of the frame
+ * @returns {RbfFit}
+ */
+export function fitInFrame(fit, axes, origin) {
+  const turned = (/** @type {number[]} */ v) => axes.map((axis) => dot(axis, v));
+  /** @type {(vectors: Float64Array) => Float64Array} */
+  const allTurned = (vectors) => Float64Array.from(vectors, (_, i) => (
+    dot(axes[i % 3], Array.from(vectors.subarray(i - (i % 3), i - (i % 3) + 3)))));
+  /** @type {(m: number[][]) => number[][]} */
+  const seen = (m) => axes.map((left) => axes.map((right) => dot(left, m.map((row) => dot(row, right)))));
+  const forms = fit.quadratic?.map(seen);
+  return { ...fit, centers: allTurned(fit.centers), coefficients: allTurned(fit.coefficients), linear: seen(fit.linear),
+    constant: turned(fit.constant), origin: turned(fit.origin.map((x, k) => x - origin[k])),
+    quadratic: forms ? axes.map((axis) => forms[0].map((row, i) => row.map((_, j) => (
+      dot(axis, forms.map((form) => form[i][j])))))) : null };
 }
 
 /**

@@ -111,8 +111,8 @@ function mapWithSlope(fit, a, b, out) {
   let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
   let [[j00, j01], [j10, j11]] = rbfLinearAt(fit, p, q);
   if (fit.quadratic) {
-    u += rbfQuadraticAt(fit.quadratic[0], p, q);
-    v += rbfQuadraticAt(fit.quadratic[1], p, q);
+    u += rbfQuadraticAt(fit.quadratic[0], [p, q]);
+    v += rbfQuadraticAt(fit.quadratic[1], [p, q]);
   }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
     const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;

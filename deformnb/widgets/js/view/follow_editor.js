@@ -306,7 +306,7 @@ function newestOf(bus, editor) {
  * Equal for points that give the same fit.
  * @param {Point[]} points
  */
-function pointsKey(points) {
+export function pointsKey(points) {
   return JSON.stringify(points.map(({ id, source, target, active, weight, radius }) => (
     [id, source, target, active !== false, weight ?? 1, radius ?? null])));
 }

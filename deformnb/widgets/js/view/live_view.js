@@ -1,5 +1,5 @@
 // The live view: a volume, turned and deformed in the browser.
-// To Python: hello, chunk, still, drawn, screenshot, seen, stats, bye. From Python: chunk, field, drawn, info, screenshot.
+// To Python: hello, chunk, still, drawn, follows, screenshot, seen, stats, bye. From Python: chunk, field, drawn, info, screenshot.
 // Frames of movies: see movie_frames.js.
 
 import { clipOf, isClipped } from "../maths/clipping.js";
@@ -7,6 +7,7 @@ import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.js";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
 import { FieldLink, fieldOf } from "./follow_editor.js";
+import { SpaceLink } from "./follow_space.js";
 import { StillPicture } from "./server_view.js";
 import { TimeLink } from "./playback.js";
 import { PointerControls } from "./pointer.js";
@@ -18,7 +19,7 @@ import { ViewElements, ViewMessages } from "./view_elements.js";
 import { floatsOf, VolumeLoader } from "./volume_loader.js";
 
 /** @import { Model, Vector3 } from "../types.d.ts" */
-/** @import { Picture, PlanarField, VolumeData } from "../webgl/types.d.ts" */
+/** @import { Picture, PlanarField, SpaceField, VolumeData } from "../webgl/types.d.ts" */
 /** @import { KnownCuts } from "./follow_editor.js" */
 /** @import { Bytes, Field, VolumeInfo } from "./types.d.ts" */
 /** @import { Message } from "./volume_loader.js" */
@@ -76,7 +77,11 @@ class LiveVolumeView {
     this.link = new FieldLink(model, (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
       (isMoving) => this.movedByLink(isMoving));
     this.times = new TimeLink(this);
-    for (const [link, name] of /** @type {const} */ ([[this.link, "editor"], [this.times, "player"]])) {
+    this.spaceLink = new SpaceLink(model, { info: () => this.info, move: (isMoving) => this.movedByLink(isMoving),
+      apply: (space, isMoving) => this.spaceFromLink(space, isMoving),
+      follows: (sender) => this.send({ type: "follows", sender }) });
+    for (const [link, name] of /** @type {const} */ ([[this.link, "editor"], [this.times, "player"],
+      [this.spaceLink, "points_editor"]])) {
       this.on(`change:${name}`, () => link.follow(model.get(name)));
       link.follow(model.get(name)).catch((error) => this.fail(error));
     }
@@ -233,7 +238,7 @@ class LiveVolumeView {
     this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
       () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
       (loop) => this.sendStats(loop),
-      () => this.link.catchUp());
+      () => this.catchUp());
     caster.projection = this.model.get("projection");
     caster.background = this.elements.background;
     this.setFolds();
@@ -452,7 +457,8 @@ class LiveVolumeView {
     const field = content.frames ? this.times.take(content, buffers) : fieldOf(content, buffers, this.cuts);
     if (!field) { this.hello(); return; } // which is answered with all of it
     this.camera.reframed(() => { // a larger field of view is seen whole
-      this.field = { ...field, planar: this.link.merged(field.planar, content.follow || null) };
+      this.field = { ...field, planar: this.link.merged(field.planar, content.follow || null),
+        space: this.spaceLink.merged(field.space, content.moved || null) };
     });
     this.mark();
     this.applyField();
@@ -498,6 +504,24 @@ class LiveVolumeView {
   }
 
   /**
+   * The same of a displacement in space.
+   * @param {SpaceField} space
+   * @param {boolean} isMoving
+   */
+  spaceFromLink(space, isMoving) {
+    if (!this.field) return;
+    this.field.space = space;
+    this.applyField();
+    if (!isMoving && this.caster?.volume) this.touch();
+  }
+
+  /** Makes the maps and the displacement of the newest movements. */
+  catchUp() {
+    this.link.catchUp();
+    this.spaceLink.catchUp();
+  }
+
+  /**
    * Shows that a point is on its way: its maps are made with the next picture, or now if none is drawn here.
    * @param {boolean} isMoving
    */
@@ -505,7 +529,7 @@ class LiveVolumeView {
     if (!isMoving && this.loop?.held) this.loop.release();
     if (!isMoving) return;
     if (this.loop && this.caster?.volume) this.touch(true);
-    else this.link.catchUp();
+    else this.catchUp();
   }
 
   /** What is seen, as a PNG, drawn in full. @returns {Promise<Blob | null>} */
@@ -546,7 +570,7 @@ class LiveVolumeView {
 
   /** @param {FrameLoop} loop */
   sendStats(loop) {
-    this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count, edit_ms: this.link.ms };
+    this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count + this.spaceLink.count, edit_ms: this.link.ms };
     const looked = this.model.get("tissue_check"); // of a page without Python, which looks itself
     this.send({ type: "stats", ...this.stats, ...(looked && { sides: loop.caster.exceededSides(looked) }) });
   }
@@ -563,6 +587,7 @@ class LiveVolumeView {
     this.messages.close();
     this.endMovie();
     this.link.close();
+    this.spaceLink.close();
     this.times.close();
     this.pointer.close();
     this.spacePoints.close();

@@ -1,0 +1,131 @@
+// Following the points of an editor in space in the same window: while they move, their fit is sampled here by
+// maths/rbf.js at as many nodes as Python would, and no displacement comes from Python. At rest Python's field is shown,
+// which has more nodes. Where Python's field is not the fit of these points alone it says so, and makes all of them.
+
+import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.js";
+import { fitInFrame } from "../maths/space.js";
+import { FollowedModel, settingsOf } from "../sync/bus.js";
+import { senderOf } from "../sync/edits.js";
+import { pointsKey } from "./follow_editor.js";
+
+/** @import { Bus, Model, Point, PointsDetail, Vector3 } from "../types.d.ts" */
+/** @import { SpaceField } from "../webgl/types.d.ts" */
+/** @import { VolumeInfo } from "./types.d.ts" */
+
+/**
+ * The points whose fit a field of Python is, and the numbers of nodes along the axes while they move.
+ * @typedef {{ points: Point[], shape: Vector3 }} Moved
+ */
+
+/** @typedef {Pick<PointsDetail, "points" | "settings">} Detail */
+
+export class SpaceLink {
+  /**
+   * @param {Model} model the view's
+   * @param {object} view
+   * @param {() => VolumeInfo | null} view.info of the volume that is shown
+   * @param {(space: SpaceField, isMoving: boolean) => void} view.apply takes a new field
+   * @param {(isMoving: boolean) => void} view.move as of FieldLink
+   * @param {(sender: string) => void} view.follows reports whose edits are followed
+   */
+  constructor(model, view) {
+    this.view = view;
+    this.followed = new FollowedModel(model);
+    /** @type {Model | null} */
+    this.editor = null;
+    /** @type {Bus | null} */
+    this.bus = null;
+    /** @type {{ space: SpaceField, key: string, shape: Vector3 } | null} */
+    this.given = null; // by Python, if it is the fit of the points alone
+    /** @type {SpaceField | null} */
+    this.shown = null;
+    /** @type {Detail | null} */
+    this.awaited = null; // the newest movement, if its field has not been made
+    this.count = 0; // fits that were sampled here
+  }
+
+  /** @param {string | Model | null} reference */
+  async follow(reference) {
+    if (reference === this.followed.reference) return; // following again tears nothing down
+    this.close();
+    const found = await this.followed.choose(reference);
+    if (!found) return;
+    const { model: editor, bus } = found;
+    this.editor = editor;
+    this.bus = bus;
+    const moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.moved(event.detail);
+    bus.addEventListener("deformnb:points", moved);
+    this.followed.ends.push(() => bus.removeEventListener("deformnb:points", moved));
+    this.view.follows(senderOf(bus, editor).id);
+  }
+
+  /**
+   * The field to show when Python has sent one: that of points that have gone on since is sampled here.
+   * @param {SpaceField | null} space
+   * @param {Moved | null} moved
+   */
+  merged(space, moved) {
+    const { bus, editor } = this, isMoving = bus?.latest?.phase === "move";
+    this.given = space && moved && { space, key: pointsKey(moved.points), shape: moved.shape };
+    this.shown = space;
+    if (!bus || !editor || !this.given) return space;
+    const { points } = isMoving && bus.latest ? bus.latest : senderOf(bus, editor);
+    if (pointsKey(points) !== this.given.key) this.shown = this.#sampled({ points, settings: settingsOf(editor) }) ?? space;
+    return this.shown;
+  }
+
+  /** @param {PointsDetail} detail */
+  moved(detail) {
+    if (!this.given) return;
+    const isMoving = detail.phase === "move";
+    this.awaited = isMoving ? detail : null;
+    this.view.move(isMoving); // also of an end at which nothing is new: the view waits for one
+    if (!isMoving) this.#show(detail, false);
+  }
+
+  /** Makes the field of the newest movement, unless it has been made. */
+  catchUp() {
+    const { awaited } = this;
+    this.awaited = null;
+    if (awaited) this.#show(awaited, true);
+  }
+
+  /**
+   * @param {Detail} detail
+   * @param {boolean} isMoving
+   */
+  #show(detail, isMoving) {
+    const { given } = this;
+    const space = given && (pointsKey(detail.points) === given.key ? given.space : this.#sampled(detail));
+    if (!space || space === this.shown) return; // what cannot be fitted leaves the last good picture, as in Python
+    this.shown = space;
+    this.view.apply(space, isMoving);
+  }
+
+  /**
+   * @param {Detail} detail
+   * @returns {SpaceField | null}
+   */
+  #sampled({ points, settings }) {
+    const { given } = this, info = this.view.info();
+    if (!given || !info) return null;
+    const { space: { shape: nodes, spacing: steps, origin }, shape } = given;
+    const along = (/** @type {number} */ k) => steps[k] * (nodes[k] - 1) / (shape[k] - 1);
+    /** @type {Vector3} */
+    const spacing = [along(0), along(1), along(2)];
+    try {
+      const fit = fitInFrame(rbfFit(points, settings, 3), info.to_frame, info.origin);
+      this.count += 1;
+      return { shape, spacing, origin, values: rbfOnLattice(fit, { shape, spacing, origin }) };
+    } catch (error) {
+      if (!(error instanceof RbfError)) throw error; // the editor shows what is wrong
+      return null;
+    }
+  }
+
+  close() {
+    this.followed.end();
+    this.given = this.shown = this.awaited = null;
+    this.editor = this.bus = null;
+  }
+}
