@@ -35,6 +35,7 @@ def capacity(n: int) -> int:
 
 _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
 _GROUP = 4  # centres per turn of the inner loop
+_BLOCK = 4096  # points at a time, whose accumulators stay in the cache as well
 
 
 def few_sizes(tiles: int) -> int:
@@ -206,7 +207,7 @@ def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[Abstrac
     dim, n = points.shape
     if kernel.compact and int(leaves.count) >= CULLED and n > 64:
         return _culled_points(points, leaves, kernel, dtype, what)
-    block = 64 if n <= 64 else 4096
+    block = 64 if n <= 64 else _BLOCK
     count = few_sizes(-(-n // block)) if n else 1
     padded = np.zeros((count * block, dim), dtype=dtype)
     padded[:n] = points.T
@@ -214,6 +215,44 @@ def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[Abstrac
         out = _evaluate_blocks(padded.reshape(count, block, dim).transpose(0, 2, 1), leaves, kernel=kernel, what=what)
     out = np.asarray(out)  # [block, component, point]
     return out.transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
+
+
+def _in_turn(p: Any, stages: Leaves, origins: Any, supports: Any, *, kernel: type[AbstractKernel]) -> Any:
+    def block(start: Any) -> tuple[Any, Any]:
+        def one(places: Any, given: tuple[Leaves, Any, Any]) -> tuple[Any, Any]:
+            leaves, origin, support = given
+            relative = ((places - origin[:, None]) / support).astype(leaves.centers.dtype)
+            d = jnp.stack(_displacement(tuple(relative), leaves, kernel)).astype(places.dtype)
+            return places + d, relative.astype(jnp.float32)
+
+        return lax.scan(one, start, (stages, origins, supports))
+
+    return lax.map(block, p)
+
+
+_evaluate_in_turn = compiled(_in_turn, on_one_thread=True, static_argnames="kernel")
+
+
+def in_turn(places: NDArray[np.float64], stages: Leaves, origins: NDArray[np.float64], supports: NDArray[np.float64],
+            kernel: type[AbstractKernel]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places (dim, n) moved by S sums, each evaluated where the one before leads; moved in float64.
+
+    Parameters
+    ----------
+    stages : arrays of all sums, stacked along a first axis; they are evaluated in the type of these.
+    origins, supports : (S, dim) and (S,) of their relative coordinates.
+
+    Returns
+    -------
+    places (dim, n), and where each sum was evaluated, (S, dim, n) float32 in its relative coordinates.
+    """
+    dim, n = places.shape
+    count = few_sizes(-(-n // _BLOCK))
+    blocks = places[:, np.minimum(np.arange(count * _BLOCK), n - 1)].reshape(dim, count, _BLOCK)
+    with float64():
+        found = _evaluate_in_turn(blocks.transpose(1, 0, 2), stages, origins, supports, kernel=kernel)
+    ends, at = (np.moveaxis(np.asarray(part), 0, -2) for part in found)  # blocks before the places in them
+    return ends.reshape(dim, -1)[:, :n], at.reshape(len(supports), dim, -1)[:, :, :n]
 
 
 # ---- compact kernels with many centres -------------------------------------------------------------------------------

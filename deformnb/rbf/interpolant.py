@@ -15,8 +15,10 @@ what is left is solved by elimination, and a system that comes out nearly singul
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,7 @@ from deformnb.rbf.evaluation import (
     at_lattice,
     at_points,
     capacity,
+    in_turn,
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
@@ -130,6 +133,11 @@ class RBFInterpolant(AbstractField):
     def dim(self) -> int:
         return int(self.centers.shape[-1])
 
+    @property
+    def is_culled(self) -> bool:
+        """True if tiles of places have lists of the centres that reach them."""
+        return self.kernel.compact and int(self.count) >= CULLED
+
     @cached_property
     def is_identity(self) -> bool:
         parts = (self.coefficients, self.linear, self.constant, self.quadratic)
@@ -206,25 +214,6 @@ class RBFInterpolant(AbstractField):
             return np.zeros(shape)
         return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(shape)
 
-    def displacement_for(self, points: NDArray[np.float64], resolution: float,
-                         known: dict[Any, Any]) -> NDArray[np.float64]:
-        """:meth:`displacement` at points (n, dim) in the type that is exact enough, as :meth:`on_outer_sum`.
-
-        Parameters
-        ----------
-        resolution : the pixel or voxel size that the result is meant for.
-        known : the types that were found, by fit and reach; kept by the caller for the next points.
-        """
-        relative, shape = self._relative(points)
-        if self.is_identity:
-            return np.zeros(shape)
-        reach = float(np.linalg.norm(np.abs(relative).max(axis=1, initial=0.0)))
-        key = id(self), int(np.ceil(np.log2(max(reach, 1.0))))
-        if key not in known:
-            known[key] = self._type_within(2.0 ** key[1], resolution)
-        dtype = known[key]
-        return at_points(relative, self._leaves(dtype), self.kernel, dtype).T.astype(np.float64)
-
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
 
@@ -286,7 +275,7 @@ class RBFInterpolant(AbstractField):
 
     def float32_error(self, reach: float = 1.0) -> float:
         """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
-        if self.kernel.compact and int(self.count) >= CULLED:
+        if self.is_culled:
             return float(_COMPACT_ERROR * np.sqrt(local_squares(self._leaves(np.float64)).max()))
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
         # Places far away in units of the support are rounded too, and count by the kernel's slope.
@@ -298,13 +287,70 @@ class RBFInterpolant(AbstractField):
         return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
     def _leaves(self, dtype: Any) -> Leaves:
-        if self.kernel.compact and int(self.count) >= CULLED:
+        if self.is_culled:
             dtype = np.float64  # tiles subtract their middle first
         arrays = (self.centers, self.coefficients, self.linear, self.constant)
         scales = None if self.scales is None else np.asarray(self.scales, dtype=dtype)
         centers, coefficients, linear, constant = (np.asarray(a, dtype=dtype) for a in arrays)
         bent = None if self.quadratic is None else np.asarray(self.quadratic, dtype=dtype)
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
+
+
+def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
+               ) -> tuple[NDArray[np.float64], list[tuple[RBFInterpolant, NDArray[np.floating[Any]]]]]:
+    """Places (dim, n) moved by fits, each evaluated where the one before leads, in the type that is exact enough.
+
+    Parameters
+    ----------
+    resolution : the pixel or voxel size that the result is meant for.
+    known : the types that were found, by fit and reach; kept by the caller for the next places.
+
+    Returns
+    -------
+    places (dim, n), and the fits that move something, each with the places (dim, n) where it was evaluated, relative
+    to its origin in units of its support.
+    """
+    ways: list[tuple[RBFInterpolant, NDArray[np.floating[Any]]]] = []
+    for _, group in groupby((fit for fit in fits if not fit.is_identity), _evaluated_alike):
+        alike = list(group)
+        ends = np.stack([places.min(axis=1), places.max(axis=1)])
+        reaches = [float(np.linalg.norm(np.abs(ends - fit.origin).max(axis=0)) / fit.support) for fit in alike]
+        dtype = _common_type(alike, reaches, resolution, known)
+        found, at = _in_turn(alike, places, dtype)
+        reaches = [float(np.linalg.norm(np.abs(some).max(axis=1))) for some in at]
+        if dtype is np.float32 and _common_type(alike, reaches, resolution, known) is np.float64:
+            found, at = _in_turn(alike, places, np.float64)
+        places = found
+        ways += zip(alike, at, strict=True)
+    return places, ways
+
+
+def _evaluated_alike(fit: RBFInterpolant) -> Any:
+    """What fits have in common that are evaluated by one compiled loop; a sum by tiles has one of its own."""
+    return fit.kernel, np.shape(fit.centers), fit.scales is None, fit.quadratic is None, fit.is_culled and id(fit)
+
+
+def _in_turn(fits: Sequence[RBFInterpolant], places: NDArray[np.float64],
+             dtype: Any) -> tuple[NDArray[np.float64], NDArray[np.floating[Any]]]:
+    first, leaves = fits[0], [fit._leaves(dtype) for fit in fits]
+    if first.is_culled:  # alone
+        relative, _ = first._relative(places.T)
+        return places + at_points(relative, leaves[0], first.kernel, dtype), relative[None]
+    stages = Leaves(*(None if column[0] is None else np.stack(column) for column in zip(*leaves, strict=True)))
+    return in_turn(places, stages, np.stack([fit.origin for fit in fits]),
+                   np.array([fit.support for fit in fits], dtype=np.float64), first.kernel)
+
+
+def _common_type(fits: Sequence[RBFInterpolant], reaches: Sequence[float], resolution: float,
+                 known: dict[Any, Any]) -> Any:
+    """The type that is exact enough for all fits, each up to so many supports from its origin."""
+    for fit, reach in zip(fits, reaches, strict=True):
+        key = id(fit), int(np.ceil(np.log2(max(reach, 1.0))))
+        if key not in known:
+            known[key] = fit._type_within(2.0 ** key[1], resolution)
+        if known[key] is np.float64:
+            return np.float64
+    return np.float32
 
 
 MOST_LEFT_OUT = 512

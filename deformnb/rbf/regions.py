@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import jax, jnp, pytree_node
+from deformnb._jax import jax, jnp, lax, pytree_node
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane, Raster
@@ -158,15 +158,24 @@ class _Outline(AbstractRegion):
 
     def __call__(self, points: Any) -> Any:
         p, v = jnp.asarray(points), jnp.asarray(self.vertices)
-        start, edge, low, high = self._edges(v, jnp)
-        away = p[..., None, :] - start
-        t = jnp.clip((away * edge).sum(-1) / (edge ** 2).sum(-1), low, high)
-        square = ((away - t[..., None] * edge) ** 2).sum(-1)
-        nearest = square.argmin(-1)
-        place = jnp.take_along_axis(t, nearest[..., None], -1)[..., 0]
-        least = square.min(-1)
+        x, y = p[..., 0], p[..., 1]
+
+        def compare(found: tuple[Any, Any], given: tuple[Any, ...]) -> tuple[tuple[Any, Any], None]:
+            (sx, sy), (ex, ey), low, high, normals = given
+            ax, ay = x - sx, y - sy
+            t = jnp.clip((ax * ex + ay * ey) / (ex * ex + ey * ey), low, high)
+            square = (ax - t * ex) ** 2 + (ay - t * ey) ** 2
+            is_begin, is_end = t <= low, t >= high
+            nx, ny = (jnp.where(is_begin, n[1], jnp.where(is_end, n[2], n[0])) for n in normals.T)
+            side = (ax - is_end * ex) * nx + (ay - is_end * ey) * ny  # from the corner, if that is nearest
+            nearer = square < found[0]
+            return (jnp.where(nearer, square, found[0]), jnp.where(nearer, side, found[1])), None
+
+        # Edge by edge, as above: what is gathered by the nearest edge took ten times as long.
+        edges = (*map(jnp.asarray, self._edges(v, jnp)), self._normals(v, jnp))
+        (least, side), _ = lax.scan(compare, (jnp.full_like(x, jnp.inf), jnp.zeros_like(x)), edges)
         distance = jnp.sqrt(jnp.where(least > 0, least, 1.0)) * (least > 0)  # the root has no slope at 0
-        return jnp.where(self._side(p, v, nearest, place, jnp) < 0, -distance, distance)
+        return jnp.where(side < 0, -distance, distance)
 
     def _edges(self, v: Any, xp: Any) -> tuple[Any, Any, NDArray[np.float64], NDArray[np.float64]]:
         """Starts, directions, and the range along each from 0 to 1, which goes on at the ends of an open line."""
@@ -181,16 +190,21 @@ class _Outline(AbstractRegion):
 
         Where that is a corner, the sum of the normals of both its edges decides, at any angle.
         """
-        _, edge, low, high = self._edges(v, xp)
+        _, _, low, high = self._edges(v, xp)
+        is_begin, is_end = place <= xp.asarray(low)[nearest], place >= xp.asarray(high)[nearest]
+        corner = v[(nearest + is_end) % len(v)]
+        normals = self._normals(v, xp)
+        return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
+
+    def _normals(self, v: Any, xp: Any) -> Any:
+        """Of every edge (E, 3, 2): its normal, out of the region, and the sums with those before and after it."""
+        edge = self._edges(v, xp)[1]
         normal = xp.stack([-edge[:, 1], edge[:, 0]], axis=-1) / xp.sqrt((edge ** 2).sum(-1, keepdims=True))
         if self.is_closed:
             w = v - v[:1]  # far from the origin the products would cancel
             normal = normal * xp.where(_cross(w, xp.roll(w, -1, axis=0)).sum() > 0, -1.0, 1.0)
         before, after = xp.roll(normal, 1, axis=0), xp.roll(normal, -1, axis=0)
-        normals = xp.stack([normal, normal + before, normal + after], axis=1)
-        is_begin, is_end = place <= xp.asarray(low)[nearest], place >= xp.asarray(high)[nearest]
-        corner = v[(nearest + is_end) % len(v)]
-        return ((p - corner) * normals[nearest, xp.where(is_begin, 1, xp.where(is_end, 2, 0))]).sum(-1)
+        return xp.stack([normal, normal + before, normal + after], axis=1)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
         """The arrays that JAX traces, and the constants that it keeps."""

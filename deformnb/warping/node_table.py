@@ -26,12 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
+from deformnb._jax import compiled, jnp
 from deformnb._typing import Progress
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
-from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
-from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity, in_blocks
+from deformnb.rbf.interpolant import RBFInterpolant, moved_back
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
 from deformnb.rbf.stages import Staged
@@ -80,6 +81,9 @@ _STEEPEST = 3**0.5
 
 # How much farther than half a diagonal the nearest node may be in cells that the deformation bends.
 _BENT = 1.15
+
+# Places that differ by less than this share of a voxel are the same.
+_SAME = 1e-9
 
 # Samples of a curve of modulation between two nodes, at least and at most.
 _SAMPLES = 8, 256
@@ -273,13 +277,11 @@ class _Lattice:
                    for axis, (first, n) in enumerate(zip((slab.start, 0, 0), (count, *self._shape[1:]), strict=True)))
         places = (z[:, :, None, None] + y[:, None, :, None]) + x[:, None, None, :]
         places += np.asarray(self._grid.origin)[:, None, None, None]
-        shape = places.shape[1:]
-        walk = _Walk(shape, min(self._grid.spacing), self._types)
-        d = walk.through(self._field, places.reshape(3, -1).T).T.reshape(3, *shape)
+        near, error = np.zeros(places.shape[1:], dtype=bool), np.zeros(places.shape[1:], np.float32)
+        d = _Walk(min(self._grid.spacing), self._types, near, error).through(self._field, places)
         planes = slice(0, slab.stop - slab.start)
-        self._values[:, slab] = d[:, planes]
-        near = walk.near.reshape(shape)
-        self._near[slab], self._error[slab] = near[planes], walk.error.reshape(shape)[planes]
+        self._values[:, slab] = np.broadcast_to(d, places.shape)[:, planes]
+        self._near[slab], self._error[slab] = near[planes], error[planes]
         if count > planes.stop:
             borders[slab.stop] = near[-1]
 
@@ -323,54 +325,35 @@ def _lagrange(t: Any) -> tuple[Any, ...]:
             (t + 1) * t * (t - 1) / 6)
 
 
+@dataclass(frozen=True)
 class _Walk:
     """The way of nodes through a composition: their displacements, and which lie near something that is not smooth.
 
+    Places (dim, z, y, x) are those of a lattice of nodes; along an axis on which they do not change there is one.
+
     Parameters
     ----------
-    shape : of the lattice of nodes, whose places come as (n, dim) in its order.
     resolution : the side of a voxel; errors far below it do not matter.
     types : of numbers by fit and reach, kept from one walk to the next.
-
-    Attributes
-    ----------
-    near : (n,) whether a border is so near that a cell around the node may hold it.
-    error : (n,) of the interpolation of curves of modulation there.
+    near : (z, y, x) of the lattice, becomes True where a border is so near that a cell around the node may hold it.
+    error : (z, y, x), grows by that of the interpolation of curves of modulation there.
     """
 
-    def __init__(self, shape: tuple[int, ...], resolution: float, types: dict[Any, Any]) -> None:
-        self._shape, count = shape, int(np.prod(shape))
-        self._resolution, self._types = resolution, types
-        self.near, self.error = np.zeros(count, dtype=bool), np.zeros(count)
-
-    def _sides(self, places: Floats) -> list[float]:
-        """Bounds of the sides of the cells between places (n, dim), along each axis of the lattice."""
-        parts = [part.reshape(self._shape) for part in places.T]
-        return [float(np.linalg.norm([np.abs(np.diff(p, axis=axis)).max(initial=0.0) for p in parts]))
-                for axis in range(3)]
-
-    def _diagonal(self, places: Floats) -> float:
-        """A bound of the diagonals of the cells between these places."""
-        return float(np.linalg.norm(self._sides(places)))
-
-    def _change(self, places: Floats, regions: Sequence[AbstractRegion]) -> float:
-        """A bound of how distances differ between any place in a cell and its nearest node, for these places."""
-        is_exact = all(isinstance(region, HalfSpace | Polygon | Line) for region in regions)
-        return (1.0 if is_exact else _STEEPEST) * _BENT * self._diagonal(places) / 2
+    resolution: float
+    types: dict[Any, Any]
+    near: NDArray[np.bool_]
+    error: NDArray[np.float32]
 
     def through(self, field: AbstractField, x: Floats) -> Floats:
-        """Displacements (n, dim) at places (n, dim), which are those of the nodes somewhere on the way."""
+        """Displacements of places, which are those of the nodes somewhere on the way."""
         match field:
             case Composed():
                 d = self.through(field.then, x)
                 return d + self.through(field.first, x + d)
             case Staged():
-                y = x
-                for fit in reversed(field.fits):
-                    y = y + self.through(fit, y)
-                return np.asarray(y - x)
+                return self._stages(field.fits[::-1], x) - x
             case RBFInterpolant():
-                return self._fit(field, x)
+                return self._fits((field,), x) - x
             case RigidInterpolant():
                 return self._beside_parts(field, x)
             case Extrusion():
@@ -378,54 +361,111 @@ class _Walk:
             case Decoupled():
                 return self._beside_cuts(field, x)
             case _:
-                return field.displacement(x)
+                return np.moveaxis(field.displacement(np.moveaxis(x, 0, -1)), -1, 0)
 
-    def _fit(self, fit: RBFInterpolant, x: Floats) -> Floats:
-        n = int(fit.count)
-        if n:
-            scale = 1.0 if fit.scales is None else float(np.asarray(fit.scales)[:n].max())
-            self.near |= _NARROWEST * self._diagonal(x) * scale > float(fit.support)
-        return fit.displacement_for(x, self._resolution, self._types)
+    def _stages(self, fits: Sequence[AbstractField], x: Floats) -> Floats:
+        if all(isinstance(fit, RBFInterpolant) for fit in fits):
+            return self._fits(fits, x)  # type: ignore[arg-type]
+        for fit in fits:
+            x = x + self.through(fit, x)
+        return x
+
+    def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
+        ends, ways = moved_back(fits, x.reshape(len(x), -1), self.resolution, self.types)
+        self.near[...] |= any(_NARROWEST * _diagonal(at.reshape(x.shape)) * _largest_scale(fit) > 1 for fit, at in ways)
+        return ends.reshape(x.shape)
 
     def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
-        back = [x @ np.asarray(m).T + t for m, t in zip(field.matrices, field.shifts, strict=True)]
-        distances = [region.signed_distance(y) for region, y in zip(field.regions, back, strict=True)]
+        back = [_turned(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
+        distances = [_distances([region], y)[0] for region, y in zip(field.regions, back, strict=True)]
         for region, y, distance in zip(field.regions, back, distances, strict=True):
-            self.near |= np.abs(distance) <= self._change(y, [region])
+            self.near[...] |= np.abs(distance) <= _change(y, [region])
         outside = [np.maximum(distance, 0.0) for distance in distances]
-        moved, weight = drift_and_weight(x, back, outside, field.scales, field.weights, np)
-        return np.asarray(moved + weight[..., None] * self.through(field.base, x))
+        last = [np.moveaxis(y, 0, -1) for y in (x, *back)]
+        moved, weight = drift_and_weight(last[0], last[1:], outside, field.scales, field.weights, np)
+        return np.moveaxis(moved, -1, 0) + weight * self.through(field.base, x)
 
     def _extruded(self, field: Extrusion, x: Floats) -> Floats:
-        abc = field.plane.to_plane(x)
-        ab, depth = abc[:, :2], abc[:, 2]
+        abc = _turned(field.plane.frame, x - _column(field.plane.origin))
+        ab, depth = self._without_copies(abc[:2]), self._without_copies(abc[2:])[0]
         moves = [self.through(m, ab) for m in field.maps]
         if not field.is_replication:
-            errors = _curve_errors(field, depth, max(self._sides(abc[:, 2:])))
+            errors = _curve_errors(field, depth.ravel(), max(_sides(depth[None])))
             for error, d in zip(errors, moves, strict=True):
-                self.error += error * np.linalg.norm(d, axis=1)
-        total = sum(w[:, None] * d for w, d in zip(field.weights_at(depth), moves, strict=True))
-        return np.asarray(total @ field.plane.frame[:2])
+                self.error[...] += error.reshape(depth.shape) * np.linalg.norm(d, axis=0)
+        weights = field.weights_at(depth[:1, :1, :1] if field.is_replication else depth)
+        return _turned(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
+
+    def _without_copies(self, places: Floats) -> Floats:
+        """Places, one for all along an axis on which they do not change."""
+        for axis in (1, 2, 3):
+            first = places.take([0], axis)
+            if np.abs(places - first).max(initial=0.0) <= _SAME * self.resolution:
+                places = first
+        return places
 
     def _beside_cuts(self, field: Decoupled, x: Floats) -> Floats:
         """Where a region shows its own tissue, and both places lie deep in it, nothing jumps nearby."""
         def distances(places: Floats) -> Floats:
-            on = places if field.plane is None else field.plane.to_plane(places)[..., :2]
-            return np.stack([region.signed_distance(on) for region in field.regions])
+            if field.plane is not None:
+                places = _turned(field.plane.frame[:2], places - _column(field.plane.origin))
+            return _distances(field.regions, self._without_copies(places))
 
         here, total = distances(x), np.zeros_like(x)
-        needed = self._change(x, field.regions) + field.softness
-        smooth, free = np.zeros(len(x), dtype=bool), np.abs(here).min(axis=0) > needed
+        needed = _change(x, field.regions) + field.softness
+        smooth, free = np.zeros(here.shape[1:], dtype=bool), np.abs(here).min(axis=0) > needed
         for f, side in zip(field.fields, field.sides, strict=True):
             d = self.through(f, x)
-            sign = np.where(side, -1.0, 1.0)[:, None]
+            sign = _column(np.where(side, -1.0, 1.0))
             depth = (sign * here).min(axis=0)
             there = (sign * distances(x + d)).min(axis=0)
-            smooth |= (depth > needed) & (there > self._change(x + d, field.regions) + field.softness)
-            free &= depth <= 0  # of a region without control points, which stays where it is
-            total = np.where((depth > 0)[:, None], d, total)
-        self.near |= ~(smooth | free)
+            smooth = smooth | (depth > needed) & (there > _change(x + d, field.regions) + field.softness)
+            free = free & (depth <= 0)  # of a region without control points, which stays where it is
+            total = np.where(depth > 0, d, total)
+        self.near[...] |= ~(smooth | free)
         return total
+
+
+def _column(values: Any) -> Floats:
+    """Numbers (n,) as (n, 1, 1, 1), one for all places of a lattice."""
+    return np.asarray(values, dtype=np.float64).reshape(-1, 1, 1, 1)
+
+
+def _turned(matrix: Floats, places: Floats) -> Floats:
+    """Vectors (dim, z, y, x) by a matrix, in products and sums: BLAS would wait for its threads."""
+    rows = [sum(m * part for m, part in zip(row, places, strict=True) if m) for row in matrix.tolist()]
+    return np.stack([np.broadcast_to(row, places.shape[1:]) for row in rows])
+
+
+def _sides(places: NDArray[Any]) -> list[float]:
+    """Bounds of the sides of the cells between places, along each axis of the lattice."""
+    return [float(np.linalg.norm([np.abs(np.diff(p, axis=axis)).max(initial=0.0) for p in places]))
+            for axis in range(3)]
+
+
+def _diagonal(places: NDArray[Any]) -> float:
+    """A bound of the diagonals of the cells between places."""
+    return float(np.linalg.norm(_sides(places)))
+
+
+def _change(places: Floats, regions: Sequence[AbstractRegion]) -> float:
+    """A bound of how distances differ between any place in a cell and its nearest node, for these places."""
+    is_exact = all(isinstance(region, HalfSpace | Polygon | Line) for region in regions)
+    return (1.0 if is_exact else _STEEPEST) * _BENT * _diagonal(places) / 2
+
+
+def _largest_scale(fit: RBFInterpolant) -> float:
+    return 1.0 if fit.scales is None else float(np.asarray(fit.scales)[: int(fit.count)].max(initial=0.0))
+
+
+def _distances(regions: Sequence[AbstractRegion], places: Floats) -> Floats:
+    """Signed distances (regions, z, y, x) of places to regions of their dimension."""
+    found = in_blocks(partial(_measured, tuple(regions)), places.reshape(len(places), -1).T)
+    return found.T.reshape(len(regions), *places.shape[1:])
+
+
+_measured = compiled(lambda regions, points: jnp.stack([region(points) for region in regions], axis=-1),
+                     on_one_thread=True)
 
 
 def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:
