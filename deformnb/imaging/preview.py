@@ -10,6 +10,7 @@ ray caster.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,10 +30,13 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Pillow
 
 Color = tuple[float, float, float]
+Index = NDArray[np.intp]
+Window = tuple[slice, slice]
 
 _AIR = 0.01  # of the longer side, around a picture and its grid
 _FINE = 2  # lines and discs are drawn so many times larger, for Pillow draws them with jagged edges
 _LEVELS = np.arange(256)
+_WHOLE = slice(0, None), slice(0, None)
 
 
 def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: ControlPoints, size: int) -> Image:
@@ -135,17 +139,20 @@ def draw_slices(volume: Volume, camera: Camera, size: tuple[int, int], transfer:
     rgba = transfer(_LEVELS)
     rgba[:, 3] = 1 - (1 - rgba[:, 3]) ** (stack.thickness / transfer.unit)
     table = (255 * rgba).astype(np.float32)
+    plain, is_visible = _rounded(table), rgba[:, 3] > 0
     canvas = Images.new("RGBA", size, (*(round(255 * c) for c in background), 255))
-    slopes = stack.slopes() if is_lit else None
     for k in stack.back_to_front():
-        colours = table[stack.values[k]]
-        colours[..., 3] *= stack.held(k)
-        there = colours[..., 3] > 0
-        if there.any():
-            if slopes is not None:
-                colours[there, :3] *= _light(slopes[k][there], stack.smallest)[:, None]
-            pixels = Images.fromarray(np.minimum(colours + 0.5, 255).astype(np.uint8))
-            stack.put(pixels, k, canvas.alpha_composite)
+        values = stack.values[k]
+        there = np.nonzero(is_visible[values] & stack.held(k))
+        if len(there[0]):  # no work for the rest: most of a scan is air
+            around = _around(*there)
+            pixels = plain[values[around]]
+            if part is not None:
+                pixels[..., 3] *= stack.held(k)[around]
+            if is_lit:
+                bright = table[values[there], :3] * _light(stack.slopes(k, *there), stack.smallest)[:, None]
+                pixels[there[0] - around[0].start, there[1] - around[1].start, :3] = _rounded(bright)
+            stack.put(Images.fromarray(pixels), k, around, canvas.alpha_composite)
     return np.asarray(canvas)[..., :3]
 
 
@@ -173,7 +180,7 @@ def draw_slices_mip(volume: Volume, camera: Camera, size: tuple[int, int], white
     for k in stack.back_to_front():
         grey = table[stack.values[k]] * stack.held(k)
         if grey.any():
-            stack.put(Images.fromarray(grey.astype(np.uint8)), k, brighten)
+            stack.put(Images.fromarray(grey.astype(np.uint8)), k, _WHOLE, brighten)
     v = np.asarray(canvas)[..., None] / 255
     color = np.asarray(ink) * v + np.asarray(background) * (1 - v)
     return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
@@ -212,20 +219,24 @@ class _Stack:
         """Which voxels of a slice are not clipped; 1 for all."""
         return 1 if self._held is None else self._held[k]
 
-    def slopes(self) -> NDArray[np.float32]:
-        """The slope of the values in space, (slices, rows, columns, 3), along the picture's u, v and n."""
-        around = np.pad(self.values.astype(np.float32), 1, constant_values=self._background)
-        inner = slice(1, -1)
-        parts = [(around[tuple(slice(2, None) if m == axis else inner for m in range(3))]
-                  - around[tuple(slice(None, -2) if m == axis else inner for m in range(3))]) / (2 * step)
-                 for axis, step in enumerate(self._spacing)]
+    def slopes(self, k: int, rows: Index, columns: Index) -> NDArray[np.float32]:
+        """The slope of the values at some voxels of a slice (voxels, 3), along the picture's u, v and n."""
+        values = self._padded.ravel()
+        at = np.ravel_multi_index((k + 1, rows + 1, columns + 1), self._padded.shape)
+        parts = [(values[at + stride].astype(np.float32) - values[at - stride]) / np.float32(2 * step)
+                 for stride, step in zip(self._padded.strides, self._spacing, strict=True)]
         return np.stack(parts, axis=-1) @ self._normals.T.astype(np.float32)
 
-    def put(self, pixels: Pillow, k: int, add: Callable[[Pillow, tuple[int, int]], None]) -> None:
-        """Add a slice, as an image of its own, where it lies on the picture."""
+    @cached_property
+    def _padded(self) -> NDArray[np.uint8]:
+        """The values with one voxel of background around them."""
+        return np.pad(np.ascontiguousarray(self.values), 1, constant_values=self._background)
+
+    def put(self, pixels: Pillow, k: int, part: Window, add: Callable[[Pillow, tuple[int, int]], None]) -> None:
+        """Add a part of a slice, as an image of its own, where it lies on the picture."""
         from PIL import Image as Images
 
-        to_picture = self._map(k)
+        to_picture = self._map(k) @ np.array([[1, 0, part[1].start], [0, 1, part[0].start], [0, 0, 1]])
         width, height = pixels.size
         corners = np.array([[0, width, width, 0], [0, 0, height, height], [1, 1, 1, 1]]).T @ to_picture.T
         if (corners[:, 2] <= 0).any():  # beside or behind the eye
@@ -246,6 +257,16 @@ class _Stack:
         a, b, c = np.column_stack([self._sides, self._first + k * self._along])
         wide = np.array([0.0, 0.0, 1.0]) + (0.0 if self._distance is None else c / self._distance)
         return np.stack([self._size[0] / 2 * wide + a / self._pixel, self._size[1] / 2 * wide + b / self._pixel, wide])
+
+
+def _around(rows: Index, columns: Index) -> Window:
+    """The smallest part of a slice with these voxels and their neighbours."""
+    top, left = max(0, int(rows.min()) - 1), max(0, int(columns.min()) - 1)
+    return slice(top, int(rows.max()) + 2), slice(left, int(columns.max()) + 2)
+
+
+def _rounded(colours: NDArray[np.float32]) -> NDArray[np.uint8]:
+    return np.minimum(colours + np.float32(0.5), 255).astype(np.uint8)
 
 
 def _light(slopes: NDArray[np.float32], smallest: float) -> NDArray[np.float32]:
