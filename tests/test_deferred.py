@@ -12,11 +12,18 @@ import pytest
 SHOWN = """
 import sys
 import deformnb as dn
-studio = dn.Studio(dn.datasets.PHANTOMS["bar"].make((24, 24, 48)))
+studio = dn.Studio(dn.datasets.PHANTOMS["bar"].make((128, 128, 256)))
 studio.wait()
-studio.warm_up = lambda: print("warm up")
+dn.Studio.warm_up = lambda self: print("warm up")
 bundle = studio._repr_mimebundle_()
 data = bundle[0] if isinstance(bundle, tuple) else bundle
+view = studio.view
+hello = {"type": "hello", "view": "page", "largest": 2048, "renderer": "", "software": True}
+view._handle_custom_msg(hello, [])
+info = view.volume_info
+for index in range(info["chunks"]):
+    print("piece", index)
+    view._handle_custom_msg({"type": "chunk", "view": "page", "id": info["id"], "index": index}, [])
 print(sorted(data), [name for name in ("jax", "scipy", "matplotlib", "vtkmodules") if name in sys.modules])
 studio.close()
 """
@@ -67,9 +74,9 @@ def run(code: str, folder: Path) -> list[str]:
     return done.stdout.splitlines()
 
 
-def test_a_studio_is_shown_without_jax_and_scipy_and_warms_up_afterwards(isolated_folders: Path) -> None:
+def test_a_studio_is_shown_without_jax_and_scipy_and_warms_up_after_its_voxels(isolated_folders: Path) -> None:
     *order, shown = run(SHOWN, isolated_folders)
-    assert order == ["warm up"]
+    assert order == ["piece 0", "piece 1", "warm up"]
     assert "image/png" in shown
     assert "application/vnd.jupyter.widget-view+json" in shown
     assert shown.endswith("[]")

@@ -295,7 +295,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             is_whole.set()
         self._request_status()
         if before:
-            self.warm_up()
+            self._warm_up_when_shown()
 
     def _make(self, before: Mapping[str, Any], labels: Volume | None, label_names: Mapping[int, str] | None,
               target: Volume | None) -> None:
@@ -639,9 +639,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
     def warm_up(self) -> None:
-        """Import JAX and compile for the first edits, in the studio's thread; done when it is displayed."""
+        """Import JAX and compile for the first edits, in the studio's thread; done once the live view has its voxels."""
         if not self._worker.is_closed:
             self._worker.latest("warm up", partial(warm_up, self.session))
+
+    def _warm_up_when_shown(self) -> None:
+        if isinstance(self.view, LiveView):
+            self.view.when_sent(self._weakly(Studio.warm_up))
+        else:
+            self.warm_up()
 
     def hand_on(self, other: Any) -> None:
         """Leave a view that another studio of the same cell was given as well to that one."""
@@ -676,7 +682,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
-        self.warm_up()
+        self._warm_up_when_shown()
         both = (self.editor, self.view)
         for shown in both:  # no pane is around them, whose height they would take
             if shown.has_trait("fill"):
@@ -686,5 +692,5 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
-        self.warm_up()  # now: a thread that imports JAX halves the speed of the one that makes the first picture
+        self._warm_up_when_shown()
         return bundle

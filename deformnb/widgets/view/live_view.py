@@ -176,6 +176,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._movie: weakref.ref[PageScene] | None = None  # that one of them draws
         self._front_end_theme = "dark"
         self._waiting: dict[int, Callable[[bytes], None]] = {}
+        self._when_sent: Callable[[], None] | None = None
         self._numbers = itertools.count(1)
         self._front_end_stats: dict[str, float] = {}
         self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
@@ -328,6 +329,18 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._draw_no_more()
         super().close()
 
+    def when_sent(self, function: Callable[[], None]) -> None:
+        """Call a function once when a front end has been sent all voxels, or when Python draws for one.
+
+        A thread that imports modules or compiles delays the pieces of the volume.
+        """
+        self._when_sent = function
+
+    def _all_sent(self) -> None:
+        function, self._when_sent = self._when_sent, None
+        if function is not None:
+            function()
+
     # -- an animation --------------------------------------------------------------------------------------------------
 
     def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
@@ -453,6 +466,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         largest = whole(content.get("largest"), 0, 2**16)
         self._take_theme(content)
         if largest == 0:
+            self._all_sent()
             return  # it cannot draw, and will request a server renderer
         self._has_front_end = True
         if view is not None:
@@ -499,6 +513,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         start, packed = pieces[index]
         self._sent["volume_bytes"] += len(packed)
         self._post(Chunk(type="chunk", view=view, id=pieces.shown.id, index=index, start=start), [packed])
+        if index == pieces.shown.chunks - 1:
+            self._all_sent()
 
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
         self._take_theme(content)

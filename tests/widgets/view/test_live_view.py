@@ -121,6 +121,21 @@ def test_a_page_that_comes_late_gets_the_deformation() -> None:
     assert len(buffers[0]) == k * rows * columns * 8
 
 
+def test_work_waits_until_a_page_has_the_voxels_or_has_them_drawn_in_python() -> None:
+    view, done = Recorded(ball()), []
+    view.when_sent(lambda: done.append("sent"))
+    view.say({"type": "hello", "view": "a", "largest": 2048, "renderer": "", "software": True})
+    assert done == []
+    info = view.volume_info
+    for _twice in range(2):
+        for index in range(info["chunks"]):
+            view.say({"type": "chunk", "view": "a", "id": info["id"], "index": index})
+    assert done == ["sent"]
+    view.when_sent(lambda: done.append("drawn in Python"))
+    view.say({"type": "hello", "view": "a", "largest": 0, "renderer": "", "software": True})
+    assert done[1:] == ["drawn in Python"]
+
+
 @pytest.mark.parametrize("message", [
     None, [], "hello", {}, {"type": "nothing"}, {"type": []}, {"type": "chunk"}, {"type": "chunk", "view": 3},
     {"type": "chunk", "view": "a" * 201}, {"type": "hello", "view": "a"},
