@@ -1,7 +1,8 @@
 """Drags of one point: ``python -m benchmarks drags [--against CHECKOUT]``.
 
 Each case is a notebook in a real JupyterLab and a real, headless Chromium, an editor beside its live view. A point is
-dragged in a circle by 60 events a second. With another checkout, bundled, both take turns in one run, so what else the
+dragged in a circle by 60 events a second, and dropped; then the view is turned by a drag on it. Rest is the time from
+the end of such a drag until the picture in full is on the screen. With another checkout, bundled, both take turns in one run, so what else the
 machine does falls on both; the fastest round of each counts.
 """
 
@@ -13,6 +14,7 @@ import math
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,8 +40,10 @@ follows = view.follow, editor, dn.Deformation((editor.step(),)).field(volume.gri
 
 # Three slices through the middle of the volume, and a point there to be dragged.
 _SPACE = """
-middle = (np.array([nx, ny, nz]) - 1) / 2
-points = problem.control_points({count}, 3, nx).add(middle - 12, middle)
+last = np.array([nx, ny, nz]) - 1
+unit = problem.control_points({count}, 3, 2)
+source, target = (np.vstack([last * a, last / 2 - b]) for a, b in ((unit.source, 12), (unit.target, 0)))
+points = dn.ControlPoints.from_arrays(volume.grid.index_to_point(source), volume.grid.index_to_point(target))
 editor = SpaceEditor(volume, points, height=450)
 follows = view.edit_points, editor
 """
@@ -62,8 +66,12 @@ from ipywidgets import HBox
 from benchmarks import problem
 assert dn.__file__.startswith({{checkout!r}}), dn.__file__
 nx, ny, nz = {{size}}
-values = problem.volume(nx, "uint8").values[:nz]
-volume = dn.Volume(np.ascontiguousarray(values), dn.Grid((nz, ny, nx)))
+if {{file!r}}:
+    volume = dn.read_volume({{file!r}})
+    nx, ny, nz = volume.grid.shape[::-1]
+else:
+    values = problem.volume(nx, "uint8").values[:nz]
+    volume = dn.Volume(np.ascontiguousarray(values), dn.Grid((nz, ny, nx)))
 view = LiveView(volume, width={WIDTH}, height={HEIGHT})
 {{editor}}
 follow, *given = follows
@@ -77,6 +85,16 @@ _WATCH = """() => {
   watch.observer = new PerformanceObserver((list) => watch.tasks.push(...list.getEntries().map((e) => e.duration)));
   watch.observer.observe({ type: "longtask" });
 }"""
+# Times of the epoch at which a view was given pictures to show, with their names.
+_SHOWS = """() => {
+  const { caster } = document.querySelector(".dnb-view").deformnb, { present } = Object.getPrototypeOf(caster);
+  window.deformnbShown = [];
+  caster.present = (name, ...rest) => {
+    window.deformnbShown.push([performance.timeOrigin + performance.now(), name]);
+    present.call(caster, name, ...rest);
+  };
+}"""
+_SHOWN = "() => window.deformnbShown"
 _WATCHED = """() => { const { observer, tasks } = window.deformnbTasks; observer.disconnect(); return tasks; }"""
 
 
@@ -84,11 +102,12 @@ _BINS = (50.0, 75.0, 100.0, 150.0)
 """Lower ends of the histogram of long tasks, in ms."""
 
 
-def cells(case: str, checkout: Path) -> list[str]:
-    """The notebook of a case, with the package of a checkout."""
+def cells(case: str, checkout: Path, volume: Path | None = None) -> list[str]:
+    """The notebook of a case, with the package of a checkout, of the case's volume or that of a file."""
     size, count, extra = CASES[case]
     editor = (_SPACE if extra == _SPACE else _EDITOR).format(count=count, extra=extra)
-    return [_CELL.format(checkout=str(checkout), size=size, editor=editor), "HBox([editor, view])"]
+    file = str(volume.resolve()) if volume else ""
+    return [_CELL.format(checkout=str(checkout), size=size, file=file, editor=editor), "HBox([editor, view])"]
 
 
 def drag(seat: Seat, seconds: float) -> dict[str, Any]:
@@ -108,10 +127,32 @@ def drag(seat: Seat, seconds: float) -> dict[str, Any]:
     inputs, span = seat.seen.inputs, (max(seat.seen.inputs) - seat.seen.inputs[0]) / 1e3
     rates = {kind: sum(inputs[0] < t <= max(inputs) for t in getattr(seat.seen, kind)) / span
              for kind in ("picture", "grid", "view")}
-    seat.hand.release()
-    seat.rest(600)
     work = 1e3 * worked / max(1, len(seat.seen.picture))
-    return {**rates, "tasks": tasks, "pause": max([50.0, *tasks]), "work": work}
+    return {**rates, "tasks": tasks, "pause": max([50.0, *tasks]), "work": work, "rest": _rest(seat, seat.hand.release),
+            "turned": _rest(seat, lambda: _turn(seat))}
+
+
+def _turn(seat: Seat) -> None:
+    """Turn the view by a drag on it."""
+    box = seat.page.locator(".dnb-view canvas").first.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    seat.page.mouse.move(x, y)
+    seat.page.mouse.down()
+    for k in range(1, 9):
+        seat.page.mouse.move(x + 6 * k, y + 2 * k)
+    seat.page.mouse.up()
+
+
+def _rest(seat: Seat, end: Callable[[], None]) -> float:
+    """Milliseconds from the end of a drag until the picture in full is on the screen, when nothing comes after it."""
+    seat.fresh()
+    seat.page.evaluate(_SHOWS)
+    end()
+    seat.rest(2500)
+    shown = seat.page.evaluate(_SHOWN)
+    up = max(seat.seen.inputs)
+    last = next(t for k, (t, name) in enumerate(shown) if all(n.startswith("full") for _, n in shown[k:]))
+    return min(t for t in seat.seen.view if t > last) - up
 
 
 def _worked(session: Any) -> float:
@@ -123,6 +164,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks drags", description=__doc__.split("\n\n")[0])
     parser.add_argument("--cases", nargs="+", help="only cases whose name contains one of these")
     parser.add_argument("--against", type=Path, help="another checkout, bundled, that takes turns with this one")
+    parser.add_argument("--volume", type=Path, help="a file with the volume of all cases")
     parser.add_argument("--rounds", type=int, default=3, help="turns (default %(default)s)")
     parser.add_argument("--seconds", type=float, default=4.0, help="of each drag (default %(default)s)")
     parser.add_argument("--json", type=Path, help="file for all single figures")
@@ -134,7 +176,7 @@ def main(arguments: list[str]) -> int:
     print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
           "the main thread's time for one picture, whoever else is on the processor. Long tasks are counted from "
           f"{', '.join(f'{low:.0f}' for low in _BINS)} ms on, in the drag that has fewest.\n")
-    measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms", "long tasks"
+    measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms", "rest ms", "turned ms", "long tasks"
     columns = [f"{what}, {name}" for name in checkouts for what in measured]
     print(f"| case | {' | '.join(columns)} |\n|---{'|---' * len(columns)}|")
     found: dict[str, dict[str, list[dict[str, Any]]]] = {}
@@ -150,7 +192,7 @@ def main(arguments: list[str]) -> int:
 
 def _row(rounds: list[dict[str, Any]]) -> str:
     best = [f"{max(r[kind] for r in rounds):.0f}" for kind in ("picture", "grid", "view")]
-    least = [f"{min(r[kind] for r in rounds):.0f}" for kind in ("pause", "work")]
+    least = [f"{min(r[kind] for r in rounds):.0f}" for kind in ("pause", "work", "rest", "turned")]
     fewest = min((_histogram(r["tasks"]) for r in rounds), key=sum)
     return " | ".join([*best, *least, " ".join(map(str, fewest))])
 
@@ -171,7 +213,7 @@ def _measured(case: str, checkouts: dict[str, Path], options: argparse.Namespace
         browser = p.chromium.launch(executable_path=chromium_path(), headless=True, args=browser_arguments)
         try:
             lab.started()
-            seats = {name: Seat(browser, lab, f"drags {name}", 0, cells=cells(case, checkout))
+            seats = {name: Seat(browser, lab, f"drags {name}", 0, cells=cells(case, checkout, options.volume))
                      for name, checkout in checkouts.items()}
             for k in range(options.rounds):
                 for name, seat in seats.items():

@@ -110,7 +110,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     ambient_occlusion : whether hollows and what lies deep inside are darker in the projection "shaded"; see
         :func:`~deformnb.imaging.occlusion.ambient_light`.
     target_ms : time that a picture may take while something moves; its resolution adapts.
-    settle_ms : rest after which the full picture is drawn.
+    settle_ms : rest after which the full picture is drawn; after a drag it is drawn at once.
 
     Attributes
     ----------

@@ -51,6 +51,7 @@ const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
 const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one is the fault of something else
 const FITS_EASILY = 0.75, EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
+const ANSWER_MS = 1000; // after a drag: what changes within that time is an answer to it, and no movement follows
 const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
 const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
 const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
@@ -76,6 +77,7 @@ export class FrameLoop {
     this.halvings = caster.isSoftware ? 4 : 1; // how often the pixels of a quick picture are halved
     this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
     this.moved = 0;
+    this.dropped = -Infinity; // when a finger or a button was lifted last
     this.isRequested = false;
     /** @type {Work | null} */
     this.work = null;
@@ -110,7 +112,7 @@ export class FrameLoop {
 
   /** Draws soon, since something has changed. `held`: a finger or a button is still down. */
   touch(held = false) {
-    this.held = held;
+    this.#hold(held);
     this.moved = performance.now();
     this.isRequested = true;
     this.work = null;
@@ -128,7 +130,13 @@ export class FrameLoop {
   }
 
   /** Lets the full picture begin: nothing has changed, but the finger is lifted. */
-  release() { this.held = false; this.#plan(0); }
+  release() { this.#hold(false); this.#plan(0); }
+
+  /** @param {boolean} held */
+  #hold(held) {
+    if (this.held && !held) this.dropped = performance.now();
+    this.held = held;
+  }
 
   /**
    * Shows another layer: at once if it has been drawn, else a quick picture of it; what is under way goes on.
@@ -158,7 +166,8 @@ export class FrameLoop {
 
   #step() {
     if (this.closed || !this.caster.isReady || this.caster.gl.isContextLost()) return;
-    const { settle } = this.options(), idle = performance.now() - this.moved;
+    const settle = this.moved < this.dropped + ANSWER_MS ? 0 : this.options().settle;
+    const idle = performance.now() - this.moved;
     if (this.rush) this.#piece(this.rush);
     else if (this.isRequested) this.#quick();
     else if (this.held || idle < settle) this.#plan(Math.max(16, settle - idle));
