@@ -386,6 +386,7 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
               near: bool = False) -> Any:
     """A block of the output under a field that moves nothing along the array axis ``normal``.
 
+    flat : as for :func:`_general`, in any shape, or :class:`Within`.
     maps : K maps (2, z, y, x) of displacement along the plane's (u, v), of extent 1 along ``normal``.
     weights : (K, n) along ``normal``, or None for one replicated map.
     matrix : 3 x 2, from (u, v) to input voxels. The rest as for :func:`_general`.
@@ -406,7 +407,9 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     if weights is None:
         # These are as small as the map: compute them once. With weights they are as large as the output: never store.
         taps, ok = [_stored(axis) for axis in taps], lax.optimization_barrier(ok)
-    return _finished(_nested(_reader(flat, [fixed, *taps], method, compute), [fixed, *taps]), ok, fill, method)
+    row, start = (flat.row, flat.start) if isinstance(flat, Within) else (flat.reshape(-1), 0)
+    read = _reader(row, [fixed, *taps], method, compute)
+    return _finished(_nested(read, [fixed, *taps], start), ok, fill, method)
 
 
 def _row_taps(maps: Any, matrix: Any, whole: Any, part: Any, *, shape: tuple[int, int], method: str, compute: str,
