@@ -707,7 +707,7 @@ def test_gradients_are_central_differences_of_the_smoothed_volume_in_physical_un
     values, spacing = rough()[:9, 15:24, :8], (1.0, 2.0, 0.5)
     values[:, 0, 0], values[8, 4, 4] = 50, 200  # at edges too
     got = run_script(("webgl/volume_blocks.js",), """({ values, shape, spacing, z0, z1 }) =>
-        Array.from(gradientSlab(Uint8Array.from(values), shape, z0, z1, spacing, 3))""",
+        Array.from(new GradientSlabs(Uint8Array.from(values), shape, spacing, 3).slab(z0, z1))""",
         {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "spacing": spacing, "z0": z0, "z1": z1})
     rgba = np.array(got).reshape(z1 - z0, *values.shape[1:], 4)
     np.testing.assert_array_equal(rgba[..., 3], values[z0:z1])

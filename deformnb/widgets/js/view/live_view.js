@@ -423,15 +423,16 @@ class LiveVolumeView {
     });
     let done = false;
     try {
-      done = await caster.setVolume(values, this.about(info), tick);
+      const uploaded = caster.setVolume(values, this.about(info), tick);
+      this.loader = null;
+      this.setTable(); // now, for these voxels: once they are up it would be fitted to them a second time
+      done = await uploaded;
     } catch (error) {
       if (!(error instanceof MemoryError)) throw error;
       if (caster === this.caster && info === this.info) this.#requestFewerVoxels(error, shape);
       return;
     }
     if (!done || caster !== this.caster) return;
-    this.loader = null;
-    this.setTable();
     if (!this.field) this.hello(); // lost on its way
     this.applyField();
     this.setProgress(1);

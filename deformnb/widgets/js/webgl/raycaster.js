@@ -15,7 +15,7 @@ import { bitsOf } from "./region_bits.js";
 import { planarFolds, spaceFolds } from "./fold_mesh.js";
 import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
 import {
-  ambientLight, blockExtremes, blockOpacities, gradientSlab, OPACITY_SHARE, opacityOfByte, planarSlopes, spaceSlope,
+  ambientLight, blockExtremes, blockOpacities, GradientSlabs, OPACITY_SHARE, opacityOfByte, planarSlopes, spaceSlope,
   STEEPEST,
 } from "./volume_blocks.js";
 
@@ -262,10 +262,11 @@ export class RayCaster {
     this.#texture("volume", gl.TEXTURE_3D, !info.isLabels);
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.RGBA8, nx, ny, nz);
     this.#held();
-    const slab = Math.max(1, Math.round(2 ** 20 / (nx * ny))); // about 10 ms of work
+    const slab = Math.max(1, Math.round(2 ** 20 / (nx * ny))); // 10 to 20 ms of work
+    const gradients = new GradientSlabs(values, info.shape, info.spacing, info.outside);
     for (let z = 0; z < nz; z += slab) {
       const last = Math.min(nz, z + slab);
-      const voxels = gradientSlab(values, info.shape, z, last, info.spacing, info.outside);
+      const voxels = gradients.slab(z, last);
       gl.activeTexture(gl.TEXTURE0 + UNITS.volume);
       gl.texSubImage3D(gl.TEXTURE_3D, 0, 0, 0, z, nx, ny, last - z, gl.RGBA, gl.UNSIGNED_BYTE, voxels);
       if (tick) await tick(last / nz);

@@ -6,6 +6,11 @@ import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } 
 /** @import { Vector2, Vector3 } from "../types.d.ts" */
 /** @import { Extremes } from "./types.d.ts" */
 
+/**
+ * @template Sums
+ * @typedef {{sums: Sums, empty: Uint8Array}} Smoothed a slice, and which of its rows are smoothed background
+ */
+
 export const BLOCK = 4; // voxels along the edge of a block
 
 // Slope in grey levels per voxel that one byte holds at most; steeper ones keep their direction. Air to bone in one
@@ -26,81 +31,118 @@ function entriesOfByte(entries) { return (entries - 1) / 255; }
  */
 export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
 
-/**
- * Weighted sums 1 4 6 4 1 of neighbours along x and y of a slice; beyond the edge lies the voxel at the edge.
- * @param {Uint8Array} values
- * @param {Vector3} shape
- * @param {number} z
- */
-function smoothedSlice(values, [nx, ny], z) {
-  const along = new Uint16Array(nx * ny), out = new Uint16Array(nx * ny), line = new Uint8Array(nx + 4);
-  for (let y = 0; y < ny; y++) {
-    const start = (z * ny + y) * nx, row = y * nx;
-    line.set(values.subarray(start, start + nx), 2);
-    line[0] = line[1] = line[2];
-    line[nx + 2] = line[nx + 3] = line[nx + 1];
-    for (let x = 0; x < nx; x++) {
-      along[row + x] = line[x] + line[x + 4] + 4 * (line[x + 1] + line[x + 3]) + 6 * line[x + 2];
-    }
-  }
-  for (let y = 0; y < ny; y++) {
-    const [a, b, c, d, e] = [-2, -1, 0, 1, 2].map((k) => Math.max(0, Math.min(ny - 1, y + k)) * nx);
-    for (let x = 0; x < nx; x++) {
-      out[c + x] = along[a + x] + along[e + x] + 4 * (along[b + x] + along[d + x]) + 6 * along[c + x];
-    }
-  }
-  return out;
-}
-
 const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
 
 /**
- * Gradient (RGB, 128 is zero) and value (A) of the slices z0 <= z < z1, for a texture with four bytes a voxel. Gradients
- * are differences of a volume that is smoothed by 1 4 6 4 1: those of its own values follow the steps between slices, and
- * surfaces look like carved wood; with 1 2 1 a skull still has rings where it is nearly parallel to the slices.
- * @param {Uint8Array} values
- * @param {Vector3} shape
- * @param {number} z0
- * @param {number} z1
- * @param {Vector3} spacing
- * @param {number} fill
+ * Gradient (RGB, 128 is zero) and value (A) of a volume, slab by slab from the first slice on, for a texture with four
+ * bytes a voxel. Gradients are differences of the volume smoothed by 1 4 6 4 1: those of its own values follow the steps
+ * between slices, and surfaces look like carved wood; with 1 2 1 a skull still has rings where it is nearly parallel to
+ * the slices. Beyond the edge lies the background, so that a body that is cut off there has a lit face; rows of
+ * background amid background need no arithmetic.
  */
-export function gradientSlab(values, shape, z0, z1, spacing, fill) {
-  const [nx, ny, nz] = shape, row = nx, slice = nx * ny;
-  const out = new Uint8Array(4 * slice * (z1 - z0));
-  const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2 / SMOOTHED;
-  const [sx, sy, sz] = spacing.map((s) => (unit * finest) / s), outside = SMOOTHED * fill;
-  const inside = (/** @type {number} */ z) => Math.max(0, Math.min(nz - 1, z));
-  /** @type {Map<number, Uint16Array>} */
-  const flat = new Map();
-  /** @type {Map<number, Uint32Array>} */
-  const smooth = new Map();
-  for (let z = inside(z0 - 3); z <= inside(z1 + 2); z++) flat.set(z, smoothedSlice(values, shape, z));
-  const of = (/** @type {number} */ z) => /** @type {Uint16Array} */ (flat.get(inside(z)));
-  for (let z = inside(z0 - 1); z <= inside(z1); z++) {
-    const [a, b, c, d, e] = [-2, -1, 0, 1, 2].map((k) => of(z + k)), sum = new Uint32Array(slice);
-    for (let i = 0; i < slice; i++) sum[i] = a[i] + e[i] + 4 * (b[i] + d[i]) + 6 * c[i];
-    smooth.set(z, sum);
+export class GradientSlabs {
+  /**
+   * @param {Uint8Array} values
+   * @param {Vector3} shape
+   * @param {Vector3} spacing
+   * @param {number} fill the value of the background
+   */
+  constructor(values, shape, spacing, fill) {
+    this.values = values;
+    this.shape = shape;
+    this.fill = fill;
+    const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2 / SMOOTHED;
+    this.scales = spacing.map((s) => (unit * finest) / s);
+    const [nx, ny] = shape;
+    /** @type {Map<number, Smoothed<Uint16Array>>} along x and y, those that the next slab needs too */
+    this.flat = new Map();
+    /** @type {Map<number, Smoothed<Uint32Array>>} along all axes, with one voxel of background on each side */
+    this.smooth = new Map();
+    this.beyond = { sums: new Uint32Array((nx + 2) * (ny + 2)).fill(SMOOTHED * fill), empty: new Uint8Array(ny + 2).fill(1) };
+    this.along = new Uint16Array(nx * ny);
   }
-  const plain = new Uint32Array(slice).fill(outside);
-  let o = 0;
-  for (let z = z0; z < z1; z++) {
-    // Beyond the edge lies the background, so that a body that is cut off there has a lit face.
-    const front = smooth.get(z - 1) ?? plain, here = /** @type {Uint32Array} */ (smooth.get(z));
-    const back = smooth.get(z + 1) ?? plain;
-    for (let y = 0; y < ny; y++) {
-      const top = y > 0, bottom = y < ny - 1;
-      for (let x = 0, i = y * row; x < nx; x++, i++, o += 4) {
-        let gx = ((x < nx - 1 ? here[i + 1] : outside) - (x > 0 ? here[i - 1] : outside)) * sx;
-        let gy = ((bottom ? here[i + row] : outside) - (top ? here[i - row] : outside)) * sy;
-        let gz = (back[i] - front[i]) * sz;
-        const most = Math.max(Math.abs(gx), Math.abs(gy), Math.abs(gz));
-        if (most > 127) { const k = 127 / most; gx *= k; gy *= k; gz *= k; }
-        out[o] = 128.5 + gx; out[o + 1] = 128.5 + gy; out[o + 2] = 128.5 + gz; out[o + 3] = values[z * slice + i];
+
+  /**
+   * The bytes of the slices z0 <= z < z1.
+   * @param {number} z0
+   * @param {number} z1
+   */
+  slab(z0, z1) {
+    const { values, fill } = this, [nx, ny] = this.shape, row = nx + 2, [sx, sy, sz] = this.scales;
+    const out = new Uint8Array(4 * nx * ny * (z1 - z0)), voxels = new Uint32Array(out.buffer);
+    const [background] = new Uint32Array(Uint8Array.of(128, 128, 128, fill).buffer);
+    for (let z = z0; z < z1; z++) {
+      const { sums: front, empty: isFront } = this.#smoothed(z - 1), { sums: here, empty: isHere } = this.#smoothed(z);
+      const { sums: back, empty: isBack } = this.#smoothed(z + 1);
+      for (let y = 0; y < ny; y++) {
+        const from = (z * ny + y) * nx, to = ((z - z0) * ny + y) * nx;
+        if (isFront[y + 1] && isHere[y] && isHere[y + 1] && isHere[y + 2] && isBack[y + 1]) {
+          voxels.fill(background, to, to + nx);
+          continue;
+        }
+        for (let x = 0, i = (y + 1) * row + 1, o = 4 * to; x < nx; x++, i++, o += 4) {
+          let gx = (here[i + 1] - here[i - 1]) * sx, gy = (here[i + row] - here[i - row]) * sy;
+          let gz = (back[i] - front[i]) * sz;
+          const most = Math.max(Math.abs(gx), Math.abs(gy), Math.abs(gz));
+          if (most > 127) { const k = 127 / most; gx *= k; gy *= k; gz *= k; }
+          out[o] = 128.5 + gx; out[o + 1] = 128.5 + gy; out[o + 2] = 128.5 + gz; out[o + 3] = values[from + x];
+        }
       }
     }
+    for (const kept of [this.flat, this.smooth]) for (const z of kept.keys()) if (z < z1 - 2) kept.delete(z);
+    return out;
   }
-  return out;
+
+  /** @param {number} z */
+  #smoothed(z) {
+    const [nx, ny, nz] = this.shape;
+    if (z < 0 || z >= nz) return this.beyond;
+    const known = this.smooth.get(z);
+    if (known) return known;
+    const near = [-2, -1, 0, 1, 2].map((k) => this.#flat(Math.max(0, Math.min(nz - 1, z + k))));
+    const [a, b, c, d, e] = near.map(({ sums }) => sums);
+    const made = { sums: this.beyond.sums.slice(), empty: this.beyond.empty.slice() }, { sums } = made;
+    for (let y = 0; y < ny; y++) {
+      if (near.every(({ empty }) => empty[y])) continue;
+      made.empty[y + 1] = 0;
+      for (let x = 0, i = y * nx, o = (y + 1) * (nx + 2) + 1; x < nx; x++, i++, o++) {
+        sums[o] = a[i] + e[i] + 4 * (b[i] + d[i]) + 6 * c[i];
+      }
+    }
+    this.smooth.set(z, made);
+    return made;
+  }
+
+  /** @param {number} z */
+  #flat(z) {
+    const known = this.flat.get(z);
+    if (known) return known;
+    const { values, along, fill } = this, [nx, ny] = this.shape, isEmpty = new Uint8Array(ny);
+    for (let y = 0; y < ny; y++) {
+      const start = (z * ny + y) * nx, end = start + nx, row = y * nx - start;
+      let i = start;
+      while (i < end && values[i] === fill) i++;
+      if (i === end) { isEmpty[y] = 1; along.fill(16 * fill, start + row, end + row); continue; }
+      // Beyond the edge of a slice lies the voxel at the edge.
+      let a = values[start], b = a, c = a, d = values[Math.min(start + 1, end - 1)];
+      for (i = start; i < end; i++) {
+        const e = values[i + 2 < end ? i + 2 : end - 1];
+        along[row + i] = a + e + 4 * (b + d) + 6 * c;
+        a = b; b = c; c = d; d = e;
+      }
+    }
+    const made = { sums: new Uint16Array(nx * ny), empty: new Uint8Array(ny) }, { sums, empty } = made;
+    for (let y = 0; y < ny; y++) {
+      const rows = [-2, -1, 0, 1, 2].map((k) => Math.max(0, Math.min(ny - 1, y + k)));
+      const [a, b, c, d, e] = rows.map((r) => r * nx);
+      if (rows.every((r) => isEmpty[r])) { empty[y] = 1; sums.fill(256 * fill, c, c + nx); continue; }
+      for (let x = 0; x < nx; x++) {
+        sums[c + x] = along[a + x] + along[e + x] + 4 * (along[b + x] + along[d + x]) + 6 * along[c + x];
+      }
+    }
+    this.flat.set(z, made);
+    return made;
+  }
 }
 
 /**
@@ -170,18 +212,25 @@ export function ambientLight(values, shape, alphas, thickness) {
   const [nx, ny, nz] = shape, cells = (/** @type {number} */ n) => Math.ceil(n / AMBIENT_CELL);
   /** @type {Vector3} */
   const size = [cells(nx), cells(ny), cells(nz)];
-  const sum = new Float32Array(size[0] * size[1] * size[2]), count = new Float32Array(sum.length);
+  const sum = new Float32Array(size[0] * size[1] * size[2]);
   const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
   for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i], 0.999)) ** thickness;
-  const cellOf = Uint32Array.from({ length: Math.max(...shape) }, (_, n) => Math.floor(n / AMBIENT_CELL));
-  let i = 0;
-  for (let z = 0; z < nz; z++) {
+  for (let z = 0, i = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
-      const line = (cellOf[z] * size[1] + cellOf[y]) * size[0];
-      for (let x = 0; x < nx; x++, i++) { sum[line + cellOf[x]] += opacity[values[i]]; count[line + cellOf[x]] += 1; }
+      let cell = (Math.floor(z / AMBIENT_CELL) * size[1] + Math.floor(y / AMBIENT_CELL)) * size[0];
+      for (let x = 0; x < nx; cell++) {
+        const end = Math.min(nx, x + AMBIENT_CELL);
+        let total = 0;
+        for (; x < end; x++, i++) total += opacity[values[i]];
+        sum[cell] += total;
+      }
     }
   }
-  for (let k = 0; k < sum.length; k++) sum[k] /= count[k];
+  const along = (/** @type {number} */ n, /** @type {number} */ k) => Math.min(AMBIENT_CELL, n - AMBIENT_CELL * k);
+  for (let k = 0; k < sum.length; k++) {
+    const x = k % size[0], y = Math.floor(k / size[0]) % size[1], z = Math.floor(k / size[0] / size[1]);
+    sum[k] /= along(nx, x) * along(ny, y) * along(nz, z);
+  }
   const [[close, strength], [wide, strengthFar]] = [AMBIENT_NEAR, AMBIENT_FAR];
   const near = blurred(sum, size, close), far = blurred(blurred(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
