@@ -77,9 +77,7 @@ def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, ker
         If the factor would take more memory than 2 GiB.
     """
     if scales is not None:
-        matrix = _Sparse(_relative(points), nugget, scales, kernel)
-        matrix.origin = points.origin
-        return matrix
+        return _Sparse(points, nugget, scales, kernel)
     if points.count >= _KEPT_FROM:
         for base in _kept.like(points, nugget, kernel):
             moved = np.flatnonzero((base.points.targets != points.targets).any(axis=1))
@@ -91,8 +89,7 @@ def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, ker
 def factored_anew(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
     """The matrix of points factored as it is, and kept."""
     kind = _Bordered if kernel.order else _Band if kernel.compact and points.count > DENSE else _Dense
-    matrix = kind(_relative(points), nugget, kernel)
-    matrix.origin = points.origin
+    matrix = kind(points, nugget, kernel)
     if points.count >= _KEPT_FROM:
         _kept.add(_Base(points, nugget, kernel, matrix))
     return matrix
@@ -106,9 +103,9 @@ class _Dense:
     """A symmetric matrix and its Cholesky factor, in the two triangles of one array: fresh memory costs as much."""
 
     is_updated = False
-    origin: Floats
 
-    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+    def __init__(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        self.origin, x = points.origin, _relative(points)
         n = len(x)
         phi = kernel_matrix(x, kernel)
         phi.flat[:: n + 1] += nugget
@@ -144,9 +141,9 @@ class _Bordered:
     """
 
     is_updated = False
-    origin: Floats
 
-    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+    def __init__(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        self.origin, x = points.origin, _relative(points)
         n, self._phi = len(x), kernel_matrix(x, kernel)
         self._phi.flat[:: n + 1] += nugget
         self._p = polynomials(x, kernel.order)
@@ -187,9 +184,9 @@ class _Band:
     """
 
     is_updated = False
-    origin: Floats
 
-    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+    def __init__(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        self.origin, x = points.origin, _relative(points)
         self._order = np.argsort(x[:, np.ptp(x, axis=0).argmax()], kind="stable")
         self._back = np.argsort(self._order)
         i, j, square = _neighbours(x[self._order], 1.0)
@@ -218,9 +215,10 @@ class _Sparse:
     """Points with radii of their own, whose matrix is not symmetric: sparse elimination (SuperLU)."""
 
     is_updated = False
-    origin: Floats
 
-    def __init__(self, x: Floats, nugget: Floats, scales: Floats, kernel: type[AbstractKernel]) -> None:
+    def __init__(self, points: PreparedPoints, nugget: Floats, scales: Floats,
+                 kernel: type[AbstractKernel]) -> None:
+        self.origin, x = points.origin, _relative(points)
         i, j, square = _neighbours(x, float(1 / scales.min()))
         n, whole = len(x), np.arange(len(x))
         self.size = (int((j - i).max(initial=0)) + 1) * n
