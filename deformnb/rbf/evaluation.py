@@ -314,17 +314,21 @@ def _tiles(rows: Any, columns: Any, reached: Any, leaves: Leaves, *, kernel: typ
 _evaluate_tiles = compiled(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
-def local_squares(leaves: Leaves) -> NDArray[np.float64]:
-    """The largest sums (dim,) of squared coefficients whose supports, of 1, can meet at one place: by cells of 1."""
+def local_sums(leaves: Leaves) -> NDArray[np.float64]:
+    """The largest sums (dim + 1,) over the centres whose supports, of 1, can meet at one place, by cells of 1/2: of
+    their squared coefficients, and of ones, which is how many they are.
+    """
     n = int(leaves.count)
-    x, squares = np.asarray(leaves.centers)[:n], np.asarray(leaves.coefficients)[:n] ** 2
-    cells = np.floor(x - x.min(axis=0)).astype(np.int64)
+    x = np.asarray(leaves.centers)[:n]
+    squares = np.concatenate([np.asarray(leaves.coefficients)[:n] ** 2, np.ones((n, 1))], axis=1)
+    cells = np.floor(2 * (x - x.min(axis=0))).astype(np.int64)
     shape = tuple(cells.max(axis=0) + 1)
     if np.prod(shape, dtype=float) > 1e6:
         return np.asarray(squares.sum(axis=0))
     flat = np.ravel_multi_index(tuple(cells.T), shape)
     sums = [np.bincount(flat, column, int(np.prod(shape))).reshape(shape) for column in squares.T]
-    return np.array([3.0 ** x.shape[1] * ndimage.uniform_filter(s, 3, mode="constant").max() for s in sums])
+    near = [5.0 ** x.shape[1] * ndimage.uniform_filter(s, 5, mode="constant").max() for s in sums]
+    return np.minimum(near, squares.sum(axis=0))
 
 
 def _over_tiles(rows: NDArray[Any], columns: NDArray[Any], leaves: Leaves, kernel: type[AbstractKernel],

@@ -39,7 +39,7 @@ from deformnb.rbf.evaluation import (
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
-    local_squares,
+    local_sums,
     profile_of,
 )
 from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_matrix, matrix_of
@@ -69,10 +69,13 @@ POOR = ("the control points predict each other worse than their affine trend alo
 
 # Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
 # to 14 times (once 36 times, thin plate) ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and
-# supports of 1/8 to 3/2 of the image. Where 36 times that is more than this share of a pixel, evaluation runs in
-# float64 (2.8 times as long).
-_FLOAT32_ERROR = 36 * 6e-8
-_COMPACT_ERROR = 14 * 6e-8
+# supports of 1/8 to 3/2 of the image. Those of the partial sums grow with the number n of terms, most where neighbours
+# follow each other and move alike: 30 times for 512 points in order along an axis (linear), for 2048 with a compact
+# kernel 65 times, that is 1.4 sqrt(n). Where the larger of these bounds is more than this share of a pixel, evaluation
+# runs in float64 (2.8 times as long).
+_ROUNDING_ERROR = 6e-8
+_TERMS, _PARTIAL_SUMS = 36.0, 2.5
+_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS = 14.0, 1.8
 _PIXEL_SHARE = 1e-3
 
 
@@ -276,15 +279,17 @@ class RBFInterpolant(AbstractField):
     def float32_error(self, reach: float = 1.0) -> float:
         """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
         if self.is_culled:
-            return float(_COMPACT_ERROR * np.sqrt(local_squares(self._leaves(np.float64)).max()))
+            *squares, count = local_sums(self._leaves(np.float64)).tolist()
+            return max(_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS * count**0.5) * _ROUNDING_ERROR * max(squares) ** 0.5
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
         # Places far away in units of the support are rounded too, and count by the kernel's slope.
         ends = np.abs(profile_of(np.array([0.0, (farthest / float(self.support)) ** 2]), self.kernel))
         largest = max(ends.max(), reach / 12 * self.kernel.steepest)
-        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * 6e-8
+        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * _ROUNDING_ERROR
         if self.quadratic is not None:
-            trend += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * 6e-8
-        return float(_FLOAT32_ERROR * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
+            trend += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * _ROUNDING_ERROR
+        terms = max(_TERMS, _PARTIAL_SUMS * int(self.count) ** 0.5) * _ROUNDING_ERROR
+        return float(terms * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
     def _leaves(self, dtype: Any) -> Leaves:
         if self.is_culled:

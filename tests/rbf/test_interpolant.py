@@ -558,3 +558,24 @@ def test_the_jacobian_of_smooth_kernels_is_finite_and_right_at_a_control_point(k
     differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(2)],
                            axis=-1)
     np.testing.assert_allclose(fit.jacobian(x), differences, atol=1e-5)
+
+
+@pytest.mark.sampled(6)
+@pytest.mark.parametrize("kernel", ["wendland_c0", "wendland_c2", "linear", "thin_plate"])
+@pytest.mark.parametrize("support", [0.25, 2.0])
+@pytest.mark.parametrize("count", [64, 512, 1500])
+def test_the_error_in_float32_stays_below_its_estimate(kernel: str, support: float, count: int) -> None:
+    """Sorted points that move like their neighbours: the partial sums of their terms are largest."""
+    rng = np.random.default_rng(count)
+    target = rng.uniform(0, EXTENT, (count, 3))
+    target = target[target[:, 0].argsort()]
+    fit = fit_rbf(ControlPoints.from_arrays(target + 4 * np.sin(target / 16), target), kernel=kernel,
+                  support=support * EXTENT)
+    line = np.linspace(0, EXTENT, 40)
+    rows = np.stack([np.zeros(40), line, np.full(40, EXTENT / 3)])
+    columns = np.stack([line, np.zeros(40), np.zeros(40)])
+    lines = fit._relative_lines(rows, columns)
+    found, exact = (evaluation.at_lattice(*lines, fit._leaves(kind), fit.kernel, kind)
+                    for kind in (np.float32, np.float64))
+    reach = float(np.sqrt(sum(np.abs(part).max() ** 2 for part in (*lines[0], *lines[1]))))
+    assert np.abs(found - exact).max() <= fit.float32_error(reach)
