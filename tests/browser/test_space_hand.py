@@ -287,3 +287,26 @@ def test_traits_of_the_hand_are_checked(caplog: pytest.LogCaptureFixture) -> Non
     with pytest.raises(Exception, match=r'axis "x" or "y" or "z"'):
         editor.mirror = {"on": True, "axis": "b", "at": None}
     editor.close()
+
+
+# ---- what a frame draws ---------------------------------------------------------------------------------------------
+
+
+def test_a_frame_paints_no_picture_and_no_point_that_is_there(opened: Any, pairs: ControlPoints) -> None:
+    space = opened(pairs)
+    space.settled()
+    drawn = space.js(f"""(() => {{
+      const editor = {PAGE}, pane = editor.pictures[0], {{ handles }} = pane, update = handles.update.bind(handles);
+      const context = pane.canvas.getContext("2d"), fill = context.fillRect.bind(context), flat = [];
+      let painted = 0;
+      context.fillRect = (...box) => {{ painted += 1; fill(...box); }};
+      handles.update = (points, ...given) => {{ flat.push([...points]); return update(points, ...given); }};
+      const counts = [], count = () => {{ editor.drawNow(); counts.push(painted); }};
+      count();
+      editor.points = editor.points.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 1) }}));
+      count();
+      pane.zoomAt(1.5);
+      count();
+      return [counts, flat[1].filter((p) => flat[0].includes(p)).map((p) => p.id).sort()];
+    }})()""")
+    assert drawn == [[0, 0, 1], [1, 2, 3, 4]]

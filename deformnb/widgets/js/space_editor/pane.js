@@ -1,6 +1,6 @@
 // One of the three pictures: its pixels, the cross-hair of the other two, and the points in it.
 
-/** @import { FlatPoint, PaneInfo, Raster } from "../types.d.ts" */
+/** @import { FlatPoint, PaneInfo, Point, Raster } from "../types.d.ts" */
 /** @import { SpaceEditorView } from "./editor.js" */
 
 import { Handles, ToolMarks } from "../editor/handles.js";
@@ -39,6 +39,11 @@ export class SpacePane {
   /** @type {Raster} of the picture */
   raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
   nodesKey = ""; // of the lattice that is drawn
+  /** @type {unknown[]} what is painted on the canvas: pixels, their place and the colour around them */
+  painted = [];
+  /** @type {WeakMap<Point, FlatPoint>} points as they are drawn at the depth `flatAt` */
+  flat = new WeakMap();
+  flatAt = "";
 
   /**
    * @param {SpaceEditorView} editor
@@ -116,6 +121,7 @@ export class SpacePane {
     Object.assign(v, { width, height, ratio });
     this.stage.style.height = `${height}px`;
     Object.assign(this.canvas, { width: Math.round(width * ratio), height: Math.round(height * ratio) });
+    this.painted = []; // which clears it
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     if (this.isFitted) this.fitView();
     else Object.assign(v, { x: v.x + dx, y: v.y + dy });
@@ -246,23 +252,32 @@ export class SpacePane {
   }
 
   draw() {
-    const { view: v, editor } = this, c = contextOf(this.canvas);
-    c.setTransform(1, 0, 0, 1, 0, 0);
-    c.fillStyle = editor.colours.stage;
-    c.fillRect(0, 0, this.canvas.width, this.canvas.height);
-    if (this.picture) {
-      const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.raster;
-      c.setTransform(v.ratio, 0, 0, v.ratio, 0, 0);
-      c.imageSmoothingQuality = "high";
-      const x = v.k * (a - du / 2) + v.x, y = v.k * (b - dv / 2) + v.y, width = v.k * du * nu, height = v.k * dv * nv;
-      c.drawImage(this.picture, x, y, width, height);
-      if (this.shapes) c.drawImage(this.shapes, x, y, width, height);
-    }
+    this.#paint();
     this.describe();
     this.#drawCross();
     this.#drawWorst();
     this.#drawNodes();
     return this.#drawPoints();
+  }
+
+  /** Paint picture, parts and cuts, unless they are on the canvas: of moving points most frames bring no other picture. */
+  #paint() {
+    const { view: v, editor: { colours: { stage } }, picture, shapes } = this;
+    const painted = [picture, shapes, stage, v.k, v.x, v.y];
+    if (painted.every((value, k) => value === this.painted[k])) return;
+    this.painted = painted;
+    const c = contextOf(this.canvas);
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    c.fillStyle = stage;
+    c.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    if (picture) {
+      const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.raster;
+      c.setTransform(v.ratio, 0, 0, v.ratio, 0, 0);
+      c.imageSmoothingQuality = "high";
+      const x = v.k * (a - du / 2) + v.x, y = v.k * (b - dv / 2) + v.y, width = v.k * du * nu, height = v.k * dv * nv;
+      c.drawImage(picture, x, y, width, height);
+      if (shapes) c.drawImage(shapes, x, y, width, height);
+    }
   }
 
   /** Draw the lattice to which targets snap, as small crosses where it is wide enough to be seen. */
@@ -286,7 +301,7 @@ export class SpacePane {
     const paths = [`M ${x} 0 V ${y - gap} M ${x} ${y + gap} V ${v.height}`,
       `M 0 ${y} H ${x - gap} M ${x + gap} ${y} H ${v.width}`];
     this.lines.forEach((line, k) => {
-      for (const path of line.children) path.setAttribute("d", paths[k]);
+      for (const path of line.children) setAttributes(path, { d: paths[k] });
       line.style.setProperty("--dnb-line-ink", `var(--dnb-pane${this.crossing(LINES[k])?.index})`);
     });
   }
@@ -300,10 +315,20 @@ export class SpacePane {
       transform: `translate(${(k * a + x).toFixed(1)} ${(k * b + y).toFixed(1)})` });
   }
 
+  /** The points in this picture; those that have not moved since the last frame are the same objects, not drawn again. */
+  #flatPoints() {
+    const { editor, info } = this, depth = editor.isSlice ? this.depth : null, at = JSON.stringify([info, depth]);
+    if (at !== this.flatAt) { this.flatAt = at; this.flat = new WeakMap(); }
+    return editor.points.map((p) => {
+      const made = this.flat.get(p) ?? flatPoint(p, info, depth);
+      this.flat.set(p, made);
+      return made;
+    });
+  }
+
   /** Draw the points. Returns whether the focus was on a point that is gone. @returns {boolean} */
   #drawPoints() {
-    const { editor, info } = this, depth = editor.isSlice ? this.depth : null;
-    const flat = editor.points.map((p) => flatPoint(p, info, depth)), thick = info.box[5] - info.box[4];
+    const { editor, info } = this, flat = this.#flatPoints(), thick = info.box[5] - info.box[4];
     flat.sort((p, q) => Number(q.isFar) - Number(p.isFar)); // those on the slice are drawn last and grabbed first
     this.svg.classList.toggle("dnb-sp-many", flat.filter((p) => p.isFar).length > MOST_LABELS);
     const isFocusLost = this.handles.update(flat, editor.selected, this.view, 0, 0);

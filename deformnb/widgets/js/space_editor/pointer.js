@@ -35,6 +35,8 @@ import { LINES } from "./pane.js";
 export class PaneGestures {
   /** @type {Gesture | null} */
   gesture = null;
+  /** @type {DOMRect | null} the place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms */
+  box = null;
   isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
   wheelSteps = new WheelSteps();
 
@@ -64,6 +66,9 @@ export class PaneGestures {
     on(pane.svg, "contextmenu", (e) => this.contextMenu(e));
     on(pane.svg, "touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, { passive: false });
     on(pane.stage, "wheel", (e) => this.wheel(e), { passive: false });
+    for (const name of ["scroll", "resize"]) {
+      window.addEventListener(name, () => { this.box = null; }, { signal: editor.closed.signal, capture: true });
+    }
   }
 
   /**
@@ -71,8 +76,9 @@ export class PaneGestures {
    * @returns {number[]}
    */
   place(event) {
-    const box = this.pane.stage.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
+    if (!this.gesture) this.box = null;
+    this.box ??= this.pane.stage.getBoundingClientRect();
+    return [event.clientX - this.box.left, event.clientY - this.box.top];
   }
 
   /**
