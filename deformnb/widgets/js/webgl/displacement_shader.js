@@ -66,14 +66,14 @@ float whole(float cover, float nearly) { return cover > nearly ? 1. : cover; }
 // region r lies inside of.
 uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0; uniform vec2 cutScale;
 int chosen;    // the region that is seen there
-uniform int cutCount, regionCount, sides[${MOST_REGIONS}];
+uniform int regionCount, sides[${MOST_REGIONS}];
 
-float into(int region, vec2 at, int count) {
+// EACH_CUT(F) is F(0) F(1) ... of all cuts: a loop takes a software renderer longer than what is in these.
+float into(int region, vec2 at) {
   float depth = 1e9;
-  for (int c = 0; c < count; c++) {
-    float d = textureLod(distances, vec3(at, float(c)), 0.).r;
-    depth = min(depth, ((sides[region] >> c) & 1) == 1 ? -d : d);
-  }
+#define DEPTH(c) { float d = textureLod(distances, vec3(at, float(c)), 0.).r; \\
+  depth = min(depth, ((sides[region] >> c) & 1) == 1 ? -d : d); }
+  EACH_CUT(DEPTH)
   return depth;
 }
 
@@ -81,29 +81,24 @@ vec3 fromPlane(vec3 x) {
   vec2 at = (toCut * x + toCut0).xy;
   int bits = 0, own = 0;
   float edge = 1e9;
-  for (int c = 0; c < cutCount; c++) {
-    float d = textureLod(distances, vec3(at, float(c)), 0.).r;
-    edge = min(edge, abs(d));
-    if (d < 0.) bits |= 1 << c;
-  }
+#define SIDE(c) { float d = textureLod(distances, vec3(at, float(c)), 0.).r; \\
+  edge = min(edge, abs(d)); bits |= d < 0. ? 1 << c : 0; }
+  EACH_CUT(SIDE)
   for (int r = 0; r < regionCount; r++) if (sides[r] == bits) own = r;
   vec2 d = planar(x, own);
   float depth = edge - length(d); // at least: a distance changes by no more than the way
-  // Loops that may have no turn instead of branches: software renderers execute both sides of those.
-  bool isNear = depth < .5 * faceWidth;
-  float known = into(own, at + d * cutScale, isNear ? cutCount : 0);
-  if (isNear) depth = known;
+  if (depth < .5 * faceWidth) depth = into(own, at + d * cutScale);
   float wide;
   Choice choice = fromOwn(own, depth, wide);
 #ifdef BY_PLACE
   choice.cover = closedByPlace(choice.cover, edge, softness);
   wide = closedByPlace(wide, edge, faceWidth);
 #else
-  int others = wide < 1. ? regionCount : 0;
+  int others = wide < 1. ? regionCount : 0; // a loop that may have no turn: software renderers execute all of a branch
   for (int r = 0; r < others; r++) {
     if (r == own) continue;
     vec2 other = planar(x, r);
-    if (fromOther(choice, wide, r, into(r, at + other * cutScale, cutCount))) d = other;
+    if (fromOther(choice, wide, r, into(r, at + other * cutScale))) d = other;
   }
 #endif
   chosen = choice.region;
@@ -216,7 +211,7 @@ vec3 pulledBack(vec3 x, vec3 at, vec3 g) {
 float depthOfChosen(vec3 x) {
   float depth = 1e9;
 #ifdef PLANE_CUT
-  depth = into(chosen, (toCut * x + toCut0).xy + planar(x, chosen) * cutScale, cutCount);
+  depth = into(chosen, (toCut * x + toCut0).xy + planar(x, chosen) * cutScale);
 #endif
 #ifdef SPACE_CUT
 #ifdef PLANAR

@@ -107,7 +107,8 @@ function definesOf(projection, planar, space, { folds = false, clipped = false, 
     CUT: cut || early, PLANE_CUT: cut, BY_PLACE: isPaper(cut), SPACE_CUT: early, SPACE_BY_PLACE: isPaper(early),
     FOLDS: folds && (planar || space), CLIPPED: clipped && projection === "shaded", OCCLUDED: occluded && projection === "shaded",
   };
-  return Object.keys(needed).filter((name) => needed[name]);
+  const cuts = Array.from({ length: cut?.shape[0] ?? 0 }, (_, c) => `F(${c})`);
+  return [...Object.keys(needed).filter((name) => needed[name]), ...(cut ? [`EACH_CUT(F) ${cuts.join(" ")}`] : [])];
 }
 
 // ---- the ray caster -------------------------------------------------------------------------------------------------
@@ -628,7 +629,6 @@ export class RayCaster {
     gl.uniformMatrix3fv(at.toCut, false, cut.toCut.matrix);
     gl.uniform3fv(at.toCut0, cut.toCut.offset);
     gl.uniform2fv(at.cutScale, cut.scale);
-    gl.uniform1i(at.cutCount, cut.shape[0]);
     gl.uniform1i(at.regionCount, cut.bits.length);
     gl.uniform1iv(at["sides[0]"], cut.bits);
   }
