@@ -412,6 +412,42 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     return _finished(_nested(read, [fixed, *taps], start), ok, fill, method)
 
 
+def _slices_of_bytes(slices: Any, moves: Any, weights: Any, whole: Any, part: Any, fill: Any, *,
+                     shape: tuple[int, int], index: str) -> Any:
+    """Slices of uint8, each moved within itself and read linearly, as :func:`_extruded` gives them but for rounding.
+
+    A word per voxel of a slice holds the four voxels of its cell: one load for each voxel of the output in place of
+    four. Slices need two rows and two columns at least, and their places must be near (:func:`split`).
+
+    slices : [slice, row, column] of ``shape``, which may lie within another array (:class:`Within`).
+    moves : K displacements (2, rows, columns) in voxels along rows and columns, with ``weights`` (K, n).
+    whole, part : the input place of each row and column of the output before that, (2, rows, columns).
+    """
+    columns, count = shape[1], (shape[0] - 1) * shape[1] - 1  # of cells; the last voxel begins none
+    shifts = (0, 1, columns, columns + 1)
+
+    def packed(voxels: Any) -> Any:
+        wide = voxels.reshape(-1).astype(jnp.uint32)
+        return sum(wide[shift:shift + count] << 8 * k for k, shift in enumerate(shifts))
+
+    def moved(k: Any) -> Any:
+        axes = []
+        for a, stride in ((0, columns), (1, 1)):
+            move = sum(weights[m, k] * moves[m][a] for m in range(len(moves)))
+            axes.append(Axis(shape[a], stride, *split(whole[a], part[a] + move, near=True)))
+        taps = [_axis_taps("linear", axis, index) for axis in axes]
+        # XLA merges loops across its barriers and would pack again for each voxel that is read; what comes out of a
+        # conditional is stored. This one's condition always holds.
+        voxels = slices.at(k) if isinstance(slices, Within) else lax.dynamic_index_in_dim(slices, k, keepdims=False)
+        words = lax.cond(k >= 0, packed, lambda _: jnp.zeros(count, jnp.uint32), voxels)
+        word = words.at[taps[0][0][0] + taps[1][0][0]].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        word = lax.optimization_barrier(word)  # read, then interpolated: in one loop it takes a seventh longer
+        cell = {shift: ((word >> 8 * k) & 255).astype(jnp.int32).astype(jnp.float32) for k, shift in enumerate(shifts)}
+        return _finished(_nested(lambda _, shift: cell[shift], taps), inside(axes), fill, "linear")
+
+    return lax.map(moved, jnp.arange(weights.shape[1]))
+
+
 def _row_taps(maps: Any, matrix: Any, whole: Any, part: Any, *, shape: tuple[int, int], method: str, compute: str,
               index: str, near: bool = False) -> tuple[list[tuple[Any, Any]], Any]:
     """Rows to read and their weights for each row of the output, and where these lie inside: small arrays.
@@ -456,6 +492,7 @@ _STATIC = ("shape", "method", "compute", "index", "near")
 general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step"))
 listed = compiled(_listed, on_one_thread=True, static_argnames=_STATIC)
 extruded = compiled(_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
+slices_of_bytes = compiled(_slices_of_bytes, on_one_thread=True, static_argnames=("shape", "index"))
 rows = compiled(_rows, static_argnames=_STATIC)
 row_taps = compiled(_row_taps, static_argnames=_STATIC)
 rows_by = compiled(_rows_by, on_one_thread=True, static_argnames=("method", "compute"))

@@ -291,6 +291,36 @@ def test_short_cuts_into_a_part_or_another_resolution(view: str, rule: str) -> N
             assert np.mean(np.abs(result - expected) <= 2 * RANGE_SHARE * 200) > 0.999
 
 
+@pytest.mark.parametrize("output", [
+    STRAIGHT,
+    STRAIGHT.crop((1, 2, 3), (4, 5, 6)),
+    STRAIGHT.crop((1, 2, 3), (2, 2, 2)),  # a small part of each slice
+    STRAIGHT.crop((0, -3, -2), (6, 13, 12)),
+    STRAIGHT.resampled(spacing=(STRAIGHT.spacing[0] / 2, STRAIGHT.spacing[1] / 3, STRAIGHT.spacing[2])),
+])
+@pytest.mark.parametrize("rule", ["modulate", "interpolate"])
+def test_slices_of_bytes_into_any_field_of_view(rule: str, output: Grid) -> None:
+    volume, field = noise(STRAIGHT, "uint8"), extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, rule, 4.0)
+    assert planning.extruded(field, STRAIGHT, output, "float32") is not None
+    expected = slow_warp(volume, field, output, 7.0, "linear")
+    result = warp(volume, field, output=output, fill=7.0).values
+    # on the tie between two grey levels, float32 rounding decides
+    assert np.abs(result - expected).max() <= 0.5 + 2 * RANGE_SHARE * 255
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16"])
+def test_modulated_slices_may_begin_anywhere_in_memory(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planning, "BLOCK_VOXELS", 2 * STRAIGHT.shape[1] * STRAIGHT.shape[2])
+    values, field = noise(STRAIGHT, dtype).values, extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate")
+    results = []
+    for first in (0, 1, 33):  # voxels after an address from which JAX shares memory
+        room = sampling.aligned_empty((first + values.size,), values.dtype)
+        room[first:] = values.ravel()
+        results.append(warp(Volume(room[first:].reshape(values.shape), STRAIGHT), field).values)
+    np.testing.assert_array_equal(results[1], results[0])
+    np.testing.assert_array_equal(results[2], results[0])
+
+
 @pytest.mark.parametrize("plane", [
     Plane.through((-38, 27, 10), (1, 2, 3)),
     Plane((0, 0, 0), (np.cos(0.3), np.sin(0.3), 0), (-np.sin(0.3), np.cos(0.3), 0)),  # along z, but turned in itself
@@ -313,9 +343,10 @@ def test_a_crop_that_begins_outside_takes_the_general_way() -> None:
 
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("method", ["nearest", "linear"])
-def test_short_cuts_give_the_bytes_of_the_general_way(rule: str, method: str) -> None:
+@pytest.mark.parametrize("view", ["+y", "+z"])
+def test_short_cuts_give_the_bytes_of_the_general_way(rule: str, method: str, view: str) -> None:
     volume = noise(STRAIGHT, "uint8")
-    field = extruded(Plane.along(STRAIGHT, "+y"), STRAIGHT, rule)
+    field = extruded(Plane.along(STRAIGHT, view), STRAIGHT, rule)
     general = warp(volume, DisplacementField.sample(field, STRAIGHT), method=method).values
     for result in ways(volume, field, method=method):
         # on the tie between two grey levels, float32 rounding decides
