@@ -2,8 +2,8 @@
 
 Each case is a notebook in a real JupyterLab and a real, headless Chromium, an editor beside its live view. A point is
 dragged in a circle by 60 events a second, and dropped; then the view is turned by a drag on it. Rest is the time from
-the end of such a drag until the picture in full is on the screen. With another checkout, bundled, both take turns in one run, so what else the
-machine does falls on both; the fastest round of each counts.
+the end of such a drag until the picture in full is on the screen. With another checkout, bundled, both take turns in
+one run, so what else the machine does falls on both; the fastest round of each counts.
 """
 
 from __future__ import annotations

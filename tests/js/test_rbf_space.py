@@ -111,7 +111,8 @@ def test_the_browser_fits_points_in_space_as_the_package_does(name: str) -> None
     index = np.moveaxis(np.indices(LATTICE.shape)[::-1], 0, -1)
     oracle = fit.displacement(LATTICE.index_to_point(index))
     # The page keeps float32 of what it has computed in float64.
-    assert np.abs(np.array(answer["values"]).reshape(oracle.shape) - oracle).max() < CLOSE * max(1, np.abs(oracle).max())
+    values = np.array(answer["values"]).reshape(oracle.shape)
+    assert np.abs(values - oracle).max() < CLOSE * max(1, np.abs(oracle).max())
     assert (tuple(answer["notes"]), tuple(answer["ids"]), answer["trend"]) == (fit.remarks, fit.ids, fit.trend)
     if fit.count:
         assert answer["support"] == pytest.approx(fit.support, rel=1e-12)

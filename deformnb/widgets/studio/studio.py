@@ -639,7 +639,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
     def warm_up(self) -> None:
-        """Import JAX and compile for the first edits, in the studio's thread; done once the live view has its voxels."""
+        """Import JAX and compile for the first edits, in the studio's thread; done once the view has its voxels."""
         if not self._worker.is_closed:
             self._worker.latest("warm up", partial(warm_up, self.session))
 

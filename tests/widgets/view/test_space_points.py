@@ -156,7 +156,7 @@ def test_an_editor_keeps_no_view_alive(volume: Volume, editor: SpaceEditor, poin
     assert held() is None or held()._leave_points is None  # type: ignore[union-attr]
 
 
-# ---- what the page makes of moving points itself ----------------------------------------------------------------------
+# ---- what the page makes of moving points itself ---------------------------------------------------------------------
 
 
 def followed(view: LiveView, sender: str = "w") -> None:
@@ -196,8 +196,9 @@ def test_what_a_page_cannot_make_python_makes(volume: Volume, points: ControlPoi
     if kind == "many":
         every = GRID.index_to_point(np.random.default_rng(1).uniform(2, 28, (MOST_FITTED + 1, 3)))
         points = ControlPoints.from_arrays(every, every + 0.1)
-    made = SpaceEditor(volume, points, **({"options": {"parts": (part,)}} if kind == "part" else {}),
-                       **({"stages": 3} if kind == "stages" else {}), **({"before": before} if kind == "before" else {}))
+    given: dict[str, dict[str, Any]] = {"part": {"options": {"parts": (part,)}}, "stages": {"stages": 3},
+                                        "before": {"before": before}}
+    made = SpaceEditor(volume, points, **given.get(kind, {}))
     view, fields = opened(volume)
     view.edit_points(made, (lambda given: compose(before, fit_rbf(given))) if kind == "document" else None)
     followed(view)
