@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from deformnb._jax import compiled, float64, jax, jnp, lax, pytree, refuse_forke
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
 
-LARGEST_INT32 = 2**31 - 1
+LARGEST_INT32 = 2**31 - 64  # with what may lie before them in a line of memory, see :class:`Within`
 
 NEAR = 2**21
 """Below this many voxels places are split in a quicker way, see :func:`split`."""
@@ -95,10 +96,10 @@ class Within:
 
 
 def shared(array: NDArray[Any]) -> Any:
-    """A part of a larger array as JAX sees it, copied as little as can be: by :func:`on_device`, or :class:`Within`.
+    """An array, or a part of a larger one, as JAX sees it: by :func:`on_device`, or :class:`Within` without a copy.
 
-    The row of the latter begins before the part, where memory can be shared; parts of one shape have rows of one
-    length. Only what lies at the very beginning or end of the larger array is copied.
+    The row of the latter begins before the array, where memory can be shared; parts of one shape have rows of one
+    length. Only a part at the very beginning or end of the larger array is copied.
     """
     whole = array
     while isinstance(whole.base, np.ndarray):
@@ -107,8 +108,12 @@ def shared(array: NDArray[Any]) -> Any:
     # By its strides, not by where it starts alone: all parts of an array along its first axes are then of one kind,
     # and one compilation serves them. Read as a row they take a twentieth longer, copied a quarter.
     is_aligned = not (start or any(stride % _ALIGNMENT for stride in array.strides[:-2]))
-    is_part = array.flags.c_contiguous and whole.flags.c_contiguous and array.nbytes < whole.nbytes
-    if not devices.is_host() or is_aligned or not is_part or start % array.itemsize:
+    is_part = whole.flags.c_contiguous and array.nbytes < whole.nbytes
+    if not devices.is_host() or not array.flags.c_contiguous or start % array.itemsize or not array.size:
+        return on_device(array)
+    if not is_part and start:
+        return Within(on_device(_lines(array)), np.int32(start // array.itemsize), array.shape)
+    if is_aligned or not is_part:
         return on_device(array)
     length = array.size + _ALIGNMENT // array.itemsize
     values = whole.reshape(-1).view(np.uint8)
@@ -119,6 +124,17 @@ def shared(array: NDArray[Any]) -> Any:
     row = aligned_empty((length,), array.dtype)
     np.copyto(row[:array.size].reshape(array.shape), array)
     return Within(on_device(row), np.int32(0), array.shape)
+
+
+def _lines(array: NDArray[Any]) -> NDArray[Any]:
+    """The row of values in the whole lines of memory that hold an array. A line lies in one page, so all may be read.
+
+    What stands before and behind the array is anything, and belongs to nobody here: it must not be looked at.
+    """
+    start = array.ctypes.data % _ALIGNMENT
+    count = -(-(start + array.nbytes) // _ALIGNMENT) * (_ALIGNMENT // array.itemsize)
+    interface = {"version": 3, "typestr": array.dtype.str, "shape": (count,), "data": (array.ctypes.data - start, True)}
+    return np.asarray(SimpleNamespace(__array_interface__=interface, owner=array))
 
 
 def turned(array: NDArray[Any], axis: int, to: int) -> Any:
@@ -302,6 +318,11 @@ def _reader(flat: Any, taps: Sequence[Taps], method: str, compute: Any) -> Calla
     return read
 
 
+def _row_of(flat: Any) -> tuple[Any, Any]:
+    """The row in which values lie, and where they begin."""
+    return (flat.row, flat.start) if isinstance(flat, Within) else (flat.reshape(-1), 0)
+
+
 def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[1] * shape[2], shape[2], 1
 
@@ -315,7 +336,7 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
              shape: tuple[int, int, int], method: str, step: int, compute: str, index: str, near: bool = False) -> Any:
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
-    flat : the input's voxels (or spline coefficients), one row; ``shape`` is its shape.
+    flat : the input's voxels (or spline coefficients) in any shape, or :class:`Within`; ``shape`` is their shape.
     field : physical displacement (x, y, z) at every ``step``-th plane and row: three arrays (nodes z, nodes y, nx), or
         one with the components last, which may lie within another (:class:`Within`).
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
@@ -326,6 +347,8 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
     low = np.arange(whole[1].shape[1]) // step
     tail = () if isinstance(field, tuple) else (1,)
     within = jnp.asarray(np.arange(whole[1].shape[1]) % step / step, jnp.float32).reshape(-1, 1, *tail)
+
+    row, start = _row_of(flat)
 
     def nodes_of(values: Any, k: Any) -> Any:
         return values.at(k) if isinstance(values, Within) else lax.dynamic_index_in_dim(values, k, keepdims=False)
@@ -360,7 +383,7 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
             move = matrix[a, 0] * d[0] + matrix[a, 1] * d[1] + matrix[a, 2] * d[2]
             axes.append(Axis(shape[a], stride, *_moved(w, p, move, near)))
         taps = [_axis_taps(method, a, index) for a in axes]
-        return _finished(_nested(_reader(flat, taps, method, compute), taps), inside(axes), fill, method)
+        return _finished(_nested(_reader(row, taps, method, compute), taps, start), inside(axes), fill, method)
 
     return lax.map(plane, jnp.arange(whole[0].shape[1]))
 
@@ -386,7 +409,7 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
               near: bool = False) -> Any:
     """A block of the output under a field that moves nothing along the array axis ``normal``.
 
-    flat : as for :func:`_general`, in any shape, or :class:`Within`.
+    flat : as for :func:`_general`.
     maps : K maps (2, z, y, x) of displacement along the plane's (u, v), of extent 1 along ``normal``.
     weights : (K, n) along ``normal``, or None for one replicated map.
     matrix : 3 x 2, from (u, v) to input voxels. The rest as for :func:`_general`.
@@ -407,7 +430,7 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     if weights is None:
         # These are as small as the map: compute them once. With weights they are as large as the output: never store.
         taps, ok = [_stored(axis) for axis in taps], lax.optimization_barrier(ok)
-    row, start = (flat.row, flat.start) if isinstance(flat, Within) else (flat.reshape(-1), 0)
+    row, start = _row_of(flat)
     read = _reader(row, [fixed, *taps], method, compute)
     return _finished(_nested(read, [fixed, *taps], start), ok, fill, method)
 

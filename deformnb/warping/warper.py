@@ -231,7 +231,7 @@ class Warper:
         values = self._voxels
         if METHODS[self.method].is_spline:
             values = sampling.spline_coefficients(values, self._compute)
-        return sampling.on_device(values, (-1,))
+        return sampling.shared(values)
 
     def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)

@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import oracle
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -544,7 +545,9 @@ def test_parts_of_any_size_give_the_same_voxels(threads: int, step: int, monkeyp
         monkeypatch.setattr(planning, "BLOCK_VOXELS", voxels)
         monkeypatch.setattr(planning, "CHUNK_BYTES", voxels)
         for f, expected in zip(fields, whole, strict=True):
-            assert (warp(volume, f, step=step).values == expected).all()
+            # Equal where XLA optimises; tests compile quickly, and the size of a part then decides about rounding.
+            close = 4 * np.finfo(np.float32).eps * np.abs(expected).max()
+            oracle.assert_close(warp(volume, f, step=step).values, expected, atol=close)
 
 
 @pytest.mark.parametrize("turn", [1, -1])
