@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from js.test_rbf import CLOSE, PAIRS, as_json, refusal, with_choice, with_radii
+from js.test_rbf import CLOSE, PAIRS, as_json, fitted_alike, with_choice, with_radii
 from scripts import run_script
 
-from deformnb.errors import DeformError
-from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid
@@ -102,17 +100,13 @@ def answers() -> dict[str, dict[str, Any]]:
 def test_the_browser_fits_points_in_space_as_the_package_does(name: str) -> None:
     points, settings = cases()[name]
     answer = answers()[name]
-    if "error" in answer:
-        with pytest.raises(DeformError) as caught:
-            fit_rbf(points, **settings)
-        assert refusal(answer["error"]) == refusal(str(caught.value))
+    fit = fitted_alike(answer, points, settings)
+    if fit is None:
         return
-    fit = fit_rbf(points, **settings)
     index = np.moveaxis(np.indices(LATTICE.shape)[::-1], 0, -1)
     oracle = fit.displacement(LATTICE.index_to_point(index))
     # The page keeps float32 of what it has computed in float64.
     values = np.array(answer["values"]).reshape(oracle.shape)
     assert np.abs(values - oracle).max() < CLOSE * max(1, np.abs(oracle).max())
-    assert (tuple(answer["notes"]), tuple(answer["ids"]), answer["trend"]) == (fit.remarks, fit.ids, fit.trend)
     if fit.count:
         assert answer["support"] == pytest.approx(fit.support, rel=1e-12)

@@ -114,6 +114,17 @@ export class FollowedModel {
     return { model, bus };
   }
 
+  /**
+   * Calls a function at each event of a bus until another widget is chosen.
+   * @param {Bus} bus
+   * @param {string} name
+   * @param {(event: any) => void} heard
+   */
+  hear(bus, name, heard) {
+    bus.addEventListener(name, heard);
+    this.ends.push(() => bus.removeEventListener(name, heard));
+  }
+
   end() {
     for (const step of this.ends.splice(0).reverse()) step();
     this.#ticket = this.reference = null;

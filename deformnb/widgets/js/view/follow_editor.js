@@ -186,9 +186,7 @@ export class FieldLink {
     const { model: editor, bus } = found;
     this.editor = editor;
     this.bus = bus;
-    const moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.moved(event.detail);
-    bus.addEventListener("deformnb:points", moved);
-    this.followed.ends.push(() => bus.removeEventListener("deformnb:points", moved));
+    this.followed.hear(bus, "deformnb:points", ({ detail }) => this.moved(detail));
     // An editor that is not drawn in this window publishes nothing; its traits still change.
     const changed = () => { if (!bus.latest) this.moved(traitsOf(bus, editor)); };
     for (const name of FOLLOWED) {

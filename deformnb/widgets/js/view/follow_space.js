@@ -53,9 +53,7 @@ export class SpaceLink {
     const { model: editor, bus } = found;
     this.editor = editor;
     this.bus = bus;
-    const moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.moved(event.detail);
-    bus.addEventListener("deformnb:points", moved);
-    this.followed.ends.push(() => bus.removeEventListener("deformnb:points", moved));
+    this.followed.hear(bus, "deformnb:points", ({ detail }) => this.moved(detail));
     this.view.follows(senderOf(bus, editor).id);
   }
 

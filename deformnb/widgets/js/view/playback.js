@@ -44,13 +44,11 @@ export class TimeLink {
     const { model: player, bus } = found;
     this.player = player;
     this.bus = bus;
-    const moved = (/** @type {CustomEvent<TimeDetail>} */ event) => this.#show(event.detail);
-    bus.addEventListener("deformnb:time", moved);
+    this.followed.hear(bus, "deformnb:time", ({ detail }) => this.#show(detail));
     // A player that is not drawn in this window has no clock here; its traits still change.
     const changed = () => { if (!bus.clock) this.#show({ time: player.get("time"), isPlaying: false }); };
     player.on("change:time", changed);
-    this.followed.ends.push(() => bus.removeEventListener("deformnb:time", moved),
-      () => player.off("change:time", changed));
+    this.followed.ends.push(() => player.off("change:time", changed));
     if (this.frames) this.#show({ time: this.time, isPlaying: false });
   }
 

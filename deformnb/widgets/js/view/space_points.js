@@ -335,17 +335,15 @@ export class SpacePoints {
     this.editor = editor;
     this.bus = bus;
     this.sender = sender;
-    const moved = (/** @type {CustomEvent<PointsDetail>} */ { detail }) => {
+    this.followed.hear(bus, "deformnb:points", ({ detail }) => {
       if (detail.origin === this.id || this.drag0) return;
       this.points = detail.phase === "move" ? detail.points : sender.points;
       this.draw();
-    };
+    });
     const chosen = () => { this.selected = new Set(editor.get("selected") ?? []); this.draw(); };
-    bus.addEventListener("deformnb:points", moved);
     editor.on("change:selected", chosen);
     const unlisten = sender.listen((/** @type {string} */ what) => { if (what === "points") this.receive(); });
-    this.followed.ends.push(unlisten, () => bus.removeEventListener("deformnb:points", moved),
-      () => editor.off("change:selected", chosen));
+    this.followed.ends.push(unlisten, () => editor.off("change:selected", chosen));
     sender.receive();
     this.points = sender.points;
     chosen();
