@@ -439,14 +439,13 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
     return [(slice(z, z + planes), slice(y, y + rows)) for z, y in starts]
 
 
-def square_blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
+def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
     """:func:`blocks` that are about as long along z as along y: they read few nodes beyond their rims."""
     nz, ny, nx = shape
     side = max(1, round((BLOCK_VOXELS / nx) ** 0.5))
-    rows = _length(ny, max(side, BLOCK_VOXELS // (nx * nz)), step)
-    planes = _length(nz, max(1, BLOCK_VOXELS // (nx * rows)), step)
-    return [(slice(z, z + planes), slice(y, y + rows))
-            for z in _starts(nz, planes, step) for y in _starts(ny, rows, step)]
+    rows = _length(ny, max(side, BLOCK_VOXELS // (nx * nz)), 1)
+    planes = _length(nz, max(1, BLOCK_VOXELS // (nx * rows)), 1)
+    return [(slice(z, z + planes), slice(y, y + rows)) for z in _starts(nz, planes, 1) for y in _starts(ny, rows, 1)]
 
 
 def chunks(count: int, size: int) -> list[slice]:

@@ -32,7 +32,7 @@ from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
-from deformnb.warping.node_table import SPACING, Displacements, Piece
+from deformnb.warping.node_table import Displacements, Piece
 
 
 def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
@@ -431,7 +431,7 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             result = warper._listed(flat, d, voxels)
             out[voxels] = result if opacity is None else warper._faded(result, opacity)
 
-    parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape, SPACING)
+    parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
     _share(warpers, parts, work, _within(progress, *ends[:2]))
     if not by_lattice:
         _share(warpers, chain.left(), replace, _within(progress, *ends[1:]))

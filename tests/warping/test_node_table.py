@@ -21,6 +21,7 @@ from deformnb.warping.node_table import ERROR, NodeTable, smoothness_of
 GRID = Grid((30, 33, 41), (1.0, 1.25, 0.8), (100.0, -40.0, 7.0))
 # float32 adds a rounding of displacements of a few voxels.
 ROUNDING = 2e-6
+FINER = Grid((60, 66, 82), (0.5, 0.625, 0.4), GRID.origin)
 BLOCK = (slice(0, GRID.shape[0]), slice(0, GRID.shape[1]))
 
 
@@ -80,14 +81,14 @@ def voxel_centres() -> np.ndarray:
     return GRID.index_to_point(np.stack([x, y, z], axis=-1))
 
 
-def table_of(field: AbstractField, asked: list[int] | None = None) -> NodeTable:
+def table_of(field: AbstractField, asked: list[int] | None = None, grid: Grid = GRID) -> NodeTable:
     def exactly(places: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if asked is not None:
             asked.append(len(np.unique(places, axis=1).T))
         d, opacity = field.seen(places.T.astype(np.float64) + origin)
         return d.T, opacity
 
-    return NodeTable(field, exactly, GRID)
+    return NodeTable(field, exactly, grid)
 
 
 @pytest.mark.sampled(6)
@@ -115,23 +116,34 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
 @pytest.mark.parametrize("name", ["two planes", "stages", "beside a cut", "modulated"])
 def test_most_voxels_are_interpolated(name: str) -> None:
     asked: list[int] = []
-    table = table_of(Deformation(CHAINS[name](0)).field(GRID), asked)
-    found = table.block(BLOCK)
+    block = (slice(0, FINER.shape[0]), slice(0, FINER.shape[1]))
+    table = table_of(Deformation(CHAINS[name](0)).field(FINER), asked, FINER)
+    found = table.block(block)
     assert found is not None
-    at_voxels(found, table, BLOCK, GRID)
-    assert sum(asked) < 0.6 * GRID.size
+    at_voxels(found, table, block, FINER)
+    assert sum(asked) < 0.4 * FINER.size
+
+
+@pytest.mark.parametrize(("drag", "spacing"), [(6.0, 4), (4.0, 6), (1.0, 8)])
+def test_nodes_are_as_far_apart_as_the_field_is_smooth(drag: float, spacing: int) -> None:
+    field = Deformation((in_space(0, drag), on_plane("+y", 1, drag))).field(FINER)
+    found = table_of(field, grid=FINER).block(BLOCK)
+    assert found is not None
+    assert found.nodes is not None
+    (below, _), _ = found.nodes
+    assert set(np.diff(np.flatnonzero(np.diff(below)))) == {spacing}
 
 
 def test_blocks_read_the_same_nodes() -> None:
-    field = Deformation(CHAINS["beside a rigid part"](1)).field(GRID)
-    block = (slice(8, 16), slice(20, 36))  # beyond the last row
+    field = Deformation((on_plane("+z", 1, 0.3), on_plane("+y", 2, 0.3))).field(GRID)
+    block = (slice(7, 15), slice(17, 33))  # between nodes
     tables = table_of(field), table_of(field)
     whole, part = tables[0].block(BLOCK), tables[1].block(block)
     assert whole is not None
     assert part is not None
     wanted, _ = at_voxels(whole, tables[0], BLOCK, GRID)
     found, _ = at_voxels(part, tables[1], block, GRID)
-    assert np.abs(found - wanted[:, 8:16, 20:]).max() <= ROUNDING
+    assert np.abs(found - wanted[:, 7:15, 17:]).max() <= ROUNDING
 
 
 def test_a_bump_narrower_than_the_nodes_is_not_lost() -> None:
