@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import os
 import platform
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, wraps
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._deferred import Deferred, after_jax, jax
-from deformnb.errors import DeformError
+from deformnb.errors import Cancelled, DeformError
 
 if TYPE_CHECKING:
     import jax.numpy as jnp
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
 else:
     jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
 
-__all__ = ["adjugate", "compiled", "determinant", "float64", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node",
-           "refuse_forked", "use_disk_cache", "with_derivative"]
+__all__ = ["ENDING", "adjugate", "check_process", "compiled", "determinant", "float64", "jax", "jnp", "lax", "one_plus",
+           "pytree", "pytree_node", "use_disk_cache", "with_derivative"]
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -134,14 +135,23 @@ def _watch_forks() -> None:
         os.register_at_fork(after_in_child=_in_child)
 
 
-def refuse_forked() -> None:
-    """Refuse to compute in a child made by ``fork`` after its parent has computed: JAX would wait there for ever.
+ENDING = threading.Event()
+"""Set when the process ends: from then on only the main thread begins to compute."""
+
+
+def check_process() -> None:
+    """Refuse to compute where JAX would hang or crash.
 
     Raises
     ------
     DeformError
-        With the remedy.
+        In a child made by ``fork`` after its parent has computed, where JAX would wait for ever; with the remedy.
+    Cancelled
+        In a thread of a process that ends: the interpreter would abort a compilation in the middle, and the process
+        with it.
     """
+    if ENDING.is_set() and threading.current_thread() is not threading.main_thread():
+        raise Cancelled("the process ends.")
     _watch_forks()
     if _is_forked:
         raise DeformError("this process was made by fork from one that had deformed something already, and computing "
@@ -174,7 +184,7 @@ def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (),
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        refuse_forked()
+        check_process()
         with devices.computing():
             return executable()(*args, **kwargs)
 
@@ -185,7 +195,7 @@ def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (),
 @contextmanager
 def float64() -> Iterator[None]:
     """A context in which JAX computes in 64 bits, on the device in use, for this thread only."""
-    refuse_forked()
+    check_process()
     with devices.computing(), jax.enable_x64(True):
         yield
 

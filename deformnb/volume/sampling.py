@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import compiled, float64, jax, jnp, lax, pytree, refuse_forked
+from deformnb._jax import check_process, compiled, float64, jax, jnp, lax, pytree
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
@@ -64,7 +64,7 @@ def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
 
     ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
     """
-    refuse_forked()
+    check_process()
     if not devices.is_host():
         return jax.device_put(array if shape is None else array.reshape(shape), devices.device_in_use())
     if not array.flags.c_contiguous or array.ctypes.data % _ALIGNMENT:
@@ -139,7 +139,7 @@ def _lines(array: NDArray[Any]) -> NDArray[Any]:
 
 def turned(array: NDArray[Any], axis: int, to: int) -> Any:
     """The array in JAX's memory with one axis moved; JAX's own copy turns small types four times as fast as NumPy's."""
-    refuse_forked()
+    check_process()
     return jax.device_put(np.moveaxis(array, axis, to))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import logging
+import sys
 import threading
 import time
 import weakref
@@ -18,6 +19,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
+from deformnb._jax import ENDING
 from deformnb.errors import DeformError
 
 _LOG = logging.getLogger(__name__)
@@ -26,8 +28,10 @@ _Result = TypeVar("_Result")
 
 _IDLE = 30.0  # seconds without work after which a thread ends, until something is to be done again
 
-# At the end of the process a picture that is being drawn may be finished: VTK torn out of its work ends in a crash.
-_PATIENCE_AT_EXIT = 5.0
+# At the end of the process a program that is being compiled and a picture that is being drawn are finished: XLA and VTK
+# torn out of their work end in a crash. No further program begins, so this is as long as the slowest of a busy machine.
+_PATIENCE_AT_EXIT = 30.0
+_SILENCE_AT_EXIT = 1.0  # seconds of waiting after which the process says what it waits for
 
 
 class Worker:
@@ -208,7 +212,7 @@ def _work(queue: _Queue, before: threading.Thread | None) -> None:
         try:
             work()
         except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
-            if not _ENDING.is_set():  # at the end of the process JAX has put away what a job still needs
+            if not ENDING.is_set():  # which cancels what a job computes
                 _LOG.exception("a job of a worker failed")
                 queue.report_failure(error)
         del work  # else the thread holds the owner of its last job while it waits
@@ -230,15 +234,24 @@ def _settle(future: Future[Any], function: Callable[[], Any]) -> None:
 
 
 _RUNNING: dict[threading.Thread, _Queue] = {}
-_ENDING = threading.Event()
 
 
 @atexit.register
 def _end_all() -> None:
-    _ENDING.set()
+    ENDING.set()
     running = list(_RUNNING.items())
     for _, queue in running:
         queue.close()
-    until = time.monotonic() + _PATIENCE_AT_EXIT
-    for thread, _ in running:
+    threads = [thread for thread, _ in running]
+    _join(threads, _SILENCE_AT_EXIT)
+    busy = [thread.name for thread in threads if thread.is_alive()]
+    if busy:
+        with contextlib.suppress(OSError, ValueError):  # a terminal that has gone
+            sys.stderr.write(f"deformnb: finishing what {', '.join(busy)} is computing.\n")
+        _join(threads, _PATIENCE_AT_EXIT)
+
+
+def _join(threads: list[threading.Thread], wait: float) -> None:
+    until = time.monotonic() + wait
+    for thread in threads:
         thread.join(max(0.0, until - time.monotonic()))

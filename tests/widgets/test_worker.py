@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import gc
 import logging
+import os
+import subprocess
+import sys
 import threading
 import time
 import weakref
+from pathlib import Path
 
 import pytest
 from waiting import PATIENCE, Threads, wait_for
@@ -80,6 +84,29 @@ def test_a_job_that_is_done_while_the_worker_is_closed_may_ask_for_a_rest(caplog
     gate.set()
     assert done.wait(PATIENCE)
     assert caplog.records == []
+
+
+def test_a_process_that_ends_cancels_what_a_job_computes_between_two_programs(tmp_path: Path) -> None:
+    compiling = """if True:
+        import sys
+        import threading
+        from deformnb._jax import compiled, jnp
+        from deformnb.widgets.worker import Worker
+
+        begun, worker = threading.Event(), Worker()
+
+        def job():
+            for k in range(10000):  # minutes
+                compiled(lambda x, k=k: jnp.linalg.eigh(jnp.sort(x, axis=k % 2) + k)[1])(jnp.ones((5, 5)))
+                begun.set()
+
+        worker.latest("compile", job)
+        begun.wait()
+    """
+    environment = {**os.environ, "DEFORMNB_COMPILATION_CACHE": "off"}
+    ended = subprocess.run([sys.executable, "-c", compiling], cwd=tmp_path, env=environment, timeout=PATIENCE,
+                           capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (0, ""), ended.stderr  # XLA torn out of its work: -6 or -11
 
 
 def test_an_exception_goes_to_who_waits_and_the_thread_goes_on(caplog: pytest.LogCaptureFixture) -> None:
