@@ -217,15 +217,15 @@ def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[Abstrac
     return out.transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
 
 
-def _in_turn(p: Any, stages: Leaves, origins: Any, supports: Any, *, kernel: type[AbstractKernel]) -> Any:
+def _in_turn(p: Any, stages: Leaves, origins: Any, scales: Any, *, kernel: type[AbstractKernel]) -> Any:
     def block(start: Any) -> tuple[Any, Any]:
         def one(places: Any, given: tuple[Leaves, Any, Any]) -> tuple[Any, Any]:
-            leaves, origin, support = given
-            relative = ((places - origin[:, None]) / support).astype(leaves.centers.dtype)
+            leaves, origin, scale = given
+            relative = ((places - origin[:, None]) * scale).astype(leaves.centers.dtype)
             d = jnp.stack(_displacement(tuple(relative), leaves, kernel)).astype(places.dtype)
             return places + d, relative.astype(jnp.float32)
 
-        return lax.scan(one, start, (stages, origins, supports))
+        return lax.scan(one, start, (stages, origins, scales))
 
     return lax.map(block, p)
 
@@ -234,7 +234,7 @@ _evaluate_in_turn = compiled(_in_turn, on_one_thread=True, static_argnames="kern
 
 
 def in_turn(places: NDArray[np.float64], stages: Leaves, origins: NDArray[np.float64], supports: NDArray[np.float64],
-            kernel: type[AbstractKernel]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            kernel: type[AbstractKernel]) -> tuple[NDArray[np.float64], list[NDArray[np.float32]]]:
     """Places (dim, n) moved by S sums, each evaluated where the one before leads; moved in float64.
 
     Parameters
@@ -244,15 +244,28 @@ def in_turn(places: NDArray[np.float64], stages: Leaves, origins: NDArray[np.flo
 
     Returns
     -------
-    places (dim, n), and where each sum was evaluated, (S, dim, n) float32 in its relative coordinates.
+    places (dim, n), and for each sum where it was evaluated, (blocks, dim, places of a block) float32 in its relative
+    coordinates; in the last block the last place is repeated.
     """
     dim, n = places.shape
-    count = few_sizes(-(-n // _BLOCK))
-    blocks = places[:, np.minimum(np.arange(count * _BLOCK), n - 1)].reshape(dim, count, _BLOCK)
     with float64():
-        found = _evaluate_in_turn(blocks.transpose(1, 0, 2), stages, origins, supports, kernel=kernel)
-    ends, at = (np.moveaxis(np.asarray(part), 0, -2) for part in found)  # blocks before the places in them
-    return ends.reshape(dim, -1)[:, :n], at.reshape(len(supports), dim, -1)[:, :, :n]
+        ends, at = _evaluate_in_turn(blocks_of(places), stages, origins, 1 / supports, kernel=kernel)
+    return np.moveaxis(np.asarray(ends), 0, 1).reshape(dim, -1)[:, :n], list(np.moveaxis(np.asarray(at), 1, 0))
+
+
+def blocks_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places (dim, n) in blocks (blocks, dim, m) of one size, so that few shapes compile; the last one is repeated."""
+    dim, n = places.shape
+    count = few_sizes(-(-n // _BLOCK))
+    blocks = np.empty((count, dim, _BLOCK))
+    whole = n // _BLOCK
+    blocks[:whole] = places[:, : whole * _BLOCK].reshape(dim, whole, _BLOCK).swapaxes(0, 1)
+    rest = n - whole * _BLOCK
+    if rest:
+        blocks[whole, :, :rest] = places[:, whole * _BLOCK :]
+        blocks[whole, :, rest:] = places[:, -1:]
+    blocks[-(-n // _BLOCK) :] = places[:, -1:]
+    return blocks
 
 
 # ---- compact kernels with many centres -------------------------------------------------------------------------------

@@ -319,9 +319,10 @@ class Extrusion(AbstractField):
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         abc = self.plane.to_plane(points)
-        weights = self.weights_at(abc[..., 2])
+        depth = abc[..., 2]
+        weights = self.weights_at(depth[..., :1] if self.is_replication and depth.ndim else depth)
         total = sum(w[..., None] * m.displacement(abc[..., :2]) for m, w in zip(self.maps, weights, strict=True))
-        return np.asarray(total @ self.plane.frame[:2])
+        return np.einsum("...m,mk->...k", total, self.plane.frame[:2])  # BLAS: as in Plane.to_plane
 
     def slopes_at(self, c: NDArray[np.float64]) -> NDArray[np.float64]:
         """Derivatives (K, ...) of the weights by depth c (...), per unit of length.

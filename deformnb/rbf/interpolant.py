@@ -34,6 +34,7 @@ from deformnb.rbf.evaluation import (
     Leaves,
     at_lattice,
     at_points,
+    blocks_of,
     capacity,
     in_turn,
     jacobian_at_lattice,
@@ -302,7 +303,7 @@ class RBFInterpolant(AbstractField):
 
 
 def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
-               ) -> tuple[NDArray[np.float64], list[tuple[RBFInterpolant, NDArray[np.floating[Any]]]]]:
+               ) -> tuple[NDArray[np.float64], list[tuple[RBFInterpolant, NDArray[Any]]]]:
     """Places (dim, n) moved by fits, each evaluated where the one before leads, in the type that is exact enough.
 
     Parameters
@@ -312,17 +313,17 @@ def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], reso
 
     Returns
     -------
-    places (dim, n), and the fits that move something, each with the places (dim, n) where it was evaluated, relative
-    to its origin in units of its support.
+    places (dim, n), and the fits that move something, each with the places where it was evaluated, relative to its
+    origin in units of its support, in blocks (blocks, dim, m); at the end of the last one the last place is repeated.
     """
-    ways: list[tuple[RBFInterpolant, NDArray[np.floating[Any]]]] = []
+    ways: list[tuple[RBFInterpolant, NDArray[Any]]] = []
     for _, group in groupby((fit for fit in fits if not fit.is_identity), _evaluated_alike):
         alike = list(group)
         ends = np.stack([places.min(axis=1), places.max(axis=1)])
         reaches = [float(np.linalg.norm(np.abs(ends - fit.origin).max(axis=0)) / fit.support) for fit in alike]
         dtype = _common_type(alike, reaches, resolution, known)
         found, at = _in_turn(alike, places, dtype)
-        reaches = [float(np.linalg.norm(np.abs(some).max(axis=1))) for some in at]
+        reaches = [float(np.linalg.norm(np.maximum(some.max(axis=(0, 2)), -some.min(axis=(0, 2))))) for some in at]
         if dtype is np.float32 and _common_type(alike, reaches, resolution, known) is np.float64:
             found, at = _in_turn(alike, places, np.float64)
         places = found
@@ -336,11 +337,11 @@ def _evaluated_alike(fit: RBFInterpolant) -> Any:
 
 
 def _in_turn(fits: Sequence[RBFInterpolant], places: NDArray[np.float64],
-             dtype: Any) -> tuple[NDArray[np.float64], NDArray[np.floating[Any]]]:
+             dtype: Any) -> tuple[NDArray[np.float64], list[NDArray[Any]]]:
     first, leaves = fits[0], [fit._leaves(dtype) for fit in fits]
     if first.is_culled:  # alone
         relative, _ = first._relative(places.T)
-        return places + at_points(relative, leaves[0], first.kernel, dtype), relative[None]
+        return places + at_points(relative, leaves[0], first.kernel, dtype), [blocks_of(relative)]
     stages = Leaves(*(None if column[0] is None else np.stack(column) for column in zip(*leaves, strict=True)))
     return in_turn(places, stages, np.stack([fit.origin for fit in fits]),
                    np.array([fit.support for fit in fits], dtype=np.float64), first.kernel)

@@ -8,6 +8,7 @@ grows from front to back. All lengths are physical (the unit of the volume); no 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -161,10 +162,12 @@ class Plane:
         """n = u x v, away from the viewer."""
         return _triple(np.cross(self.u, self.v) + 0.0, "normal")
 
-    @property
+    @cached_property
     def frame(self) -> NDArray[np.float64]:
         """Rows u, v, n; shape (3, 3). ``frame @ vector`` gives plane components, ``components @ frame`` the vector."""
-        return np.array([self.u, self.v, self.normal])
+        frame = np.array([self.u, self.v, self.normal])
+        frame.flags.writeable = False
+        return frame
 
     def to_plane(self, points: ArrayLike) -> NDArray[np.float64]:
         """Plane coordinates (a, b, c) of points (..., 3) in space."""

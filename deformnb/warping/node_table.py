@@ -67,7 +67,8 @@ _EVERY = (slice(None), slice(None))
 # What a voxel that is listed and evaluated by itself costs, in nodes or in voxels of a block that is evaluated whole.
 _LISTED = 1.5
 
-# Voxels that are evaluated one by one, at a time; the last ones are filled up, so that two sizes compile.
+# Voxels that are evaluated one by one, at a time, many and the rest of them; what is left of these is filled up, so that
+# two sizes compile.
 _FEW, _TOGETHER = 2**12, 2**15
 
 # Nodes that are evaluated at a time, and planes of them at least: one more plane is evaluated with each of these parts.
@@ -230,15 +231,16 @@ def _pieces(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: N
 
     start : the first voxel of the first cell; stop : the end of the voxels.
     """
-    most = _TOGETHER // side**3
-    for first in range(0, len(cells), most):
-        yield partial(_voxels, cells[first : first + most], side, start, stop)
+    whole = len(cells) - len(cells) % (_TOGETHER // side**3)
+    for part, together in ((cells[:whole], _TOGETHER), (cells[whole:], _FEW)):
+        most = together // side**3
+        for first in range(0, len(part), most):
+            yield partial(_voxels, part[first : first + most], side, start, stop, together)
 
 
-def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp]) -> Voxels:
+def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp], size: int) -> Voxels:
     index = (side * cells.T[:, :, None] + np.indices((side,) * 3).reshape(3, 1, -1)).reshape(3, -1) + start[:, None]
     index = np.minimum(index, stop[:, None] - 1)
-    size = _FEW if index.shape[1] <= _FEW else _TOGETHER
     z, y, x = index.take(np.arange(size), 1, mode="clip").astype(np.int32)
     return z, y, x
 
@@ -379,7 +381,8 @@ class _Walk:
     types : of numbers by fit and reach, kept from one walk to the next.
     near : (z, y, x) of the lattice, becomes True where a border is so near that a cell around the node may hold it.
     error : (z, y, x), grows by that of the interpolation of curves of modulation there.
-    widths : (z,), become the diagonals of cells where fits are evaluated, as shares of their supports.
+    widths : (z,), become the diagonals of cells where fits are evaluated, as shares of their supports: the largest, or
+        a bound of it where that is narrow enough.
     """
 
     resolution: float
@@ -416,8 +419,16 @@ class _Walk:
 
     def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
         ends, ways = moved_back(fits, x.reshape(len(x), -1), self.resolution, self.types)
+        diagonal = _diagonal(x) if ways else 0.0
         for fit, at in ways:
-            np.maximum(self.widths, _diagonal(at.reshape(x.shape)) * _largest_scale(fit), out=self.widths)
+            # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be looked at.
+            scale = _largest_scale(fit) / fit.support
+            moved = at * np.float32(fit.support) - ways[0][1] * np.float32(ways[0][0].support)
+            width = (diagonal + float(np.linalg.norm(np.ptp(moved, axis=(0, 2))))) * scale
+            if _NARROWEST * width > 1:
+                lattice = np.moveaxis(at, 0, 1).reshape(len(x), -1)[:, : x[0].size].reshape(x.shape)
+                width = _diagonal(lattice) * fit.support * scale
+            np.maximum(self.widths, width, out=self.widths)
         return ends.reshape(x.shape)
 
     def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
@@ -445,7 +456,8 @@ class _Walk:
         """Places, one for all along an axis on which they do not change."""
         for axis in (1, 2, 3):
             first = places.take([0], axis)
-            if np.abs(places - first).max(initial=0.0) <= _SAME * self.resolution:
+            ends = places.take([-1], axis)  # which differ as a rule where anything does
+            if all(np.abs(some - first).max(initial=0.0) <= _SAME * self.resolution for some in (ends, places)):
                 places = first
         return places
 
@@ -478,8 +490,10 @@ def _column(values: Any) -> Floats:
 
 def _turned(matrix: Floats, places: Floats) -> Floats:
     """Vectors (dim, z, y, x) by a matrix, in products and sums: BLAS would wait for its threads."""
-    rows = [sum(m * part for m, part in zip(row, places, strict=True) if m) for row in matrix.tolist()]
-    return np.stack([np.broadcast_to(row, places.shape[1:]) for row in rows])
+    out = np.empty((len(matrix), *places.shape[1:]))
+    for turned, row in zip(out, matrix.tolist(), strict=True):
+        turned[...] = sum(part if m == 1 else m * part for m, part in zip(row, places, strict=True) if m)
+    return out
 
 
 def _sides(places: NDArray[Any]) -> list[float]:
