@@ -66,7 +66,7 @@ class EditorOnPage(LivePage):
 
     def answered(self) -> None:
         """Until Python has taken in all that was edited, and the page has heard it."""
-        self.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.selection.isAhead")
+        self.wait(f"!{PAGE}.sender.isBehind()")
         self.settled()
 
     def js(self, expression: str) -> Any:

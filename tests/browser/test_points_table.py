@@ -395,3 +395,21 @@ def test_a_point_that_is_selected_while_an_older_selection_is_on_its_way_stays_s
     table.on_page.held = None
     table.on_page.wait(f"[...{TABLE}.selected].join() === '3'")
     assert table.editor.selected == [3]
+
+
+def test_rows_that_are_selected_before_an_older_selection_of_the_picture_is_sent_stay_selected(table: TableOnPage) -> None:
+    x, y = table.on_page.on_screen((30.0, -10.0))
+    row = table.cell(1, "drag").bounding_box()
+    # Both within the rest of the editor, whatever the machine is busy with.
+    table.page.evaluate("""([point, row]) => {
+        const press = ([x, y], types, kind) => { for (const type of types) document.elementFromPoint(x, y).dispatchEvent(
+            new kind(type, { clientX: x, clientY: y, bubbles: true, composed: true, isPrimary: true, pointerId: 1 })); };
+        press(point, ["pointerdown", "pointerup"], PointerEvent);
+        press(row, ["pointerdown", "pointerup"], PointerEvent);
+        press(row, ["click"], MouseEvent);
+    }""", [[x, y], [row["x"] + row["width"] / 2, row["y"] + row["height"] / 2]])
+    table.answered()
+    table.page.wait_for_timeout(300)  # longer than the rest of the editor
+    assert table.editor.selected == [1]
+    assert table.panel.table.selected == [1]
+    assert table.on_page.js(f"[...{PAGE}.selected]") == [1]

@@ -352,7 +352,7 @@ test("an edit of shapes can be undone like one of points", () => {
   assert.deepEqual(sender.shapes.cuts, []);
 });
 
-test("a trait is sent after a rest, the newest value once, and not after the end", (t) => {
+test("a trait is sent after a rest, the newest value once, at once if that is requested, and not after the end", (t) => {
   t.mock.timers.enable({ apis: ["setTimeout"] });
   const sent = [];
   const trait = new RestingTrait({ set: (name, value) => sent.push([name, value]), save_changes() {} }, "selected");
@@ -363,8 +363,13 @@ test("a trait is sent after a rest, the newest value once, and not after the end
   assert.deepEqual([sent, trait.isAhead], [[], true]);
   t.mock.timers.tick(1);
   assert.deepEqual([sent, trait.isAhead], [[["selected", [1, 2]]], false]);
+  trait.sendSoon([2]);
+  trait.flush();
+  trait.flush();
+  t.mock.timers.tick(1000);
+  assert.deepEqual([sent.slice(1), trait.isAhead], [[["selected", [2]]], false]);
   trait.sendSoon([3]);
   trait.close();
   t.mock.timers.tick(1000);
-  assert.deepEqual([sent.length, trait.isAhead], [1, false]);
+  assert.deepEqual([sent.length, trait.isAhead], [2, false]);
 });

@@ -11,7 +11,7 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { RestingTrait, } from "../sync/edits.js";
 import { CompareControls } from "../ui/compare_controls.js";
-import { isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
+import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
 import { HelpPanel } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { Brush } from "./brush_tool.js";
@@ -193,6 +193,7 @@ export class EditorView extends EditorDrawing {
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.gridNodes = new GridNodes(this);
+    beforeActionOutside(this.root, () => { this.selection.flush(); this.windowTool.trait.flush(); }, this.closing.signal);
     Object.assign(this.root, { deformnb: this }); // for tests and for debugging
     this.#followModel();
     this.#followPage();

@@ -12,7 +12,7 @@ import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
 import { publishPoints, settingsOf } from "../sync/bus.js";
 import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
-import { isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
+import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
 import { Toolbar } from "../ui/toolbar.js";
 import { SpacePane } from "./pane.js";
@@ -133,6 +133,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.foldFact = pageElement("span", "dnb-ed-folds", state);
     this.notes = pageElement("div", "dnb-ed-notes", status);
     this.root.append(this.liveRegion);
+    beforeActionOutside(this.root, () => this.selection.flush(), this.closed.signal);
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.#followModel();

@@ -393,11 +393,14 @@ export class Sender {
 const REST = 150; // milliseconds
 
 /**
- * A trait that the user changes several times in a row, such as the selection of a band. It is sent after a rest; until
- * then Python's value is old.
+ * A trait that the user changes several times in a row, such as the selection of a band. It is sent after a rest, or
+ * before the user turns to another widget, which may change it too; until then Python's value is old.
  */
 export class RestingTrait {
   #timer = 0;
+
+  /** @type {any} what waits */
+  #value = null;
 
   /** @param {Model} model @param {string} name */
   constructor(model, name) {
@@ -410,13 +413,19 @@ export class RestingTrait {
   /** @param {any} value */
   sendSoon(value) {
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => {
-      this.#timer = 0;
-      this.model.set(this.name, value);
-      this.model.save_changes();
-    }, REST);
+    this.#value = value;
+    this.#timer = setTimeout(() => this.flush(), REST);
   }
 
+  /** Send what waits now. */
+  flush() {
+    if (!this.isAhead) return;
+    this.close();
+    this.model.set(this.name, this.#value);
+    this.model.save_changes();
+  }
+
+  /** Drop what waits. */
   close() {
     clearTimeout(this.#timer);
     this.#timer = 0;

@@ -107,3 +107,14 @@ function parentOf(element) {
   const tree = element.getRootNode();
   return tree instanceof ShadowRoot ? tree.host : null;
 }
+
+/**
+ * Call a function before each press and key that is meant for something outside an element.
+ * @param {HTMLElement} root
+ * @param {() => void} action
+ * @param {AbortSignal} signal ends it
+ */
+export function beforeActionOutside(root, action, signal) {
+  const listener = (/** @type {Event} */ event) => { if (!event.composedPath().includes(root)) action(); };
+  for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, listener, { capture: true, signal });
+}
