@@ -80,6 +80,15 @@ class FileInput(SyncedWidget):
         super().__init__(tip=f"{tip}; {limit}" if tip else limit, **traits)
         self.on_msg(self._received)
 
+    def give_to(self, take: TakeFile, guard: Callable[[Callable[[], None]], bool]) -> None:
+        """Give the files from now on, those that are under way too, to another.
+
+        Parameters
+        ----------
+        take, guard : as of the widget.
+        """
+        self._take, self._guard = take, guard
+
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the files that have come are taken. For scripts and tests."""
         self._worker.call(lambda: None).result(timeout)

@@ -21,6 +21,7 @@ from deformnb.rbf.regions import AbstractRegion
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
+from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
     ChannelsPanel,
@@ -71,6 +72,7 @@ class PanelParts:
     preview : shows a step that is on its way and no edit yet; None gives it up.
     open_volume : opens a volume in place of the session's.
     decide_labels : takes the voxels of the session's for labels, or for amounts.
+    file_input : takes what is dropped on the studio; None for a new one.
     """
 
     session: Session
@@ -88,6 +90,7 @@ class PanelParts:
     preview: Preview
     open_volume: Callable[[Volume | Channels], None]
     decide_labels: Callable[[bool], None]
+    file_input: FileInput | None
 
 
 @dataclass(frozen=True)
@@ -190,13 +193,18 @@ def make_panels(s: PanelParts) -> StudioPanels:
     return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson.reveal),
                         VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
                         ExamplesPanel(s.session, s.guard, is_start=True),
-                        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels),
+                        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels,
+                                  s.file_input),
                         [result_box], wand)
 
 
 def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,
              height: int) -> list[ipw.Widget]:
-    """The rows of a studio: its head, the menus of that, and the body of panes and panel."""
+    """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
+
+    The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows behind
+    it are replaced.
+    """
     view.layout.width = "100%"
     if view.has_trait("fill"):
         view.fill = True  # as large as its pane
@@ -213,7 +221,7 @@ def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels,
     body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
     body.layout.height = f"{height}px"
     menus = [_box([panel.box], f"dnb-menu-{name}").add_class("dnb-studio-menu") for name, panel in panels.menus.items()]
-    return [head, *menus, body, panels.opening.box.add_class("dnb-studio-open")]
+    return [panels.opening.box.add_class("dnb-studio-open"), head, *menus, body]
 
 
 def _box(children: Sequence[Any], name: str) -> ipw.Box:

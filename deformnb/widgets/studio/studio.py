@@ -50,6 +50,7 @@ from deformnb.widgets.cell_widgets import (
     parts_of_another,
 )
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, is_front_only, make_editor
 from deformnb.widgets.studio.head import StudioHead
@@ -309,10 +310,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                                       self._weakly(Studio.undo))
         self._edits.take_edits_from(self._editors, self._picture)
         self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
-        self._panels = panels = self._make_panels(folder, labels, label_names, target)
+        kept = before["_panels"].opening.box if before else None
+        self._panels = panels = self._make_panels(folder, labels, label_names, target, kept)
         head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call,
                           language=self._language)
-        rows = arranged(head, self._editors, self.view, panels, self._words, height)
+        file_input, *rows = arranged(head, self._editors, self.view, panels, self._words, height)
         if before:
             self._leave(before)
             panels.history.lead_back(before["session"], self._weakly(Studio._open_session))
@@ -320,12 +322,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             close_earlier_of_this_cell(self)
         self._bar = RestoreBar(self.session, self._edits.edited, self._words.show)  # finds what that one has left
         panels.history.recovery = self._bar.recovery
+        panels.opening.begin()
         self._words.box.children = (self._picture.ways_on, self._words.notice)
         if before:
-            shown, self.children = self.children, (self._bar, *rows)
+            (_, *shown), self.children = self.children, (file_input, self._bar, *rows)
             close_all(*shown)
         else:
-            super().__init__([self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
+            super().__init__([file_input, self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
             self.add_class("dnb-studio")
         self.deformation = self.session.deformation
         self._listen()
@@ -345,12 +348,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
-                     names: Mapping[int, str] | None, target: Volume | None) -> StudioPanels:
+                     names: Mapping[int, str] | None, target: Volume | None,
+                     file_input: FileInput | None) -> StudioPanels:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
         return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
                                       self._slices, self._opacity, folder, self.export_html, labels, names, target,
                                       self._link.preview, self._weakly(Studio.open_volume),
-                                      self._weakly(Studio._decide_labels)))
+                                      self._weakly(Studio._decide_labels), file_input))
 
     # -- what happens --------------------------------------------------------------------------------------------------
 

@@ -48,6 +48,7 @@ class OpenPanel(Panel):
     points : takes landmarks; shapes : takes labels; fit : takes targets; compare : shows a second volume.
     open_volume : opens a volume in place of the one that is open.
     decide_labels : takes the voxels of the one that is open for labels, or for amounts.
+    box : the one of the panel before, None for a new one; see :meth:`begin`.
 
     Attributes
     ----------
@@ -61,19 +62,23 @@ class OpenPanel(Panel):
     def __init__(self, session: Session, guard: Guard, points: LatePanel[PointsPanel],
                  shapes: LatePanel[ShapesPanel], fit: LatePanel[FitPanel], compare: LatePanel[ComparePanel],
                  open_volume: Callable[[Volume | Channels], None],
-                 decide_labels: Callable[[bool], None]) -> None:
+                 decide_labels: Callable[[bool], None], box: FileInput | None = None) -> None:
         super().__init__(session, guard)
         self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
         self._open_volume = open_volume
         self.question = Question(guard)
         self.warning = self.question.box
-        self.box = FileInput(self._take, guard, _check_name, drops=True,
-                             tip="Open a volume, labels and their names, landmarks, or a session")
+        self.box = box or FileInput(self._take, guard, _check_name, drops=True,
+                                    tip="Open a volume, labels and their names, landmarks, or a session")
         if session.volume.is_undecided:
             name = session.volume.name or "this volume"
             self.question.ask(f"The voxels of {name} look like labels. Keep each number as it is, or blend them as "
                               "amounts?", "They are labels", lambda: decide_labels(True),
                               {"They are amounts": lambda: decide_labels(False)})
+
+    def begin(self) -> None:
+        """Take the files from the panel before, also one that is on its way: it was chosen for what is open now."""
+        self.box.give_to(self._take, self.guard)
 
     def _take(self, path: Path, progress: Progress) -> None:
         self.question.forget()

@@ -120,7 +120,7 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     assert seen == [studio.deformation]
     assert "History leads back to bar" in studio._words.notice.value
     assert shown() is not studio.view
-    assert opening.box.comm is None  # the parts before are closed
+    assert opening.question.box.comm is None  # the parts before are closed
     first.change(trend="none")  # and whoever still holds their session changes nothing here
     assert studio.editor.settings.trend != "none"
     studio.editor.points = studio.editor.points.add([9.0, 5.0], [9.0, 6.0])
@@ -184,6 +184,25 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
     assert set(np.unique(studio.session.result().values)) <= set(np.unique(blocks()))
     assert panel_of(studio, OpenPanel).question.box.layout.display == "none"
     studio.close()
+
+
+def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(tmp_path: Path) -> None:
+    write_volume(Volume(blocks(), Grid((12, 24, 24))), tmp_path / "atlas.nrrd")
+    write_volume(Volume(blocks(), Grid((12, 24, 24)), is_labels=True), tmp_path / "bones.nrrd")
+    data = (tmp_path / "bones.nrrd").read_bytes()
+    studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
+    before = panel_of(studio, OpenPanel)
+    place = studio.children.index(before.box)
+    before.box._handle_custom_msg({"type": "begin", "id": "under way", "name": "bones.nrrd", "size": len(data)}, [])
+    answer(before, "They are labels")
+    opening = panel_of(studio, OpenPanel)
+    assert (opening is not before, opening.box is before.box, studio.children.index(opening.box)) == (True, True, place)
+    before.box._handle_custom_msg({"type": "piece", "id": "under way", "offset": 0}, [memoryview(data)])
+    opening.box.wait()
+    assert "bones.nrrd has 6 labels" in studio._words.notice.value
+    assert len(opening._shapes.panel.labels.list.options) == 6
+    studio.close()
+    assert opening.box.comm is None
 
 
 def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path) -> None:
