@@ -24,14 +24,14 @@ def at_voxels(found: Displacements, table: NodeTable | ComposedEvaluator, block:
         d = sum(w[:, None] * d[:, :, before + k] for k, w in enumerate(y))
     start = np.array([part.start for part in block])
     d = d[:, : grid.shape[0] - start[0], : grid.shape[1] - start[1]]
-    for piece in (*found.exact, *table.left()):
-        voxels = piece()
-        at = (voxels[0] - start[0], voxels[1] - start[1], voxels[2])
-        values, share = table.exactly(voxels)
-        d[:, *at] = values
+    for voxels, values, share in (*found.exact, *(find() for find in table.left())):
+        z, y, x = voxels[0] - start[0], voxels[1] - start[1], voxels[2]
+        own = (z >= 0) & (z < d.shape[1]) & (y >= 0) & (y < d.shape[2])  # cells may go on beyond the block
+        at = z[own], y[own], x[own]
+        d[:, *at] = np.asarray(values)[:, own]
         if share is not None:
             opacity = np.ones(d.shape[1:], np.float32) if opacity is None else opacity
-            opacity[at] = share
+            opacity[at] = share[own]
     return d, opacity
 
 

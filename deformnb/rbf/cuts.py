@@ -95,7 +95,7 @@ def _covered(depth: Any, softness: Any, xp: Any) -> Any:
 
 def _depth(distances: Any, sides: Sides, xp: Any) -> Any:
     """Depth within a region of places with these distances to the cuts; negative outside."""
-    within = [-d if inside else d for d, inside in zip(distances, sides, strict=True)]
+    within = [(1 - 2 * inside) * d for d, inside in zip(distances, sides, strict=True)]
     least = within[0]
     for d in within[1:]:
         least = xp.minimum(least, d)
@@ -152,6 +152,22 @@ def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[
     still = xp.clip(1.0 - sum(covered), 0.0, 1.0) if sides else xp.ones(here[0].shape)
     choice, opacity = CUT_RULES[rule](own, covered, brought, still, xp)
     return choice, xp.where(opacity > _OPAQUE, 1.0, opacity)
+
+
+def is_doubtful(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[Sides], softness: float,
+                error: float, xp: Any = np) -> Any:
+    """Check where distances that may be wrong by ``error`` leave :func:`decide` in doubt; parameters as there.
+
+    What surely lies in a region, and would surely show what lies in it too, is seen by either rule. Elsewhere there is
+    no doubt where all are farther from the border than the opacity falls.
+    """
+    most = softness / 2 + error
+    is_sure, is_near = xp.zeros(here[0].shape, dtype=bool), xp.zeros(here[0].shape, dtype=bool)
+    for region, led in zip(sides, there, strict=True):
+        depth, brought = _depth(here, region, xp), _depth(led, region, xp)
+        is_sure = is_sure | (depth > error) & (brought >= most)
+        is_near = is_near | (xp.abs(depth) <= most) | (xp.abs(brought) <= most)
+    return is_near & ~is_sure
 
 
 def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:

@@ -32,7 +32,7 @@ from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.cut_tiles import CutPlan, plan_cut
-from deformnb.warping.node_table import Displacements, Piece
+from deformnb.warping.node_table import Displacements, Replacement
 
 
 def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
@@ -421,12 +421,11 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
                 result = warper._faded(result, own.opacity)
             target = out[block]
             target[...] = result[: target.shape[0], : target.shape[1]]
-        for piece in own.exact:
-            replace(piece)
+        for known in own.exact:
+            replace(known)
 
-    def replace(piece: Piece) -> None:
-        voxels = piece()
-        d, opacity = chain.exactly(voxels)
+    def replace(known: Replacement) -> None:
+        voxels, d, opacity = known
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             result = warper._listed(flat, d, voxels)
             out[voxels] = result if opacity is None else warper._faded(result, opacity)
@@ -434,7 +433,7 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
     _share(warpers, parts, work, _within(progress, *ends[:2]))
     if not by_lattice:
-        _share(warpers, chain.left(), replace, _within(progress, *ends[1:]))
+        _share(warpers, chain.left(), lambda find: replace(find()), _within(progress, *ends[1:]))
     return outs
 
 

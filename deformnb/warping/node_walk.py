@@ -1,0 +1,302 @@
+"""The way of nodes through a composition: their displacements, and where they are not smooth enough to interpolate.
+
+Every deformation of a composition is evaluated at the places to which those after it lead. On the way it is noted which
+nodes lie near the border of a cut or of a rigid part, or in a bump that is narrower than the nodes are apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb._deferred import ndimage
+from deformnb._jax import compiled, jnp
+from deformnb.rbf import kernels
+from deformnb.rbf.cuts import Decoupled, Sides
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity, in_blocks
+from deformnb.rbf.interpolant import RBFInterpolant, moved_back
+from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
+from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
+from deformnb.rbf.slits import TipBlend, blended
+from deformnb.rbf.stages import Staged
+
+Floats = NDArray[np.float64]
+
+NEAR_CUT, BENT = 1, 2
+"""Marks of nodes: a cell around the node may hold the border of a cut; or something else that is not smooth."""
+
+JUMPS = {1: 0.375, 2: 0.065, 3: 0.049}
+"""The factors c by the first derivative that jumps."""
+
+_SMOOTHNESS: dict[type[kernels.AbstractKernel], int] = {
+    kernels.WendlandC0: 1, kernels.Linear: 1, kernels.ThinPlate: 2, kernels.WendlandC2: 3, kernels.WendlandC4: 3,
+    kernels.Gaussian: 3, kernels.Multiquadric: 3, kernels.Cubic: 3,
+}
+
+NARROWEST = 4
+"""A bump of so many diagonals of a cell as support shows in the fourth differences wherever it lies."""
+
+STEEPEST = 3**0.5
+"""Distances that are read off a mask's table change by up to this per length, those to lines and polygons by 1."""
+
+# How much farther than half a diagonal the nearest node may be in cells that the deformation bends.
+_BENT = 1.15
+
+# Places that differ by less than this share of a voxel are the same.
+_SAME = 1e-9
+
+# Samples of a curve of modulation between two nodes, at least and at most.
+_SAMPLES = 8, 256
+
+
+def smoothness_of(field: AbstractField) -> int | None:
+    """The first derivative of a field that may jump away from the borders of cuts and parts, at most 3; None if that
+    is not known.
+
+    Examples
+    --------
+    >>> smoothness_of(Identity(3))
+    3
+    """
+    match field:
+        case Identity() | Affine():
+            return 3
+        case RBFInterpolant():
+            return _SMOOTHNESS.get(field.kernel)
+        case RigidInterpolant():  # distances bend where two borders are equally near
+            return None if smoothness_of(field.base) is None else 1
+        case Composed():
+            parts: tuple[AbstractField, ...] = (field.first, field.then)
+        case Staged():
+            parts = field.fits
+        case Extrusion():
+            parts = field.maps
+        case Decoupled():
+            parts = field.fields
+        case TipBlend():
+            parts = field.fits
+        case _:
+            return None
+    known = [smoothness_of(part) for part in parts]
+    if isinstance(field, TipBlend):
+        known.append(2)  # of the opening of a cut that stops
+    return None if None in known else min((k for k in known if k is not None), default=3)
+
+
+def lagrange(t: Any) -> tuple[Any, ...]:
+    """Weights of the values at -1, 0, 1 and 2 for a place t from 0 to 1."""
+    return (-t * (t - 1) * (t - 2) / 6, (t + 1) * (t - 1) * (t - 2) / 2, -(t + 1) * t * (t - 2) / 2,
+            (t + 1) * t * (t - 1) / 6)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """The way of nodes through a composition: their displacements, and which lie near something that is not smooth.
+
+    Places (dim, z, y, x) are those of a lattice of nodes; along an axis on which they do not change there is one.
+
+    Parameters
+    ----------
+    resolution : the side of a voxel; errors far below it do not matter.
+    types : of numbers by fit and reach, kept from one walk to the next.
+    marks : (z, y, x) of the lattice, sums of :data:`NEAR_CUT` and :data:`BENT`, set on the way.
+    error : (z, y, x), grows by that of the interpolation of curves of modulation there.
+    regions : (z, y, x), becomes a number for the regions beside cuts through which a node goes.
+    widths : (z,), become the diagonals of cells where fits are evaluated, as shares of their supports: the largest, or
+        a bound of it where that is narrow enough.
+    """
+
+    resolution: float
+    types: dict[Any, Any]
+    marks: NDArray[np.uint8]
+    error: NDArray[np.float32]
+    regions: NDArray[np.int32]
+    widths: NDArray[np.float32]
+
+    def through(self, field: AbstractField, x: Floats) -> Floats:
+        """Displacements of places, which are those of the nodes somewhere on the way."""
+        match field:
+            case Composed():
+                d = self.through(field.then, x)
+                return d + self.through(field.first, x + d)
+            case Staged():
+                return self._stages(field.fits[::-1], x) - x
+            case RBFInterpolant():
+                return self._fits((field,), x) - x
+            case RigidInterpolant():
+                return self._beside_parts(field, x)
+            case Extrusion():
+                return self._extruded(field, x)
+            case Decoupled():
+                return self._beside_cuts(field, x)
+            case TipBlend():
+                return self._beside_tips(field, x)
+            case _:
+                return np.moveaxis(field.displacement(np.moveaxis(x, 0, -1)), -1, 0)
+
+    def _stages(self, fits: Sequence[AbstractField], x: Floats) -> Floats:
+        if all(isinstance(fit, RBFInterpolant) for fit in fits):
+            return self._fits(fits, x)  # type: ignore[arg-type]
+        for fit in fits:
+            x = x + self.through(fit, x)
+        return x
+
+    def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
+        ends, ways = moved_back(fits, x.reshape(len(x), -1), self.resolution, self.types)
+        diagonal = _diagonal(x) if ways else 0.0
+        for fit, at in ways:
+            # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be looked at.
+            scale = _largest_scale(fit) / fit.support
+            moved = at * np.float32(fit.support) - ways[0][1] * np.float32(ways[0][0].support)
+            width = (diagonal + float(np.linalg.norm(np.ptp(moved, axis=(0, 2))))) * scale
+            if NARROWEST * width > 1:
+                lattice = np.moveaxis(at, 0, 1).reshape(len(x), -1)[:, : x[0].size].reshape(x.shape)
+                width = _diagonal(lattice) * fit.support * scale
+            np.maximum(self.widths, width, out=self.widths)
+        return ends.reshape(x.shape)
+
+    def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
+        back = [_turned(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
+        distances = [_distances([region], y)[0] for region, y in zip(field.regions, back, strict=True)]
+        for region, y, distance in zip(field.regions, back, distances, strict=True):
+            self._mark(np.abs(distance) <= _change(y, [region]), BENT)
+        outside = [np.maximum(distance, 0.0) for distance in distances]
+        last = [np.moveaxis(y, 0, -1) for y in (x, *back)]
+        moved, weight = drift_and_weight(last[0], last[1:], outside, field.scales, field.weights, np)
+        return np.moveaxis(moved, -1, 0) + weight * self.through(field.base, x)
+
+    def _extruded(self, field: Extrusion, x: Floats) -> Floats:
+        abc = _turned(field.plane.frame, x - _column(field.plane.origin))
+        ab, depth = self._without_copies(abc[:2]), self._without_copies(abc[2:])[0]
+        moves = [self.through(m, ab) for m in field.maps]
+        if not field.is_replication:
+            errors = _curve_errors(field, depth.ravel(), max(_sides(depth[None])))
+            for error, d in zip(errors, moves, strict=True):
+                self.error[...] += error.reshape(depth.shape) * np.linalg.norm(d, axis=0)
+        weights = field.weights_at(depth[:1, :1, :1] if field.is_replication else depth)
+        return _turned(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
+
+    def _without_copies(self, places: Floats) -> Floats:
+        """Places, one for all along an axis on which they do not change."""
+        for axis in (1, 2, 3):
+            first = places.take([0], axis)
+            ends = places.take([-1], axis)  # which differ as a rule where anything does
+            if all(np.abs(some - first).max(initial=0.0) <= _SAME * self.resolution for some in (ends, places)):
+                places = first
+        return places
+
+    def _beside_tips(self, field: TipBlend, x: Floats) -> Floats:
+        moves = [self.through(fit, x) for fit in field.fits]
+        source = np.moveaxis(x + moves[0], 0, -1)
+        return np.asarray(blended(moves, [line.opening(source) for line in field.lines]))
+
+    def _beside_cuts(self, field: Decoupled, x: Floats) -> Floats:
+        """Where a region shows its own tissue, and both places lie deep in it, nothing jumps nearby."""
+        here, total, farthest = self.distances(field, x), np.zeros_like(x), reach_of(field, x)
+        # An odd factor above the number of regions: overflowing, it still tells ways apart that differ in one region.
+        self.regions[...] = 257 * self.regions + sum((d < 0) << k for k, d in enumerate(here))
+        is_deep = np.abs(here).min(axis=0) > farthest
+        for f, side in zip(field.fields, field.sides, strict=True):
+            d = self.through(f, x)
+            total = np.where(depth_in(side, here) > 0, d, total)
+            farthest = max(farthest, reach_of(field, x + d))
+        there = (np.sign(here) * self.distances(field, x + total)).min(axis=0)
+        self._mark(~(is_deep & (there > farthest)), NEAR_CUT)
+        return total
+
+    def distances(self, field: Decoupled, places: Floats) -> Floats:
+        """Signed distances (cuts, z, y, x) of places to the cuts of a field."""
+        if field.plane is not None:
+            places = _turned(field.plane.frame[:2], places - _column(field.plane.origin))
+        return _distances(field.regions, self._without_copies(places))
+
+    def _mark(self, some: NDArray[np.bool_], mark: int) -> None:
+        self.marks[...] |= (mark * some).astype(np.uint8)
+
+
+def depth_in(side: Sides, distances: Floats) -> Floats:
+    """Depth (...) within a region of places with signed distances (cuts, ...); negative outside."""
+    return np.asarray((_column(np.where(side, -1.0, 1.0)) * distances).min(axis=0))
+
+
+def reach_of(field: Decoupled, places: Floats) -> float:
+    """The depth from which on no place in the cells around these nodes sees anything of a cut."""
+    return _change(places, field.regions) + field.softness
+
+
+def _column(values: Any) -> Floats:
+    """Numbers (n,) as (n, 1, 1, 1), one for all places of a lattice."""
+    return np.asarray(values, dtype=np.float64).reshape(-1, 1, 1, 1)
+
+
+def _turned(matrix: Floats, places: Floats) -> Floats:
+    """Vectors (dim, z, y, x) by a matrix, in products and sums: BLAS would wait for its threads."""
+    out = np.empty((len(matrix), *places.shape[1:]))
+    for turned, row in zip(out, matrix.tolist(), strict=True):
+        turned[...] = sum(part if m == 1 else m * part for m, part in zip(row, places, strict=True) if m)
+    return out
+
+
+def _sides(places: NDArray[Any]) -> list[float]:
+    """Bounds of the sides of the cells between places, along each axis of the lattice."""
+    return [float(np.linalg.norm([np.abs(np.diff(p, axis=axis)).max(initial=0.0) for p in places]))
+            for axis in range(3)]
+
+
+def _diagonal(places: NDArray[Any]) -> float:
+    """A bound of the diagonals of the cells between places."""
+    return float(np.linalg.norm(_sides(places)))
+
+
+def _change(places: Floats, regions: Sequence[AbstractRegion]) -> float:
+    """A bound of how distances differ between any place in a cell and its nearest node, for these places."""
+    is_exact = all(isinstance(region, HalfSpace | Polygon | Line) for region in regions)
+    return (1.0 if is_exact else STEEPEST) * _BENT * _diagonal(places) / 2
+
+
+def _largest_scale(fit: RBFInterpolant) -> float:
+    return 1.0 if fit.scales is None else float(np.asarray(fit.scales)[: int(fit.count)].max(initial=0.0))
+
+
+def _distances(regions: Sequence[AbstractRegion], places: Floats) -> Floats:
+    """Signed distances (regions, z, y, x) of places to regions of their dimension."""
+    found = in_blocks(partial(_measured, tuple(regions)), places.reshape(len(places), -1).T)
+    return found.T.reshape(len(regions), *places.shape[1:])
+
+
+_measured = compiled(lambda regions, points: jnp.stack([region(points) for region in regions], axis=-1),
+                     on_one_thread=True)
+
+
+def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:
+    """Errors (K, n) of cubic interpolation of the weights around depths (n), between nodes that are ``side`` apart.
+
+    A curve is known in one dimension, so that it is compared at many places with what nodes anywhere make of it.
+    """
+    (c0, c1), knots = field.depth, np.asarray(field.knots, dtype=np.float64)
+    gap = min((b - a for a, b in pairwise(knots)), default=1.0) * (c1 - c0)
+    if not (side > 0 and gap > 0):
+        return np.zeros((len(field.maps), len(depth)))
+    samples = max(_SAMPLES[0], int(np.ceil(2 * side / gap)))
+    if samples > _SAMPLES[1]:
+        return np.full((len(field.maps), len(depth)), np.inf)
+    step = side / samples
+    first = max(float(depth.min()), c0 - side) - 3 * side
+    last = min(float(depth.max()), c1 + side) + 3 * side
+    c = first + step * np.arange(int(np.ceil(max(last - first, 6 * side) / step)) + 1)
+    w = field.weights_at(np.asarray(c, dtype=np.float64))
+    count = w.shape[1] - 3 * samples
+    error = np.zeros_like(w)
+    for j in range(1, samples):  # the place lies j steps behind the second of four nodes
+        read = sum(share * w[:, k * samples : k * samples + count] for k, share in enumerate(lagrange(j / samples)))
+        at = slice(samples + j, samples + j + count)
+        error[:, at] = np.maximum(error[:, at], np.abs(w[:, at] - read))
+    error = ndimage.maximum_filter1d(error, 2 * samples + 1, axis=1, mode="nearest")
+    return np.stack([np.interp(depth, c, e) for e in error])
