@@ -31,6 +31,9 @@ LARGEST_INT32 = 2**31 - 64  # with what may lie before them in a line of memory,
 NEAR = 2**21
 """Below this many voxels places are split in a quicker way, see :func:`split`."""
 
+MOST_WORDS = 2**23
+"""Voxels of a slice whose numbers float32 holds with a bit to spare, see :func:`_slices_in_words`."""
+
 # Device memory is shared with NumPy without a copy only where it starts on this boundary (found by trying: 8, 16 and
 # 32 are copied by jaxlib 0.10).
 _ALIGNMENT = 64
@@ -298,6 +301,8 @@ def _finished(value: Any, ok: Any, fill: Any, method: str) -> Any:
             value = lax.bitcast_convert_type((value + 256.5).astype(jnp.float32), jnp.uint32) >> 15
         elif jnp.issubdtype(fill.dtype, jnp.integer):
             value = jnp.floor(value + 0.5)
+            if fill.dtype.itemsize < 4:  # read off the bits in the same way
+                value = lax.bitcast_convert_type((value + 1.5 * 2**23).astype(jnp.float32), jnp.int32)
         value = value.astype(fill.dtype)
     return jnp.where(ok, value, fill)
 
@@ -435,38 +440,53 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     return _finished(_nested(read, [fixed, *taps], start), ok, fill, method)
 
 
-def _slices_of_bytes(slices: Any, moves: Any, weights: Any, whole: Any, part: Any, fill: Any, *,
-                     shape: tuple[int, int], index: str) -> Any:
-    """Slices of uint8, each moved within itself and read linearly, as :func:`_extruded` gives them but for rounding.
+def _slices_in_words(slices: Any, moves: Any, weights: Any, whole: Any, part: Any, fill: Any, *,
+                     shape: tuple[int, int]) -> Any:
+    """Slices of one or two bytes a voxel, each moved within itself and read linearly, as :func:`_extruded` gives them.
 
-    A word per voxel of a slice holds the four voxels of its cell: one load for each voxel of the output in place of
-    four. Slices need two rows and two columns at least, and their places must be near (:func:`split`).
+    A word per voxel of a slice holds the four voxels of its cell, or with two bytes a voxel those of one row: one or
+    two loads for each voxel of the output in place of four. Slices need two rows and two columns at least, and no more
+    than :data:`MOST_WORDS` voxels; their places must be near (:func:`split`).
 
     slices : [slice, row, column] of ``shape``, which may lie within another array (:class:`Within`).
     moves : K displacements (2, rows, columns) in voxels along rows and columns, with ``weights`` (K, n).
-    whole, part : the input place of each row and column of the output before that, (2, rows, columns).
+    whole, part : the input place of each row and column of the output before that, two arrays each for rows and columns
+        of the input; of extent 1 along the axes of the output that they do not depend on.
     """
-    columns, count = shape[1], (shape[0] - 1) * shape[1] - 1  # of cells; the last voxel begins none
-    shifts = (0, 1, columns, columns + 1)
+    columns, bits = shape[1], 8 * fill.dtype.itemsize
+    held, loads = ((0, 1, columns, columns + 1), (0,)) if bits == 8 else ((0, 1), (0, columns))
+    count = shape[0] * columns - held[-1]  # of words; the last voxels begin none
+    value_type = jnp.int32 if jnp.issubdtype(fill.dtype, jnp.signedinteger) else jnp.uint32
 
     def packed(voxels: Any) -> Any:
-        wide = voxels.reshape(-1).astype(jnp.uint32)
-        return sum(wide[shift:shift + count] << 8 * k for k, shift in enumerate(shifts))
+        wide = lax.bitcast_convert_type(voxels.reshape(-1), jnp.dtype(f"uint{bits}")).astype(jnp.uint32)
+        return sum(wide[shift:shift + count] << bits * k for k, shift in enumerate(held))
+
+    def voxel(word: Any, k: int) -> Any:
+        high = lax.bitcast_convert_type(word << 32 - bits * (k + 1), value_type)  # its sign is that of the voxel
+        return (high >> 32 - bits).astype(jnp.int32).astype(jnp.float32)
 
     def moved(k: Any) -> Any:
-        axes = []
-        for a, stride in ((0, columns), (1, 1)):
-            move = sum(weights[m, k] * moves[m][a] for m in range(len(moves)))
-            axes.append(Axis(shape[a], stride, *split(whole[a], part[a] + move, near=True)))
-        taps = [_axis_taps("linear", axis, index) for axis in axes]
+        cells, weights_in, ok = [], [], True
+        for a in range(2):
+            place = part[a] + sum(weights[m, k] * moves[m][a] for m in range(len(moves)))
+            # Whole numbers as floats, exact below 2^24: fewer instructions than by way of integers.
+            cell = jnp.clip(whole[a] + jnp.floor(place), 0, shape[a] - 2)
+            within = place + (whole[a] - cell)
+            ok = ok & (within >= -0.5) & (within < 1.5)  # beyond the cell at an edge only
+            cells.append(cell)
+            weights_in.append(jnp.minimum(jnp.maximum(within, 0), 1))
+        at = lax.bitcast_convert_type(cells[0] * columns + cells[1] + np.float32(2**23), jnp.int32) - 0x4B000000
         # XLA merges loops across its barriers and would pack again for each voxel that is read; what comes out of a
         # conditional is stored. This one's condition always holds.
         voxels = slices.at(k) if isinstance(slices, Within) else lax.dynamic_index_in_dim(slices, k, keepdims=False)
         words = lax.cond(k >= 0, packed, lambda _: jnp.zeros(count, jnp.uint32), voxels)
-        word = words.at[taps[0][0][0] + taps[1][0][0]].get(mode="promise_in_bounds", wrap_negative_indices=False)
-        word = lax.optimization_barrier(word)  # read, then interpolated: in one loop it takes a seventh longer
-        cell = {shift: ((word >> 8 * k) & 255).astype(jnp.int32).astype(jnp.float32) for k, shift in enumerate(shifts)}
-        return _finished(_nested(lambda _, shift: cell[shift], taps), inside(axes), fill, "linear")
+        parts = [lax.slice_in_dim(words, shift, count - loads[-1] + shift) for shift in loads]
+        read = [some.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False) for some in parts]
+        read = lax.optimization_barrier(read)  # read, then interpolated: without it words are read for each voxel
+        a, b, c, d = (voxel(word, k) for word in read for k in range(len(held)))
+        s, t = weights_in
+        return _finished((1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d), ok, fill, "linear")
 
     return lax.map(moved, jnp.arange(weights.shape[1]))
 
@@ -515,7 +535,7 @@ _STATIC = ("shape", "method", "compute", "index", "near")
 general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step"))
 listed = compiled(_listed, on_one_thread=True, static_argnames=_STATIC)
 extruded = compiled(_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
-slices_of_bytes = compiled(_slices_of_bytes, on_one_thread=True, static_argnames=("shape", "index"))
+slices_in_words = compiled(_slices_in_words, on_one_thread=True, static_argnames=("shape",))
 rows = compiled(_rows, static_argnames=_STATIC)
 row_taps = compiled(_row_taps, static_argnames=_STATIC)
 rows_by = compiled(_rows_by, on_one_thread=True, static_argnames=("method", "compute"))

@@ -285,8 +285,8 @@ class Warper:
         """``count`` slices under maps whose weights change from one to the next."""
         normal, weights = plan.normal, plan.weights
         assert weights is not None
-        if self._has_slices_of_bytes(normal):
-            return self._of_bytes(plan, weights)
+        if self._has_words(normal):
+            return self._in_words(plan, weights)
         whole, fraction = list(self._places.whole), list(self._places.part)
         whole[normal] = np.zeros((3, count), np.int32)
         whole[normal][normal] = np.arange(count)
@@ -302,24 +302,24 @@ class Warper:
 
         return moved
 
-    def _has_slices_of_bytes(self, normal: int) -> bool:
-        """Whether slices along ``normal`` are bytes that are read as words, and most of a slice is read at all."""
+    def _has_words(self, normal: int) -> bool:
+        """Whether slices along ``normal`` have small integers that are read as words, and most of a slice is read."""
         pixels, source = np.prod(self.output.shape[1:]), self.volume.shape[1:]
-        return (normal == 0 and self._voxels.dtype == np.uint8 and self.method == "linear" and devices.is_host()
-                and self._near and min(source) > 1 and bool(2 * pixels >= np.prod(source)))
+        return (normal == 0 and self._voxels.dtype.kind in "iu" and self._voxels.dtype.itemsize <= 2
+                and self.method == "linear" and devices.is_host() and self._near and min(source) > 1
+                and bool(np.prod(source) <= min(2 * pixels, sampling.MOST_WORDS)))
 
-    def _of_bytes(self, plan: planning.Extruded,
+    def _in_words(self, plan: planning.Extruded,
                   weights: NDArray[np.float32]) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """:meth:`_modulated` along z for bytes. NumPy computes what the parts share: it compiles nothing."""
+        """:meth:`_modulated` along z for small integers. NumPy computes what the parts share: it compiles nothing."""
         m, at = plan.matrix[1:, :, None, None], self._places.along([1, 2], plan.matrix)
         moves = [m[:, 0] * one[0] + m[:, 1] * one[1] for one in plan.maps]
-        fixed = moves, *(rows[:, :, None] + columns[:, None] for rows, columns in (at.whole, at.part))
+        fixed = moves, *([_outer_sum(rows[a], columns[a]) for a in range(2)] for rows, columns in (at.whole, at.part))
         moves, whole, part = jax.tree.map(jnp.asarray, fixed)
 
         def moved(voxels: NDArray[Any], slices: slice) -> NDArray[Any]:
-            return np.asarray(sampling.slices_of_bytes(
-                sampling.shared(voxels), moves, weights[:, slices], whole, part, self._fill, shape=voxels.shape[1:],
-                index=self._index))
+            return np.asarray(sampling.slices_in_words(sampling.shared(voxels), moves, weights[:, slices], whole, part,
+                                                       self._fill, shape=voxels.shape[1:]))
 
         return moved
 
@@ -344,6 +344,12 @@ class Warper:
         settings = self._settings() | {"shape": shape}
         out = _moved_rows(self._tables[plan.normal], plan.maps[0], at, self._fill, settings, progress)
         return np.moveaxis(out, 2, plan.normal)
+
+
+def _outer_sum(rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[np.float32]:
+    """``rows[:, None] + columns``, of extent 1 along an axis that brings nothing to it."""
+    some = rows[:, None] if rows.any() else np.zeros((1, 1), rows.dtype)
+    return (some + columns if columns.any() else some).astype(np.float32)
 
 
 def _together(warpers: Sequence[Warper], field: AbstractField | HasField,

@@ -298,10 +298,13 @@ def test_short_cuts_into_a_part_or_another_resolution(view: str, rule: str) -> N
     STRAIGHT.crop((1, 2, 3), (2, 2, 2)),  # a small part of each slice
     STRAIGHT.crop((0, -3, -2), (6, 13, 12)),
     STRAIGHT.resampled(spacing=(STRAIGHT.spacing[0] / 2, STRAIGHT.spacing[1] / 3, STRAIGHT.spacing[2])),
+    Grid(STRAIGHT.shape, direction=((np.cos(0.3), -np.sin(0.3), 0), (np.sin(0.3), np.cos(0.3), 0), (0, 0, 1))),
 ])
 @pytest.mark.parametrize("rule", ["modulate", "interpolate"])
-def test_slices_of_bytes_into_any_field_of_view(rule: str, output: Grid) -> None:
-    volume, field = noise(STRAIGHT, "uint8"), extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, rule, 4.0)
+@pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16"])
+def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, output: Grid) -> None:
+    values = (noise(STRAIGHT).values - (100 if dtype.startswith("int") else 0)).astype(dtype)
+    volume, field = Volume(values, STRAIGHT), extruded(Plane.along(output, "+z"), STRAIGHT, rule, 4.0)
     assert planning.extruded(field, STRAIGHT, output, "float32") is not None
     expected = slow_warp(volume, field, output, 7.0, "linear")
     result = warp(volume, field, output=output, fill=7.0).values
