@@ -123,10 +123,13 @@ class NodeTable:
     field : any whose smoothness is known (:func:`~deformnb.warping.node_walk.smoothness_of`).
     grid : the voxels.
     progress : called with the finished share of the nodes.
+    exactly : displacements (3, n) and opacity (n) of the field at places (3, n) relative to an origin, and that origin;
+        None for the field itself.
     """
 
-    def __init__(self, field: AbstractField, grid: Grid, progress: Progress | None = None) -> None:
-        self._field, self._grid = field, grid
+    def __init__(self, field: AbstractField, grid: Grid, progress: Progress | None = None,
+                 exactly: Callable[..., tuple[Any, Any]] | None = None) -> None:
+        self._field, self._grid, self._at_places = field, grid, exactly or self._seen
         self._left: list[NDArray[np.intp]] = []
         estimate = _Lattice(field, grid, _FIRST_SPACING)
         best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*SPACINGS, 1))
@@ -172,8 +175,15 @@ class NodeTable:
 
     def _evaluated(self, index: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Displacements (3, n) and opacity (n,) of the field at voxels z, y, x (3, n)."""
-        d, opacity = self._field.seen(self._grid.index_to_point(index[::-1].T))
-        return d.T.astype(np.float32), opacity.astype(np.float32) if self._field.has_cuts else None
+        first = index[:, 0]
+        apart = (index - first[:, None])[::-1].astype(np.float64)
+        d, opacity = self._at_places((self._grid.matrix @ apart).astype(np.float32),
+                                     self._grid.index_to_point(first[::-1]))
+        return np.asarray(d), np.asarray(opacity) if self._field.has_cuts else None
+
+    def _seen(self, places: NDArray[np.float32], origin: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        d, opacity = self._field.seen(places.T.astype(np.float64) + origin)
+        return d.T.astype(np.float32), opacity.astype(np.float32)
 
     def _beside_cuts(self, lattice: _Lattice, cells: tuple[slice, slice], corner: NDArray[np.intp],
                      start: NDArray[np.intp], stop: NDArray[np.intp]) -> Iterator[Replacement]:
