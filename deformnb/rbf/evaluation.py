@@ -87,11 +87,10 @@ def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKerne
         start = tuple(start[m] + sum(h[m, k, j] * p[k] * p[j] for k in range(dim) for j in range(dim))
                       for m in range(dim))
 
-    def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
-        phi = kernel.profile(sum(o**2 for o in offset) * square)
+    def add(total: tuple[Any, ...], offset: list[Any], a: Any, phi: Any) -> tuple[Any, ...]:
         return tuple(total[m] + a[m] * phi for m in range(dim))
 
-    return _over_centers(p, leaves, start, add)
+    return _over_centers(p, leaves, start, lambda s, _: kernel.profile(s), add)
 
 
 def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
@@ -102,28 +101,59 @@ def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) 
         start = tuple(start[m * dim + k] + 2 * sum(h[m, k, j] * p[j] for j in range(dim))
                       for m in range(dim) for k in range(dim))
 
-    def add(total: tuple[Any, ...], offset: list[Any], a: Any, square: Any) -> tuple[Any, ...]:
-        slope = 2 * square * kernel.slope(sum(o**2 for o in offset) * square)
+    def add(total: tuple[Any, ...], offset: list[Any], a: Any, slope: Any) -> tuple[Any, ...]:
         along = [slope * o for o in offset]
         return tuple(total[m * dim + k] + a[m] * along[k] for m in range(dim) for k in range(dim))
 
-    return _over_centers(p, leaves, start, add)
+    return _over_centers(p, leaves, start, lambda s, square: 2 * square * kernel.slope(s), add)
 
 
-def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...],
+def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...], radial: Callable[[Any, Any], Any],
                   add: Callable[..., tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Add the share of every centre to the sums ``start``.
+
+    Parameters
+    ----------
+    radial : from squared distances, relative to the support of a centre, and the square of its scale, to a function of
+        them that all sums share.
+    add : from the sums, the offsets from a centre, its coefficients and its radial function, to the sums.
+    """
     dim = len(p)
 
     def body(q: Any, total: tuple[Any, ...]) -> tuple[Any, ...]:
         x = lax.dynamic_slice(leaves.centers, (q * _GROUP, q * 0), (_GROUP, dim))
         a = lax.dynamic_slice(leaves.coefficients, (q * _GROUP, q * 0), (_GROUP, dim))
         scale = None if leaves.scales is None else lax.dynamic_slice(leaves.scales, (q * _GROUP,), (_GROUP,))
-        for i in range(_GROUP):
-            offset = [p[k] - x[i, k] for k in range(dim)]
-            total = add(total, offset, a[i], 1 if scale is None else scale[i] ** 2)
+
+        def offset(i: int) -> list[Any]:  # made anew by each that reads it: it takes longer to load than to compute
+            return [p[k] - x[i, k] for k in range(dim)]
+
+        def functions() -> tuple[Any, ...]:
+            squares = [1 if scale is None else scale[i] ** 2 for i in range(_GROUP)]
+            return tuple(radial(sum(o**2 for o in offset(i)) * squares[i], squares[i]) for i in range(_GROUP))
+
+        for i, function in enumerate(_computed_once(functions, q >= 0)):
+            total = add(total, offset(i), a[i], function)
         return total
 
     return lax.fori_loop(0, (leaves.count + _GROUP - 1) // _GROUP, body, start)
+
+
+def _computed_once(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[Any, ...]:
+    """Arrays that several sums read, held in memory: XLA on the CPU would compute them anew for each of the sums.
+
+    Nothing is fused across the edge of a conditional (an ``optimization_barrier`` is taken out before fusion, and a
+    loop's carry is copied). On 256^2 pixels 32 compact points took 0.95 ms instead of 0.83, 128 thin-plate points 12.6
+    instead of 10.1, and the derivatives of 32 points 1.75 instead of 1.18.
+
+    Parameters
+    ----------
+    always : true, and not known to be before the program runs.
+    """
+    def held() -> tuple[Any, ...]:
+        return lax.cond(always, values, lambda: tuple(map(jnp.zeros_like, jax.eval_shape(values))))
+
+    return lax.platform_dependent(cpu=held, default=values)
 
 
 def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:

@@ -33,7 +33,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,30 +128,56 @@ def _root(s: Any) -> Any:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, s, 1.0)), 0.0)
 
 
-_LOG_2 = (0.6931471804855391, 7.440617110012397e-11)
-"""Two parts of log 2, the first so short that its product with an exponent is exact."""
-_ROOT_HALF, _TWO_TO_52 = 0x3FE6A09E667F3BCD, 0x4330000000000000  # the bits of sqrt(1/2) and of 2^52
-# (atanh(sqrt z) / sqrt z - 1) / z up to 4.5e-18 / z for m from sqrt(1/2) to sqrt 2, by Remez' algorithm in 40 digits.
-_ATANH = (0.333333333333333486, 0.199999999999492548, 0.142857143131850435, 0.111111055387920751,
-          0.0909144643700562618, 0.0766580419567697147, 0.0730886585948460551)
+class _Digits(NamedTuple):
+    """What a logarithm needs to know of a floating point type.
+
+    width : bits of the mantissa; bias : of the exponent; root_half, two_to_width : bits of sqrt(1/2) and 2^width;
+    log_2 : in two parts, the first so short that its product with an exponent is exact; series : coefficients of
+    ``(atanh(sqrt z) / sqrt z - 1) / z`` for z of a mantissa from sqrt(1/2) to sqrt 2, by Remez' algorithm in 40 digits.
+    """
+
+    integer: Any
+    width: int
+    bias: int
+    root_half: int
+    two_to_width: int
+    log_2: tuple[float, float]
+    series: tuple[float, ...]
+
+
+_DIGITS = {
+    # up to 4.5e-18 / z
+    np.dtype(np.float64): _Digits(
+        np.int64, 52, 1023, 0x3FE6A09E667F3BCD, 0x4330000000000000, (0.6931471804855391, 7.440617110012397e-11),
+        (0.333333333333333486, 0.199999999999492548, 0.142857143131850435, 0.111111055387920751,
+         0.0909144643700562618, 0.0766580419567697147, 0.0730886585948460551)),
+    # up to 8.1e-10 / z
+    np.dtype(np.float32): _Digits(
+        np.int32, 23, 127, 0x3F3504F3, 0x4B000000, (0.693145751953125, 1.4286068202862268e-06),
+        (0.333333881909, 0.199887707824, 0.149358640111)),
+}
 
 
 def _log_of_bits(s: Any) -> Any:
-    """Log of positive normal numbers: ``k log 2 + 2 atanh((m - 1) / (m + 1))`` with s = 2^k m, m next to 1."""
-    if s.dtype != np.float64:
+    """Log of positive normal numbers: ``k log 2 + 2 atanh((m - 1) / (m + 1))`` with s = 2^k m, m next to 1.
+
+    Right to 2 units in the last place. XLA's own of 64 bits is not vectorised on a CPU: 128 points at 256^2 pixels took
+    48 ms instead of 12; with that of 32 bits they took 4.7 ms instead of 3.8.
+    """
+    if s.dtype not in _DIGITS:
         return jnp.log(s)
-    # XLA's own of 64 bits is not vectorised on a CPU: 128 points at 256^2 pixels took 48 ms instead of 12. This one is
-    # right to 2 units in the last place. Whole numbers below 2^52, or-ed to the bits of 2^52, are added to it.
-    bits = lax.bitcast_convert_type(s, np.int64)
-    exponent = lax.shift_right_logical(bits + ((1023 << 52) - _ROOT_HALF), np.int64(52))
-    k = lax.bitcast_convert_type(exponent | _TWO_TO_52, np.float64) - (2.0**52 + 1023)
-    m = lax.bitcast_convert_type(bits - ((exponent - 1023) << 52), np.float64)
+    integer, width, bias, root_half, two_to_width, log_2, series = _DIGITS[s.dtype]
+    bits = lax.bitcast_convert_type(s, integer)
+    exponent = lax.shift_right_logical(bits + integer((bias << width) - root_half), integer(width))
+    # Whole numbers below 2^width, or-ed to the bits of 2^width, are added to it.
+    k = lax.bitcast_convert_type(exponent | integer(two_to_width), s.dtype) - (2.0**width + bias)
+    m = lax.bitcast_convert_type(bits - ((exponent - integer(bias)) << integer(width)), s.dtype)
     f = (m - 1) / (m + 1)
     z = f * f
-    series: Any = _ATANH[-1]
-    for c in _ATANH[-2::-1]:
-        series = series * z + c
-    return k * _LOG_2[0] + (2 * f + (2 * f * z * series + k * _LOG_2[1]))
+    tail: Any = series[-1]
+    for c in series[-2::-1]:
+        tail = tail * z + c
+    return k * log_2[0] + (2 * f + (2 * f * z * tail + k * log_2[1]))
 
 
 _log = with_derivative(_log_of_bits, lambda s, ds: (_log_of_bits(s[0]), ds[0] / s[0]))

@@ -70,6 +70,9 @@ def test_thin_plate_has_the_digits_of_its_logarithm_at_every_scale() -> None:
     wanted = 0.5 * s * np.log(s)
     # Two roundings of the logarithm, one of each product.
     oracle.assert_close(KERNELS["thin_plate"](1.0)(r), wanted.astype(float), rtol=5 * 2.0**-53, atol=0)
+    single = s.astype(np.float32)
+    found = KERNELS["thin_plate"].profile(jnp.asarray(single))
+    oracle.assert_close(found, 0.5 * single * np.log(single.astype(float)), rtol=5 * 2.0**-24, atol=0)
 
 
 def test_wendland_is_the_paper_s_polynomial_and_its_integral() -> None:
