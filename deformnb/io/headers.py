@@ -55,6 +55,7 @@ class Layout:
     interleaved : blocks come as [some z, y, x, channel], frame by frame; else as [some z, y, x], of each frame all
         slices of its first channel, then those of the second, and so on.
     duration : from one frame to the next; 0 if the file does not say.
+    is_vector : the file says that its channels are the components of vectors.
     """
 
     frames: int = 1
@@ -64,6 +65,7 @@ class Layout:
     colours: tuple[Float3, ...] = ()
     interleaved: bool = False
     duration: float = 0.0
+    is_vector: bool = False
 
     @property
     def is_single(self) -> bool:
@@ -74,6 +76,8 @@ class Layout:
         parts = [f"{self.frames} moments"] * (self.frames > 1)
         if self.kind != "channels":
             parts.append("colours")
+        elif self.is_vector:
+            parts.append(f"vectors of {self.channels} components")
         elif self.channels > 1:
             parts.append(f"{self.channels} channels")
         return " of ".join(parts) or "one volume"
@@ -96,7 +100,7 @@ def described_layout(layout: Layout, text: str) -> Layout:
         names = tuple(shown(name) for name in found["names"])
         if layout.channels == {"rgb": 3, "rgba": 4}.get(found["kind"], layout.channels if found["kind"] == "channels"
                                                         else 0):
-            layout = replace(layout, kind=found["kind"])
+            layout = replace(layout, kind=found["kind"], is_vector=False)
     except (ValueError, TypeError, KeyError, IndexError, RecursionError):
         return layout
     return replace(layout, names=names if len(names) == layout.channels else (),

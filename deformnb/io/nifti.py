@@ -29,7 +29,9 @@ _REFUSED = {1: "single bits", 32: "complex numbers", 1536: "128-bit floats", 179
 _COLOURS = {128: "rgb", 2304: "rgba"}  # of one byte for each part, one after the other
 
 _LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
+_CHANNELS_NAME = b"channels"  # intent_name of channels that are no vector: NIfTI has no other intent for them
 _VECTOR_INTENT = 1007  # NIFTI_INTENT_VECTOR: the fifth axis are parts of one voxel
+_VECTOR_INTENTS = (1006, _VECTOR_INTENT)  # NIFTI_INTENT_DISPVECT: vectors of displacements
 _UNITS = {1: "metres", 3: "micrometres"}  # 2 is millimetres, 0 unknown
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
@@ -52,6 +54,7 @@ class _Fields:
     quatern: tuple[float, ...]  # b, c, d and the offsets of x, y, z
     srow: tuple[float, ...]
     intent: int
+    intent_name: bytes
     units: int
     order: str
 
@@ -67,14 +70,19 @@ def _fields(path: Path, data: bytes) -> _Fields:
             if data[344:347] == b"ni1":
                 raise fail(path, "this is the header of a pair .hdr and .img; save both as one .nii file.")
             return _Fields(at("8h", 40), at("8f", 76), at("h", 70)[0], at("f", 108)[0], at("2f", 112), at("2h", 252),
-                           at("6f", 256), at("12f", 280), at("h", 68)[0], data[123], order)
+                           at("6f", 256), at("12f", 280), at("h", 68)[0], _name(data, 328), data[123], order)
         if size == 540 and len(data) >= 544:
             if data[4:7] != b"n+2":
                 raise fail(path, "this is a damaged NIfTI-2 file or the header of a pair (no n+2 mark at byte 4).")
             return _Fields(at("8q", 16), at("8d", 104), at("h", 12)[0], float(at("q", 168)[0]), at("2d", 176),
-                           at("2i", 344), at("6d", 352), at("12d", 400), at("i", 504)[0], at("i", 500)[0] & 255, order)
+                           at("2i", 344), at("6d", 352), at("12d", 400), at("i", 504)[0], _name(data, 508),
+                           at("i", 500)[0] & 255, order)
     raise fail(path, f"this is not a NIfTI file: it has {len(data)} bytes where a header should be, or the header's "
                      "own size is neither 348 nor 540.")
+
+
+def _name(data: bytes, offset: int) -> bytes:
+    return data[offset:offset + 16].partition(b"\0")[0]
 
 
 def _reader(data: bytes, order: str) -> Any:
@@ -120,7 +128,8 @@ def _layout(path: Path, sizes: list[int], colours: str | None, fields: _Fields) 
     duration = fields.pixdim[4] if len(fields.pixdim) > 4 and math.isfinite(fields.pixdim[4]) else 0.0
     if colours:
         return checked_layout(path, Layout(frames, len(colours), colours, interleaved=True, duration=duration))
-    return checked_layout(path, Layout(frames, channels, duration=duration))
+    is_vector = channels > 1 and fields.intent in _VECTOR_INTENTS and fields.intent_name != _CHANNELS_NAME
+    return checked_layout(path, Layout(frames, channels, duration=duration, is_vector=is_vector))
 
 
 def _offset(path: Path, offset: float) -> int:
@@ -224,6 +233,8 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     put("2h", 252, 1, 1)
     put("6f", 256, *_quaternion(turn * [1, 1, flip]), *affine[:3, 3])
     put("12f", 280, *affine[:3].ravel())
+    if channels > 1:
+        header[328:328 + len(_CHANNELS_NAME)] = _CHANNELS_NAME
     header[344:348] = b"n+1\0"
     return bytes(header)
 

@@ -64,6 +64,7 @@ _SPACES = {
 }
 
 # Axes of these kinds are places; an axis of any other kind (colours, vectors, tensors, time) is none.
+_VECTORS = {"vector", "covariant-vector", "normal", "2-vector", "3-vector", "4-vector", "3-gradient", "3-normal"}
 _PLACES = {"domain", "space", "???", "none"}
 
 _LABELS_KEY = "deformnb_labels"  # NRRD has no field for voxels that are names of regions; hence a key of our own
@@ -175,7 +176,7 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
 
     The parts of a voxel lie along the first axis, moments along the last.
     """
-    kinds = fields["kinds"].lower().split() if "kinds" in fields else ["domain"] * len(sizes)
+    kinds = named = fields["kinds"].lower().split() if "kinds" in fields else ["domain"] * len(sizes)
     if "spacedirections" in fields:
         vectors = _vectors(path, "space directions", fields["spacedirections"])
         if len(vectors) != len(sizes):
@@ -201,7 +202,7 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
     colours = {"rgb-color": 3, "3-color": 3, "rgba-color": 4, "4-color": 4}.get(kinds[0]) if parts > 1 else None
     kind = {3: "rgb", 4: "rgba"}.get(parts, "channels") if colours == parts else "channels"
     moments = sizes[last] if last in real and last > 0 else 1
-    return places, Layout(moments, parts, kind, interleaved=parts > 1)
+    return places, Layout(moments, parts, kind, interleaved=parts > 1, is_vector=parts > 1 and named[0] in _VECTORS)
 
 
 def _vectors(path: Path, field: str, text: str) -> list[list[float] | None]:

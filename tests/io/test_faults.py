@@ -185,7 +185,7 @@ def test_a_claim_that_deflate_cannot_meet_is_refused_before_memory_is_taken(tmp_
     ("space: mars", "space 'mars'"),
     ("kinds: domain domain RGB-color", "RGB-color|rgb-color"),
     ("kinds: domain domain", "kinds"),
-    ("dimension: 4\nsizes: 2 5 4 3\nkinds: vector domain domain domain", "holds 2 channels"),
+    ("dimension: 4\nsizes: 2 5 4 3\nkinds: vector domain domain domain", "holds vectors of 2 components"),
     ("dimension: 4\nsizes: 5 4 3 2", "holds 2 moments"),
     ("dimension: 4\nsizes: 5 2 4 3\nkinds: domain vector domain domain", "vector: 2"),
     ("dimension: 5\nsizes: 5 4 3 2 1\nkinds: domain domain domain time list", "time: 2"),

@@ -204,3 +204,17 @@ def test_a_damaged_description_of_channels_is_left_out(tmp_path: Path) -> None:
     for wrong in (b'{"kind": "rgb", "names": 4}', b"[" * 900, b'{"kind": "rgb", "names": [], "colours": [[1]]}'):
         path.write_bytes(data.replace(data[data.index(b"{"):data.index(b"}") + 1], wrong))
         assert read_channels(path).names == ("channel 1", "channel 2")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_channels_of_our_own_are_no_vectors(suffix: str, tmp_path: Path) -> None:
+    write_channels(made("channels", 2, 1)[0], tmp_path / f"a{suffix}")
+    assert "the file holds 2 channels" in " ".join(describe_file(tmp_path / f"a{suffix}").notes)
+
+
+@pytest.mark.parametrize("suffix", [".nrrd", ".nii.gz"])
+def test_vectors_of_another_program_are_called_so(suffix: str, tmp_path: Path) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+    sitk.WriteImage(sitk.GetImageFromArray(np.zeros((3, 4, 5, 3), np.float32), isVector=True), str(tmp_path / f"a{suffix}"))
+    assert "the file holds vectors of 3 components" in " ".join(describe_file(tmp_path / f"a{suffix}").notes)
+    assert len(read_channels(tmp_path / f"a{suffix}").volumes) == 3
