@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, jax, jnp, lax, pytree_node
+from deformnb._jax import compiled, jax, jnp, lax, pytree, pytree_node
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import in_blocks
@@ -58,6 +58,10 @@ class AbstractRegion(ABC):
     @abstractmethod
     def __call__(self, points: Any) -> Any:
         """The same in pure JAX."""
+
+    def of_few_shapes(self) -> Any:
+        """What gives the same distances in pure JAX, a pytree of arrays of few shapes: each compiles anew."""
+        return self
 
 
 def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDArray[np.float64]:
@@ -161,7 +165,18 @@ def _to_edges(edges: tuple[Any, ...], points: Any) -> Any:
     return _signed(lax.scan(compare, start, tuple(map(jnp.asarray, edges)))[0], jnp)
 
 
-_measured = compiled(_to_edges, on_one_thread=True)
+@pytree(data_fields=["arrays"], meta_fields=[])
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """The edges of an outline, the last one repeated up to a power of two."""
+
+    arrays: tuple[Any, ...]
+
+    def __call__(self, points: Any) -> Any:
+        return _to_edges(self.arrays, points)
+
+
+_measured = compiled(_Edges.__call__, on_one_thread=True)
 
 # Coordinates for which NumPy takes as long as a compiled function to be called; 87 and 9 ns for each of many places.
 _FEW = 256
@@ -179,19 +194,21 @@ class _Outline(AbstractRegion):
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         p = np.asarray(points, dtype=np.float64)
-        edges = self._edges(np.asarray(self.vertices), np)
         if p.size <= _FEW:
             x, y = p[..., 0], p[..., 1]
             found = np.full(x.shape, np.inf), np.zeros(x.shape)
-            for edge in zip(*edges, strict=True):
+            for edge in zip(*self._edges(np.asarray(self.vertices), np), strict=True):
                 found = _nearer(found, edge, x, y, np)
             return np.asarray(_signed(found, np))
-        full = 1 << (len(edges[0]) - 1).bit_length()  # the last one repeated: few shapes are compiled
-        filled = tuple(part[np.minimum(np.arange(full), len(part) - 1)] for part in edges)
-        return in_blocks(partial(_measured, filled), p.reshape(-1, 2)).reshape(p.shape[:-1])
+        return in_blocks(partial(_measured, self.of_few_shapes()), p.reshape(-1, 2)).reshape(p.shape[:-1])
 
     def __call__(self, points: Any) -> Any:
         return _to_edges(self._edges(jnp.asarray(self.vertices), jnp), jnp.asarray(points))
+
+    def of_few_shapes(self) -> _Edges:
+        edges = self._edges(np.asarray(self.vertices), np)
+        full = 1 << (len(edges[0]) - 1).bit_length()
+        return _Edges(tuple(part[np.minimum(np.arange(full), len(part) - 1)] for part in edges))
 
     def _edges(self, v: Any, xp: Any) -> tuple[Any, ...]:
         """Starts, directions, the range along each from 0 to 1, which goes on at the ends of an open line, and normals.

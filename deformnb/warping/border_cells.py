@@ -130,9 +130,9 @@ class Regional:
         then.append(_Shown(before) if is_complete else self.way(rest, x, d, before))
         np.maximum(largest, self.walk.error, out=self.walk.error)
         frame, origin = (np.eye(3), np.zeros(3)) if cut.plane is None else (cut.plane.frame[:2], cut.plane.origin)
-        return _Choice(cut.regions, np.asarray(frame, np.float64), np.asarray(origin, np.float64),
-                       tuple(tuple(map(np.bool_, side)) for side in sides), float(cut.softness), tuple(then),
-                       before, tuple(after), cut.rule)
+        return _Choice(tuple(region.of_few_shapes() for region in cut.regions), np.asarray(frame, np.float64),
+                       np.asarray(origin, np.float64), tuple(tuple(map(np.bool_, side)) for side in sides),
+                       float(cut.softness), tuple(then), before, tuple(after), cut.rule)
 
 
 def chosen(way: _Shown | _Choice, nodes: NDArray[np.float32], cells: NDArray[np.intp], first: Floats, grid: Grid,
@@ -213,12 +213,11 @@ def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any]
     if isinstance(way, _Shown):
         return moved(way.table), jnp.ones(x[0].shape), jnp.zeros(x[0].shape, bool)
 
-    def distances(table: int | None) -> list[Any]:
-        apart = [p + d - o for p, d, o in zip(x, moved(table), way.origin, strict=True)]
-        places = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)) for row in way.frame], axis=-1)
-        return [lax.optimization_barrier(region(places)) for region in way.regions]
-
-    here, there = distances(way.before), [distances(k) for k in way.after]
+    led = jnp.stack([jnp.stack(moved(table)) for table in (way.before, *way.after)], axis=1)  # (3, places, ...)
+    apart = [p + d - o for p, d, o in zip(x, led, way.origin, strict=True)]
+    places = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)) for row in way.frame], axis=-1)
+    distances = [lax.optimization_barrier(region(places)) for region in way.regions]  # one loop each to be compiled
+    here, *there = [[measured[k] for measured in distances] for k in range(len(way.after) + 1)]
     choice, opacity = decide(here, there, way.sides, way.rule, way.softness, jnp)
     doubt = is_doubtful(here, there, way.sides, way.softness, error, jnp)
     *known, (d, seen, unclear) = [_decided(then, tables, x, error) for then in way.then]

@@ -41,6 +41,9 @@ _MOST_NODES = 3_000_000
 # How far beyond the volume's box the tables reach, as a share of it; beyond, the field itself is evaluated.
 _MARGIN = 0.1
 
+# Places that are looked up at a time at least.
+_LEAST_PLACES = 4096
+
 # Places at which a table is compared with its map.
 _TRIALS = 2000
 
@@ -152,6 +155,9 @@ class _Table:
         shift, (c0, c1) = extrusion.plane.to_plane(origin), extrusion.depth
         start = np.asarray([*(shift[:2] - self.raster.origin), shift[2] - c0], np.float32)
         frame = extrusion.plane.frame.astype(np.float32)
+        n = places.shape[1]
+        full = max(_LEAST_PLACES, 1 << (n - 1).bit_length())  # the last one repeated: few shapes are compiled
+        places = places[:, np.minimum(np.arange(full), n - 1)]
         # Two calls: in one, XLA looks the maps up anew for each of the distances that they lead to, ten times as long.
         at, moves = _moves(places, self.maps, frame, start, scale, np.float32(1 / (c1 - c0) if c1 > c0 else 0.0),
                            _at_equal_steps(extrusion))
@@ -167,7 +173,7 @@ class _Table:
         if len(beyond):
             d, opacity = d.copy(), opacity.copy()
             d[:, beyond], opacity[beyond] = _exactly(self.field, places[:, beyond], origin)
-        return d, opacity
+        return d[:, :n], opacity[:n]
 
 
 def _at_equal_steps(extrusion: Extrusion) -> NDArray[np.float32]:

@@ -253,7 +253,8 @@ class Warper:
         before = (slice(None),) * axis
         first = int(self._places.whole[axis][axis, 0])
         # A slice along x has a voxel of every row, so thin parts are slow to cut out: 46 ms for 16 at once, 16 for 64.
-        # Parts that are turned cost a call each way; those read as words take 29 ms in 16 calls, 25 in 4, but keep memory.
+        # Parts that are turned cost a call each way. Those read as words take 29 ms in 16 calls, 25 in 4, but hold more
+        # memory.
         blocks = 4 if axis == 2 or plan.weights is None else 2 if self._has_words(axis) else 1
         most = planning.BLOCK_VOXELS * blocks * n // self.output.size
         most = min(most, -(-n // planning.processors()))  # a part for each processor

@@ -397,13 +397,15 @@ def test_a_point_that_is_selected_while_an_older_selection_is_on_its_way_stays_s
     assert table.editor.selected == [3]
 
 
-def test_rows_that_are_selected_before_an_older_selection_of_the_picture_is_sent_stay_selected(table: TableOnPage) -> None:
+def test_rows_that_are_selected_before_an_older_selection_is_sent_stay_selected(table: TableOnPage) -> None:
     x, y = table.on_page.on_screen((30.0, -10.0))
     row = table.cell(1, "drag").bounding_box()
     # Both within the rest of the editor, whatever the machine is busy with.
     table.page.evaluate("""([point, row]) => {
-        const press = ([x, y], types, kind) => { for (const type of types) document.elementFromPoint(x, y).dispatchEvent(
-            new kind(type, { clientX: x, clientY: y, bubbles: true, composed: true, isPrimary: true, pointerId: 1 })); };
+        const press = ([x, y], types, kind) => {
+            const at = { clientX: x, clientY: y, bubbles: true, composed: true, isPrimary: true, pointerId: 1 };
+            for (const type of types) document.elementFromPoint(x, y).dispatchEvent(new kind(type, at));
+        };
         press(point, ["pointerdown", "pointerup"], PointerEvent);
         press(row, ["pointerdown", "pointerup"], PointerEvent);
         press(row, ["click"], MouseEvent);

@@ -215,6 +215,7 @@ def test_channels_of_our_own_are_no_vectors(suffix: str, tmp_path: Path) -> None
 @pytest.mark.parametrize("suffix", [".nrrd", ".nii.gz"])
 def test_vectors_of_another_program_are_called_so(suffix: str, tmp_path: Path) -> None:
     sitk = pytest.importorskip("SimpleITK")
-    sitk.WriteImage(sitk.GetImageFromArray(np.zeros((3, 4, 5, 3), np.float32), isVector=True), str(tmp_path / f"a{suffix}"))
+    vectors = sitk.GetImageFromArray(np.zeros((3, 4, 5, 3), np.float32), isVector=True)
+    sitk.WriteImage(vectors, str(tmp_path / f"a{suffix}"))
     assert "the file holds vectors of 3 components" in " ".join(describe_file(tmp_path / f"a{suffix}").notes)
     assert len(read_channels(tmp_path / f"a{suffix}").volumes) == 3

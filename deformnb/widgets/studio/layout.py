@@ -129,7 +129,7 @@ class StudioPanels:
     picture: Panel
     volume: Panel
     start: Panel
-    opening: Panel
+    opening: OpenPanel
     others: Sequence[Panel]
     wand: Wand
 
@@ -202,8 +202,8 @@ def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels,
              height: int) -> list[ipw.Widget]:
     """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
 
-    The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows behind
-    it are replaced.
+    The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows
+    behind it are replaced.
     """
     view.layout.width = "100%"
     if view.has_trait("fill"):
