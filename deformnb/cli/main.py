@@ -50,16 +50,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _fail("there is not enough memory for this; use a smaller volume or a coarser resolution (--spacing).")
     except BrokenPipeError:  # the reader of our output has gone, as in "deformnb info FILE | head -1"
-        # What is still to be written would fail again when Python ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _end_output()
         return 0
     except OSError as error:
+        _end_output()  # which may be what has failed
         return _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}.")
     except Exception as error:
         if options.traceback:
             raise
         return _fail(f"unexpected {type(error).__name__}: {error} (--traceback before the command shows where).")
     return 0
+
+
+def _end_output() -> None:
+    """Write what waits to be written, or nowhere if that cannot be: it would fail again when Python ends."""
+    if sys.stdout is not None:
+        try:
+            sys.stdout.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(message: str, code: int = EXIT_ERROR) -> int:

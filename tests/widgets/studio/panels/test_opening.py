@@ -10,6 +10,7 @@ import ipywidgets as ipw
 import numpy as np
 import pytest
 from driven_studio import panel_of
+from front_end import deliver
 from numpy.typing import NDArray
 from uploads import uploaded
 
@@ -193,11 +194,11 @@ def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(
     studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
     before = panel_of(studio, OpenPanel)
     place = studio.children.index(before.box)
-    before.box._handle_custom_msg({"type": "begin", "id": "under way", "name": "bones.nrrd", "size": len(data)}, [])
+    deliver(before.box, {"type": "begin", "id": "under way", "name": "bones.nrrd", "size": len(data)})
     answer(before, "They are labels")
     opening = panel_of(studio, OpenPanel)
     assert (opening is not before, opening.box is before.box, studio.children.index(opening.box)) == (True, True, place)
-    before.box._handle_custom_msg({"type": "piece", "id": "under way", "offset": 0}, [memoryview(data)])
+    deliver(before.box, {"type": "piece", "id": "under way", "offset": 0}, [memoryview(data)])
     opening.box.wait()
     assert "bones.nrrd has 6 labels" in studio._words.notice.value
     assert len(opening._shapes.panel.labels.list.options) == 6
