@@ -487,6 +487,11 @@ class Blended(AbstractField):
         return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))
 
 
+def links_of(field: AbstractField) -> list[AbstractField]:
+    """The fields of a composition, from the one done last to the one done first."""
+    return [*links_of(field.then), *links_of(field.first)] if isinstance(field, Composed) else [field]
+
+
 def compose(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
     """One field that does the given deformations one after the other, first to last; the identity in space if none.
 

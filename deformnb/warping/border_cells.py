@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64, jnp, lax, pytree
 from deformnb.rbf.cuts import Decoupled, decide, is_doubtful
-from deformnb.rbf.fields import AbstractField, Composed
+from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.volume import Grid
 from deformnb.warping.node_walk import Floats, Walk, depth_in, lagrange, reach_of
 
@@ -65,11 +65,6 @@ class _Choice:
     before: int | None
     after: tuple[int, ...]
     rule: str
-
-
-def links_of(field: AbstractField) -> list[AbstractField]:
-    """The fields of a composition, from the one done last to the one done first."""
-    return [*links_of(field.then), *links_of(field.first)] if isinstance(field, Composed) else [field]
 
 
 def can_choose(field: AbstractField) -> bool:

@@ -22,16 +22,15 @@ from deformnb._jax import compiled, jnp, lax
 from deformnb._typing import Progress
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.extrusion import CURVE_KNOTS, Extrusion
-from deformnb.rbf.fields import AbstractField, Identity, raster_lines
+from deformnb.rbf.fields import AbstractField, Identity, links_of, raster_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.rigid import RigidInterpolant
 from deformnb.rbf.slits import TipBlend
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping import planning
-from deformnb.warping.border_cells import links_of
 from deformnb.warping.cut_tiles import look_up
-from deformnb.warping.node_table import Displacements, NodeTable, Replacement
+from deformnb.warping.node_table import Displacements, NodeTable, Replacement, seen_at
 from deformnb.warping.node_walk import smoothness_of
 
 # Ten times below what linear interpolation between voxels of a noisy scan changes.
@@ -65,7 +64,7 @@ class ComposedEvaluator:
         self._links = [link for link in links_of(field) if not isinstance(link, Identity)] or [Identity(3)]
         self.has_cuts = field.has_cuts
         # Without cuts little is left to the exact way, which needs no tables then.
-        self._evaluators = [_evaluator(link, grid) if self.has_cuts else partial(_exactly, link)
+        self._evaluators = [_evaluator(link, grid) if self.has_cuts else partial(seen_at, link)
                             for link in self._links]
         # Fields with cuts are slow on a lattice too; others are exact and fast there.
         start = 0 if self._links[0].has_cuts else 1
@@ -129,12 +128,7 @@ def _as_parts(d: Any) -> list[Any]:
 
 def _evaluator(field: AbstractField, grid: Grid) -> Evaluator:
     table = _table(field, grid)
-    return partial(_exactly, field) if table is None else table
-
-
-def _exactly(field: AbstractField, places: NDArray[np.float32], origin: NDArray[np.float64]) -> tuple[Any, Any]:
-    d, opacity = field.seen(places.T.astype(np.float64) + origin)
-    return np.asarray(d.T, np.float32), np.asarray(opacity, np.float32)
+    return partial(seen_at, field) if table is None else table
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +166,7 @@ class _Table:
         beyond = np.flatnonzero(outside)
         if len(beyond):
             d, opacity = d.copy(), opacity.copy()
-            d[:, beyond], opacity[beyond] = _exactly(self.field, places[:, beyond], origin)
+            d[:, beyond], opacity[beyond] = seen_at(self.field, places[:, beyond], origin)
         return d[:, :n], opacity[:n]
 
 

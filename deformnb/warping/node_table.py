@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.sampling import on_device
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
@@ -109,6 +109,13 @@ class Displacements:
     exact: Iterable[Replacement] = ()
 
 
+def seen_at(field: AbstractField, places: NDArray[np.float32],
+            origin: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Displacements (3, n) and opacity (n) of a field at places (3, n) relative to an origin."""
+    d, opacity = field.seen(places.T.astype(np.float64) + origin)
+    return np.asarray(d.T, np.float32), np.asarray(opacity, np.float32)
+
+
 class NodeTable:
     """Displacements of a field in space at the voxels of a grid, from nodes that are as far apart as the error allows.
 
@@ -129,7 +136,7 @@ class NodeTable:
 
     def __init__(self, field: AbstractField, grid: Grid, progress: Progress | None = None,
                  exactly: Callable[..., tuple[Any, Any]] | None = None) -> None:
-        self._field, self._grid, self._at_places = field, grid, exactly or self._seen
+        self._field, self._grid, self._at_places = field, grid, exactly or partial(seen_at, field)
         self._left: list[NDArray[np.intp]] = []
         estimate = _Lattice(field, grid, _FIRST_SPACING)
         best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*SPACINGS, 1))
@@ -180,10 +187,6 @@ class NodeTable:
         d, opacity = self._at_places((self._grid.matrix @ apart).astype(np.float32),
                                      self._grid.index_to_point(first[::-1]))
         return np.asarray(d), np.asarray(opacity) if self._field.has_cuts else None
-
-    def _seen(self, places: NDArray[np.float32], origin: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        d, opacity = self._field.seen(places.T.astype(np.float64) + origin)
-        return d.T.astype(np.float32), opacity.astype(np.float32)
 
     def _beside_cuts(self, lattice: _Lattice, cells: tuple[slice, slice], corner: NDArray[np.intp],
                      start: NDArray[np.intp], stop: NDArray[np.intp]) -> Iterator[Replacement]:
@@ -346,7 +349,7 @@ class _Lattice:
         shape = tuple(np.ptp(cells, axis=0) + 2 + 2 * _HALO)
         places, walk = self._places(first, shape), self._walk(shape)
         regional = Regional(walk)
-        way = regional.way(border_cells.links_of(self._field), places, None, None)
+        way = regional.way(links_of(self._field), places, None, None)
         if len(regional.tables) > border_cells.MOST_TABLES:
             return None
         tables = [np.broadcast_to(d, places.shape).astype(np.float32) for d in regional.tables]
