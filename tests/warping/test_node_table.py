@@ -161,8 +161,8 @@ def test_blocks_replace_what_lies_in_them(name: str) -> None:
     block = (slice(7, 18), slice(9, 26))  # between nodes
     tables = NodeTable(field, GRID), NodeTable(field, GRID)
     whole, part = tables[0].block(BLOCK), tables[1].block(block)
-    if whole is None or part is None:
-        return
+    assert whole is not None
+    assert part is not None
     wanted, seen = at_voxels(whole, tables[0], BLOCK, GRID)
     found, share = at_voxels(part, tables[1], block, GRID)
     assert np.linalg.norm(found - wanted[:, 7:18, 9:26], axis=0).max() <= 2 * ERROR * min(GRID.spacing)
