@@ -124,7 +124,8 @@ def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: f
     if not int(fit.count):
         raise DeformError("there is no active control point to judge a fit by; add or switch on some.")
     ready = prepare(points, fit.kernel, float(fit.support), trend_named(trend), smoothing)
-    x, d = (ready.targets - ready.origin) / ready.support, ready.displacements / ready.support
+    ready = replace(ready, origin=np.asarray(fit.origin))
+    x, d = ready.relative, ready.displacements / ready.support
     scales = None if fit.scales is None else np.asarray(fit.scales)[: len(x)]
     phi = kernel_values(fit.kernel, x, x, scales)
     nugget = smoothing / ready.weights

@@ -92,6 +92,11 @@ class PreparedPoints:
         return len(self.targets)
 
     @property
+    def relative(self) -> NDArray[np.float64]:
+        """The targets, from the origin in units of the support."""
+        return (self.targets - self.origin) / self.support
+
+    @property
     def closest(self) -> str:
         """The two points that lie closest to each other, for the message of a singular system."""
         if self.count < 2:
@@ -119,9 +124,10 @@ def _resting(points: ControlPoints) -> tuple[NDArray[np.float64], float]:
     """The places at rest and the diagonal of their box."""
     is_whole = points.active.all()
     source, target = (places if is_whole else places[points.active] for places in (points.source, points.target))
-    # Along contiguous coordinates: ten times as fast for hundreds of points.
-    own, other = (float(np.linalg.norm(np.ptp(np.ascontiguousarray(places.T), axis=1))) if len(places) else 0.0
-                  for places in (source, target))
+    if len(source) == 0:
+        return target, 0.0
+    both = np.concatenate([source.T, target.T])  # contiguous coordinates: ten times as fast for hundreds of points
+    own, other = np.linalg.norm((both.max(axis=1) - both.min(axis=1)).reshape(2, -1), axis=1).tolist()
     return (source, own) if own > SAME_PLACE * other else (target, other)
 
 
@@ -148,7 +154,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
         quadrics, bend = quadric_span(targets - origin, span.basis)
         span = span._replace(quadrics=quadrics, bend=bend)
         remark += _bent(len(targets), points.dim, kernel, bool(bend.any()))
-    ids = active.ids if len(first) == len(active) else tuple(active.ids[k] for k in first)
+    ids = active.ids if len(first) == len(active) else tuple(active.ids[k] for k in first.tolist())
     return PreparedPoints(targets, displacements, weights, origin, radius, span, name, ids,
                           (*limited, *notes, *remark),
                           np.where(np.isnan(active.radius), radius, active.radius)[first], active)
@@ -171,20 +177,21 @@ def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float 
 
 
 def _merge(points: ControlPoints, radius: float, near: float, smoothing: float) -> tuple[
-        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], list[int], tuple[str, ...]]:
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.intp], tuple[str, ...]]:
     """Points nearer than ``near`` become one; returns targets, displacements, weights, first positions and notes."""
     n = len(points)
     x, d, w = points.target, points.displacement, points.weight
     pairs: NDArray[Any] = np.zeros((0, 2), dtype=np.int64)
-    if (np.diff(np.sort(x @ _ASLANT[: points.dim])) <= near).any():  # else no two are that near
+    along = np.sort(x @ _ASLANT[: points.dim])
+    if (along[1:] - along[:-1] <= near).any():  # else no two are that near
         pairs = scipy.spatial.cKDTree(x).query_pairs(near, output_type="ndarray")
     if len(pairs) == 0:
-        return x, d, w, list(range(n)), ()
+        return x, d, w, np.arange(n), ()
     if smoothing == 0:
         _refuse_conflicts(points, pairs, radius)
     graph = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     groups, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    first = sorted(int(np.flatnonzero(label == g)[0]) for g in range(groups))
+    first = np.sort([np.flatnonzero(label == g)[0] for g in range(groups)])
     members = [np.flatnonzero(label == label[k]) for k in first]
     total = np.array([w[m].sum() for m in members])
     mean = [np.stack([(a[m] * w[m, None]).sum(axis=0) for m in members]) / total[:, None] for a in (x, d)]

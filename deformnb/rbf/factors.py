@@ -7,7 +7,8 @@ that the moved points M are bordered to the fixed ones F in ``n^2`` operations w
 
 and the inverse of ``Phi_FF`` is that of the whole matrix with the rows M left out, ``b -> w - G (G_M)^-1 w_M`` with
 ``w = Phi^-1 b`` and ``G = Phi^-1 E``, E the unit columns of M (G. H. Golub, C. F. Van Loan, Matrix Computations (2013),
-sections 2.1 and 6.5). Steps are always taken from the matrix that was factored, so that errors do not add up.
+sections 2.1 and 6.5). Steps are always taken from the matrix that was factored, so that errors do not add up. Neither G
+nor what belongs to ``b_F`` changes while the same points are dragged: only K is solved for anew.
 
 Kernels of order 1 and 2 are definite only beside the polynomials P of a smaller degree. Their matrix is
 ``[Phi P; P^T 0]``, and the rows of P^T stay among the fixed ones.
@@ -26,8 +27,8 @@ from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
-from deformnb.rbf.evaluation import capacity, profile_of
-from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
+from deformnb.rbf.evaluation import capacity, is_numpy_faster, profile_of
+from deformnb.rbf.kernels import AbstractKernel
 
 Floats = NDArray[np.float64]
 
@@ -53,17 +54,16 @@ class Matrix(Protocol):
     """Numbers of the factor."""
     is_updated: bool
     """Points have moved since it was factored."""
-    origin: Floats
-    """The place from which the coordinates of its polynomials are counted, in the unit of the points."""
 
     def solve(self, b: Floats) -> Floats:
-        """The columns c with ``(Phi + nugget) c = b``; NaN where the matrix is not definite."""
+        """The columns c with ``(Phi + nugget) c = b``, the caller's own; NaN where the matrix is not definite."""
 
     def product(self, b: Floats) -> Floats:
         """``(Phi + nugget) b``."""
 
 
-def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, kernel: type[AbstractKernel]) -> Matrix:
+def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None,
+              kernel: type[AbstractKernel]) -> tuple[Matrix, Floats]:
     """The matrix of points, taken from those that are kept where it can be.
 
     Parameters
@@ -71,32 +71,33 @@ def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None, ker
     nugget : (n,) added to the diagonal.
     scales : (n,) support / R_j of points with radii of their own, or None.
 
+    Returns
+    -------
+    The matrix, and the origin (dim,) from which it counts its places: for a kept one, that of the points which were
+    factored. The others have the same coordinates then in every step of a drag, and are solved for once.
+
     Raises
     ------
     DeformError
         If the factor would take more memory than 2 GiB.
     """
     if scales is not None:
-        return _Sparse(points, nugget, scales, kernel)
+        return _Sparse(points.relative, nugget, scales, kernel), points.origin
     if points.count >= _KEPT_FROM:
         for base in _kept.like(points, nugget, kernel):
             moved = np.flatnonzero((base.points.targets != points.targets).any(axis=1))
             if len(moved) <= min(_MOST_MOVED, points.count // 8):
-                return base.matrix if len(moved) == 0 else _Moved(base, points.targets, moved)
-    return factored_anew(points, nugget, kernel)
+                return base.updated(points.targets, moved), base.points.origin
+    return factored_anew(points, nugget, kernel), points.origin
 
 
 def factored_anew(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
     """The matrix of points factored as it is, and kept."""
     kind = _Bordered if kernel.order else _Band if kernel.compact and points.count > DENSE else _Dense
-    matrix = kind(points, nugget, kernel)
+    matrix = kind(points.relative, nugget, kernel)
     if points.count >= _KEPT_FROM:
         _kept.add(_Base(points, nugget, kernel, matrix))
     return matrix
-
-
-def _relative(points: PreparedPoints) -> Floats:
-    return (points.targets - points.origin) / points.support
 
 
 class _Dense:
@@ -104,23 +105,22 @@ class _Dense:
 
     is_updated = False
 
-    def __init__(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> None:
-        self.origin, x = points.origin, _relative(points)
+    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
         n = len(x)
-        phi = kernel_matrix(x, kernel)
+        phi = kernel_values(x, x, kernel)
         phi.flat[:: n + 1] += nugget
-        self._diagonal = phi.diagonal().copy()[:, None]
+        diagonal = phi.diagonal().copy()
         self._both, self._failed = scipy.linalg.lapack.dpotrf(phi.T, lower=1, clean=0, overwrite_a=1)
+        self._beside = (diagonal - self._both.diagonal())[:, None]  # the diagonal of both is the factor's
         self.size = n * n
 
     def solve(self, b: Floats) -> Floats:
         if self._failed:  # the check of the residual names the points
             return np.full(b.shape, np.nan)
-        return np.asarray(scipy.linalg.lapack.dpotrs(self._both, b, lower=1)[0])
+        return _solved_by(self._both, b)
 
     def product(self, b: Floats) -> Floats:
-        upper = _symmetric_product(self._both, b)  # but for the diagonal, which is the factor's
-        return np.asarray(upper + (self._diagonal - self._both.diagonal()[:, None]) * b)
+        return np.asarray(_symmetric_product(self._both, b) + self._beside * b)
 
 
 def polynomials(x: Floats, order: int) -> Floats:
@@ -142,9 +142,8 @@ class _Bordered:
 
     is_updated = False
 
-    def __init__(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> None:
-        self.origin, x = points.origin, _relative(points)
-        n, self._phi = len(x), kernel_matrix(x, kernel)
+    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
+        n, self._phi = len(x), kernel_values(x, x, kernel)
         self._phi.flat[:: n + 1] += nugget
         self._p = polynomials(x, kernel.order)
         m = self._p.shape[1]
@@ -167,7 +166,7 @@ class _Bordered:
         turned = b[:n] - self._y @ (self._yt.T @ b[:n])
         found = np.empty_like(turned)
         found[:m] = np.linalg.solve(self._r.T, b[n:])
-        found[m:] = scipy.linalg.lapack.dpotrs(self._factor, turned[m:] - self._edge[m:] @ found[:m], lower=1)[0]
+        found[m:] = _solved_by(self._factor, turned[m:] - self._edge[m:] @ found[:m])
         last = np.linalg.solve(self._r, turned[:m] - self._edge.T @ found)
         return np.concatenate([found - self._yt @ (self._y.T @ found), last])
 
@@ -185,8 +184,7 @@ class _Band:
 
     is_updated = False
 
-    def __init__(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> None:
-        self.origin, x = points.origin, _relative(points)
+    def __init__(self, x: Floats, nugget: Floats, kernel: type[AbstractKernel]) -> None:
         self._order = np.argsort(x[:, np.ptp(x, axis=0).argmax()], kind="stable")
         self._back = np.argsort(self._order)
         i, j, square = _neighbours(x[self._order], 1.0)
@@ -216,9 +214,7 @@ class _Sparse:
 
     is_updated = False
 
-    def __init__(self, points: PreparedPoints, nugget: Floats, scales: Floats,
-                 kernel: type[AbstractKernel]) -> None:
-        self.origin, x = points.origin, _relative(points)
+    def __init__(self, x: Floats, nugget: Floats, scales: Floats, kernel: type[AbstractKernel]) -> None:
         i, j, square = _neighbours(x, float(1 / scales.min()))
         n, whole = len(x), np.arange(len(x))
         self.size = (int((j - i).max(initial=0)) + 1) * n
@@ -237,7 +233,7 @@ class _Sparse:
         return np.asarray(self._matrix @ b)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Base:
     """A factored matrix and the points that it is of."""
 
@@ -245,44 +241,83 @@ class _Base:
     nugget: Floats
     kernel: type[AbstractKernel]
     matrix: Matrix
+    fixed: _Fixed | None = None
+    """What stays as it is while the points are dragged that were dragged last."""
+
+    def updated(self, targets: Floats, moved: NDArray[np.intp]) -> Matrix:
+        """The matrix after some of the points have moved to these targets (n, dim)."""
+        if len(moved) == 0:
+            return self.matrix
+        x = (targets - self.points.origin) / self.points.support
+        columns = kernel_values(x, x[moved], self.kernel)
+        corner = columns[moved]
+        corner.flat[:: len(moved) + 1] += self.nugget[moved]
+        columns[moved] = 0.0
+        if self.kernel.order:
+            columns = np.concatenate([columns, polynomials(x[moved], self.kernel.order).T])
+        fixed = self.fixed
+        if fixed is None or not np.array_equal(fixed.moved, moved):
+            self.fixed = fixed = _Fixed(self.matrix, moved, len(columns))
+        return _Moved(fixed, columns, corner)
+
+
+class _Fixed:
+    """The matrix of a base less the rows and columns of points that are dragged.
+
+    Parameters
+    ----------
+    moved : their positions; rows : of the matrix of the base.
+    """
+
+    def __init__(self, base: Matrix, moved: NDArray[np.intp], rows: int) -> None:
+        units = np.zeros((rows, len(moved)))
+        units[moved, np.arange(len(moved))] = 1.0
+        self.base, self.moved = base, moved
+        g = base.solve(units)
+        self._share = np.linalg.solve(g[moved].T, g.T).T  # G (G_M)^-1
+        self._last: tuple[tuple[Floats, Floats], ...] = ()
+
+    def solve(self, b: Floats) -> Floats:
+        """The columns c, zero in the rows of the moved points, that give b in all others."""
+        found = self.base.solve(b)
+        found -= self._share @ found[self.moved]
+        return found
+
+    def solve_again(self, b: Floats) -> Floats:
+        """As :meth:`solve`, of the last two right-hand sides from memory: one is that of the fit, one its residual."""
+        b = b.copy()
+        b[self.moved] = 0.0
+        found = next((found for given, found in self._last if np.array_equal(given, b)), None)
+        if found is None:
+            found = self.solve(b)
+        self._last = (b, found), *self._last[:1]
+        return found
 
 
 class _Moved:
-    """The matrix of a base some of whose points have moved since it was factored."""
+    """The matrix of fixed points, bordered by those that have moved: columns K and the corner C between these."""
 
     is_updated = True
 
-    def __init__(self, base: _Base, targets: Floats, moved: NDArray[np.intp]) -> None:
-        self._base, self._moved, self.size, self.origin = base.matrix, moved, base.matrix.size, base.points.origin
-        (n, dim), m = targets.shape, len(moved)
-        x, y = np.zeros((capacity(n), dim)), np.zeros((_MOST_MOVED, dim))
-        x[:n] = (targets - base.points.origin) / base.points.support
-        y[:m] = x[moved]
-        self._columns = np.array(np.asarray(values_between(x, y, kernel=base.kernel))[:n, :m])
-        self._corner = self._columns[moved]
-        self._corner.flat[:: m + 1] += base.nugget[moved]
-        self._columns[moved] = 0.0
-        if base.kernel.order:
-            self._columns = np.concatenate([self._columns, polynomials(x[moved], base.kernel.order).T])
+    def __init__(self, fixed: _Fixed, columns: Floats, corner: Floats) -> None:
+        self._fixed, self._columns, self._corner, self.size = fixed, columns, corner, fixed.base.size
+        self._across = fixed.solve(columns)
+        self._rest = corner - columns.T @ self._across
 
     def solve(self, b: Floats) -> Floats:
-        n, m = self._columns.shape
-        units = np.zeros((n, m))
-        units[self._moved, np.arange(m)] = 1.0
-        w = self._base.solve(np.concatenate([units, self._columns, b], axis=1))
-        g, w = w[:, :m], w[:, m:]
-        w = w - g @ np.linalg.solve(g[self._moved], w[self._moved])  # zero at the points that have moved
-        across, rest = w[:, :m], w[:, m:]
-        at = np.linalg.solve(self._corner - self._columns.T @ across, b[self._moved] - self._columns.T @ rest)
-        found = rest - across @ at
-        found[self._moved] = at
-        return np.asarray(found)
+        rest = self._fixed.solve_again(b)
+        at = np.linalg.solve(self._rest, b[self._fixed.moved] - self._columns.T @ rest)
+        found = rest.copy(order="K")
+        found -= self._across @ at
+        found[self._fixed.moved] = at
+        return found
 
     def product(self, b: Floats) -> Floats:
-        at, fixed = b[self._moved], b.copy()
-        fixed[self._moved] = 0.0
-        found = self._base.product(fixed) + self._columns @ at
-        found[self._moved] = self._columns.T @ fixed + self._corner @ at
+        moved = self._fixed.moved
+        at, others = b[moved], b.copy()
+        others[moved] = 0.0
+        found = self._fixed.base.product(others) + self._columns @ at
+        found[moved] = self._columns.T @ others + self._corner @ at
         return np.asarray(found)
 
 
@@ -313,12 +348,24 @@ class _Kept:
 _kept = _Kept()
 
 
+def _solved_by(factor: Floats, b: Floats) -> Floats:
+    """The columns c (n, k) with ``L L^T c = b``, L the lower triangle of ``factor`` (n, n).
+
+    A few of a large one singly: dpotrs copies the factor first (1 column of 512: 165 us instead of 45).
+    """
+    if b.shape[1] > min(3, len(factor) // 128):
+        return np.asarray(scipy.linalg.lapack.dpotrs(factor, b, lower=1)[0])
+    solve = scipy.linalg.blas.dtrsv
+    return np.array([solve(factor, solve(factor, column, lower=1), lower=1, trans=1) for column in b.T]).T
+
+
 def _symmetric_product(a: Floats, b: Floats) -> Floats:
     """The product of a symmetric matrix (n, n), of which the upper triangle is read, with few columns (n, k).
 
     Column by column: dsymm reads both triangles and copies them (2 columns of 512: 130 us instead of 44).
     """
-    return np.stack([scipy.linalg.blas.dsymv(1.0, a, column, lower=0) for column in b.T], axis=1)
+    multiply = scipy.linalg.blas.dsymv
+    return np.array([multiply(1.0, a, column, lower=0) for column in b.T]).T
 
 
 def _neighbours(x: Floats, reach: float) -> tuple[NDArray[Any], NDArray[Any], Floats]:
@@ -335,25 +382,26 @@ def _check_size(size: int, pairs: int, n: int) -> None:
                           "leave it to the points.")
 
 
-_SMALL = 32  # points whose matrix NumPy has made before a compiled function starts
-
-
-def kernel_matrix(x: Floats, kernel: type[AbstractKernel]) -> Floats:
-    """Phi (n, n) of points (n, dim), float64, the caller's own."""
-    n, dim = x.shape
-    if n <= _SMALL and kernel.name in BUILT_IN:
+def kernel_values(x: Floats, y: Floats, kernel: type[AbstractKernel]) -> Floats:
+    """Phi (n, m) between points x (n, dim) and y (m, dim), float64, the caller's own."""
+    if is_numpy_faster(len(x) * len(y), kernel):
         with np.errstate(all="ignore"):
-            return np.asarray(_values_between(x, x, kernel=kernel))
-    padded = np.zeros((capacity(n), dim))  # few sizes are compiled
-    padded[:n] = x
+            return np.asarray(_values_between(x, y, kernel=kernel))
     with float64():
-        return np.array(np.asarray(values_between(padded, padded, kernel=kernel))[:n, :n])
+        values = _compiled_values(_padded(x), _padded(y), kernel=kernel)
+    return np.array(np.asarray(values)[: len(x), : len(y)])
+
+
+def _padded(x: Floats) -> Floats:
+    """Points with zeros up to their capacity, so that few sizes are compiled."""
+    padded = np.zeros((capacity(len(x)), x.shape[1]))
+    padded[: len(x)] = x
+    return padded
 
 
 def _values_between(x: Any, y: Any, *, kernel: type[AbstractKernel]) -> Any:
-    """Phi (n, m) between points x (n, dim) and y (m, dim)."""
     # One coordinate after the other: with a last axis of two or three nothing is vectorised (3 times slower).
     return kernel.profile(sum((x[:, None, k] - y[None, :, k]) ** 2 for k in range(x.shape[1])))
 
 
-values_between = compiled(_values_between, static_argnames="kernel")
+_compiled_values = compiled(_values_between, static_argnames="kernel")

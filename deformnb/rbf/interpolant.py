@@ -43,7 +43,7 @@ from deformnb.rbf.evaluation import (
     local_sums,
     profile_of,
 )
-from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_matrix, matrix_of
+from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_values, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, plain_moments, solve, solve_bordered, solve_factored
@@ -382,7 +382,7 @@ def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[Abstra
         If the matrix is singular to working precision.
     """
     n, dim = x.shape
-    phi = kernel_matrix(x, kernel)
+    phi = kernel_values(x, x, kernel)
     phi.flat[:: n + 1] += nugget
     with float64():
         if trend in ("similarity", "rigid"):
@@ -443,9 +443,7 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
                               ready.notes, ())
     size = capacity(n)
     x, d, nugget = np.zeros((size, dim)), np.zeros((size, dim)), np.ones(size)
-    x[:n] = (ready.targets - ready.origin) / ready.support
-    d[:n] = ready.displacements / ready.support
-    nugget[:n] = smoothing / ready.weights
+    x[:n], d[:n], nugget[:n] = ready.relative, ready.displacements / ready.support, smoothing / ready.weights
     smoothed = nugget if smoothing else None
     scales = None
     if (ready.radii != ready.support).any():
@@ -459,17 +457,19 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
     most = RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max()
     is_whole = n > dim + 1 and ready.span.basis.shape[1] == dim  # enough points, and not all on a line or in a plane
     own = None if scales is None else scales[:n]
+    origin = ready.origin
     with float64():
         solved = None
         if (kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE))) or (
                 kernel.order in (1, 2) and scales is None and ready.trend != "quadratic" and is_whole):
-            solved = _solve_factored(ready, x[:n], d[:n], nugget[:n], own, turn, kernel, most).padded(size)
+            solved, origin = _solve_factored(ready, d[:n], nugget[:n], own, turn, kernel, most)
+            x[:n] = (ready.targets - origin) / ready.support
         # A nearly singular matrix beside polynomials has no Cholesky factor; elimination may still interpolate by it.
         if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
             solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel,
                             trend=ready.trend)
-        alpha, linear, constant, miss = (np.array(a) for a in solved[:4])
-        bent = None if solved.quadratic is None else np.array(solved.quadratic) * ready.support
+        alpha, linear, constant, miss = map(np.asarray, solved[:4])
+        bent = None if solved.quadratic is None else np.asarray(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
         raise DeformError(
             "the support radii that these control points have of their own do not go together: the system is nearly "
@@ -482,8 +482,9 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
             f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
             "kernel, or a little smoothing."
         )
-    r = ready.support
-    return RBFInterpolant(x, alpha * r, linear * r, constant * r, ready.origin, r, n, kernel, ready.trend, ready.notes,
+    r, coefficients = ready.support, np.zeros((size, dim))
+    coefficients[:n] = alpha[:n] * r
+    return RBFInterpolant(x, coefficients, linear * r, constant * r, origin, r, n, kernel, ready.trend, ready.notes,
                           ready.ids, scales, smoothed, bent)
 
 
@@ -492,21 +493,24 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
 _UPDATED = 1e-2
 
 
-def _solve_factored(ready: PreparedPoints, x: NDArray[np.float64], d: NDArray[np.float64], nugget: NDArray[np.float64],
+def _solve_factored(ready: PreparedPoints, d: NDArray[np.float64], nugget: NDArray[np.float64],
                     scales: NDArray[np.float64] | None, turn: NDArray[np.float64], kernel: type[AbstractKernel],
-                    most: float) -> Solved:
-    """The fit by a factored matrix, one that is kept where that is exact enough."""
-    def solve_by(matrix: Matrix) -> Solved:
+                    most: float) -> tuple[Solved, NDArray[np.float64]]:
+    """The fit by a factored matrix, one that is kept where that is exact enough, and the origin of its places."""
+    def solve_by(matrix: Matrix, origin: NDArray[np.float64]) -> Solved:
+        x = (ready.targets - origin) / ready.support
         if kernel.order:
-            return solve_bordered(x, d, matrix, ready.span, turn, order=kernel.order, trend=ready.trend,
-                                  shift=(ready.origin - matrix.origin) / ready.support)
+            return solve_bordered(x, d, matrix, ready.span, turn, order=kernel.order, trend=ready.trend)
         return solve_factored(x, d, matrix, ready.span, turn, is_skew=scales is not None, trend=ready.trend)
 
-    matrix = matrix_of(ready, nugget, scales, kernel)
-    solved = solve_by(matrix)
+    matrix, origin = matrix_of(ready, nugget, scales, kernel)
+    if ready.trend == "quadratic":  # its penalty is that of centred points
+        origin = ready.origin
+    solved = solve_by(matrix, origin)
     if matrix.is_updated and not np.abs(solved.miss).max() <= _UPDATED * most:
-        solved = solve_by(factored_anew(ready, nugget, kernel))
-    return solved
+        origin = ready.origin
+        solved = solve_by(factored_anew(ready, nugget, kernel), origin)
+    return solved, origin
 
 
 # Nobody enlarges ten times by dragging points; points 1/1000 off a line were seen to require 25 to 3600 times.

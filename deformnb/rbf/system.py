@@ -32,12 +32,6 @@ class Solved(NamedTuple):
     miss: Any
     quadratic: Any = None
 
-    def padded(self, size: int) -> Solved:
-        """The same with zeros for centres up to ``size``."""
-        alpha, miss = np.zeros((2, size, self.alpha.shape[1]))
-        alpha[: len(self.alpha)], miss[: len(self.miss)] = self.alpha, self.miss
-        return self._replace(alpha=alpha, miss=miss)
-
 
 def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
           kernel: type[AbstractKernel], trend: str) -> Solved:
@@ -223,21 +217,20 @@ def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, 
     return Solved(alpha, linear, constant, miss, None if bent is None else quadratic_forms(bent, dim))
 
 
-def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Floats, *, order: int, trend: str,
-                   shift: Floats) -> Solved:
+def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Floats, *, order: int,
+                   trend: str) -> Solved:
     """The fit of :func:`solve` for a kernel of order 1 or 2 by a bordered matrix that is factored.
 
     Parameters
     ----------
+    x : places from the origin of the matrix.
     trend : any but "quadratic".
-    shift : (dim,) of relative coordinates, from those of x to those of the matrix.
     """
     n, dim = x.shape
     given = np.concatenate([d, np.zeros((dim + 1 if order == 2 else 1, dim))])
     if order == 2:
         v, miss = _refined(matrix, matrix.solve(given), given)
-        linear = v[n + 1 :].T
-        return Solved(v[:n], linear, v[n] + linear @ shift, miss[:n])
+        return Solved(v[:n], v[n + 1 :].T, v[n], miss[:n])
     v = matrix.solve(np.concatenate([np.pad(x, ((0, 1), (0, 0))), given], axis=1))
     s = x.T @ v[:n, :dim]
     linear = _linear_on_host(x, d, (s, s + d.T @ v[:n, :dim]), span, turn, trend)

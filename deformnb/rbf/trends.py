@@ -37,6 +37,7 @@ NO_ANGLE = 1e-6
 # there, and from it on it is the plain one.
 THIN = 0.25
 _SURELY = 1 + 1e-6  # beyond rounding
+_LEAST_MOMENT = 1e-280  # squares of tiny lengths have no digits
 # How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
 # ((THIN - spread) / spread)^2 / SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
 # tried and held det J above 0.3 beside them; smaller ones are nearer to a similarity.
@@ -202,12 +203,10 @@ def are_wide(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -
     centred : (n, dim) targets less their mean.
     displacements : (n, dim) from the targets to the sources.
     """
-    dim = centred.shape[1]
     both = np.concatenate([centred.T, (centred + displacements).T])
-    both = both - both.mean(axis=1, keepdims=True)
-    both /= np.abs(both).max() or 1.0  # squares of tiny lengths would be zero
-    values = np.linalg.eigvalsh(np.stack([half @ half.T for half in (both[:dim], both[dim:])]))
-    return bool((values[:, 0] > _SURELY * THIN**2 * values[:, -1]).all())
+    both = (both - both.mean(axis=1, keepdims=True)).reshape(2, centred.shape[1], -1)
+    values = np.linalg.eigvalsh(both @ both.swapaxes(1, 2))
+    return bool((values[:, 0] > np.maximum(_SURELY * THIN**2 * values[:, -1], _LEAST_MOMENT)).all())
 
 
 def _relative_moments(m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -115,6 +115,14 @@ def test_residuals_are_what_smoothing_leaves() -> None:
         assert np.abs(expected).max() > 0.1
 
 
+def test_residuals_of_many_points_one_of_which_was_dragged_far_are_none() -> None:
+    places = np.random.default_rng(5).uniform(0, 100, (220, 2))
+    points = ControlPoints.from_arrays(places + 1.0, places)
+    fit_quality(points, support=40.0)
+    dragged = points.move(9, [900.0, 500.0])
+    assert np.abs(fit_quality(dragged, support=40.0).residual).max() < 1e-9
+
+
 def test_no_points_is_said() -> None:
     with pytest.raises(DeformError, match="no active control point"):
         fit_quality(ControlPoints.empty(2))

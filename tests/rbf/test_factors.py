@@ -69,6 +69,23 @@ def test_drags_without_moved_targets_and_other_settings_do_not_take_another_fit(
         np.testing.assert_allclose(fit_rbf(some, **settings).displacement(at), anew(some, at, **settings), atol=1e-8)
 
 
+@pytest.mark.parametrize("kernel", ["wendland_c2", "multiquadric", "thin_plate"])
+def test_between_drags_of_one_point_the_sources_of_others_and_the_trend_may_change(
+        kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.rbf.interpolant.factored_anew", None)  # for want of exactness: never called
+    points, at = scattered(220, 2, seed=12), np.random.default_rng(3).uniform(0, 100, (50, 2))
+    settings: dict[str, Any] = {"kernel": kernel, "support": 40.0}
+    fit_rbf(points, **settings)
+    trends = ["affine", "affine", "affine_exact" if kernel == "thin_plate" else "rigid", "affine"]
+    for step, trend in enumerate(trends * 2):
+        target, source = np.array(points.target), np.array(points.source)
+        target[7] += [2.0, -1.0]
+        source[100] += [1.5, 0.5] if step % 3 == 2 else [0.0, 0.0]
+        points = replace(points, target=target, source=source)
+        dragged = fit_rbf(points, trend=trend, **settings)
+        np.testing.assert_allclose(dragged.displacement(at), anew(points, at, trend=trend, **settings), atol=1e-8)
+
+
 def test_a_point_dragged_next_to_another_one_is_still_interpolated() -> None:
     points = scattered(220, 2, seed=9)
     fit_rbf(points, support=40.0)
