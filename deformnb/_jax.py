@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 else:
     jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
 
-__all__ = ["ENDING", "adjugate", "check_process", "compiled", "determinant", "float64", "jax", "jnp", "lax", "one_plus",
-           "pytree", "pytree_node", "use_disk_cache", "with_derivative"]
+__all__ = ["ENDING", "adjugate", "check_process", "compiled", "determinant", "each", "float64", "in_full_precision",
+           "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node", "use_disk_cache", "with_derivative"]
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -78,6 +78,20 @@ def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], A
     @wraps(function)
     def call(x: Any) -> Any:
         return made()(x)
+
+    return call
+
+
+def in_full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that JAX computes with products of matrices as exact as their type.
+
+    NVIDIA's GPUs round the factors of float32 products to 11 bits (TF32) unless told otherwise: a displacement of 10 mm
+    is then wrong by 0.003 mm and its derivatives by 1 per cent (seen on an H200).
+    """
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        with jax.default_matmul_precision("highest"):
+            return function(*args, **kwargs)
 
     return call
 
@@ -176,7 +190,7 @@ def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (),
     def program(platform: str, is_host: bool) -> Any:
         use_disk_cache()
         chosen = _CPU_OPTIONS | (_ONE_THREAD if on_one_thread else {}) if _takes_options(platform) else None
-        return jax.jit(function, compiler_options=chosen,
+        return jax.jit(in_full_precision(function), compiler_options=chosen,
                        donate_argnames=None if is_host else donated, **options)
 
     def executable() -> Any:
@@ -190,6 +204,15 @@ def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (),
 
     call.executable = executable  # type: ignore[attr-defined]
     return call
+
+
+def each(function: Callable[[Any], Any], of: Any) -> Any:
+    """The results of a function for each entry of arrays along their first axis, stacked, in a :func:`compiled` one.
+
+    A processor does one after the other, so that what an entry needs stays in its cache (``lax.map``); a GPU does all
+    at once (``jax.vmap``), for its work between two launches must be large.
+    """
+    return lax.map(function, of) if devices.is_host() else jax.vmap(function)(of)
 
 
 @contextmanager

@@ -23,7 +23,7 @@ _CACHE = ROOT / ".pytest_cache" / "deformnb"  # kept between runs: JAX compiles 
 os.environ["XDG_CACHE_HOME"] = str(_CACHE / "cache")
 os.environ["XDG_CONFIG_HOME"] = str(_CACHE / "config")
 os.environ["MPLBACKEND"] = "Agg"
-os.environ["JAX_PLATFORMS"] = "cpu"
+os.environ.setdefault("JAX_PLATFORMS", "cpu")  # with a GPU: JAX_PLATFORMS=cuda,cpu DEFORMNB_DEVICE=gpu
 os.environ["JAX_DEBUG_NANS"] = "1"  # a NaN is an error where it is made, not where it is noticed; see allow_nan
 os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must be asked for where it is needed
 for _own in ("DEFORMNB_DATA", "DEFORMNB_COMPILATION_CACHE"):

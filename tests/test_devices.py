@@ -53,6 +53,11 @@ def results():
         made["shaded"] = dn.project(volume, "+y", "shaded").values
     return made
 
+def apart(one, other):
+    if isinstance(one, str):
+        return float(one != other)
+    return float(np.abs(np.asarray(one, float) - np.asarray(other, float)).max())
+
 first = results()
 assert devices.is_host()
 devices.use_device(sys.argv[1])
@@ -64,7 +69,7 @@ moved = displacements(fit_rbf(space, trend="none"), volume.grid)
 plan = extruded(dn.Step((flat,), plane).field(volume.grid), volume.grid, volume.grid, "float32")
 print(json.dumps({
     "name": devices.device_name(), "is_host": devices.is_host(),
-    "same": {name: bool(np.array_equal(first[name], second[name])) for name in first},
+    "apart": {name: apart(first[name], second[name]) for name in first},
     "places": {"compiled": str(add(1.0).device), "float64": str(wide.device),
                "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved],
                "maps": str(plan.maps.device)},
@@ -80,15 +85,21 @@ def computed(*arguments: str) -> dict[str, Any]:
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
+@pytest.mark.skipif(jax.default_backend() == "gpu", reason="a second device of the CPU is asked for")
 @pytest.mark.parametrize("fields", [("space",), pytest.param(("replicated", "modulated", "cut", "composed"),
                                                              marks=pytest.mark.nightly)])
 def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tuple[str, ...],
                                                                      isolated_folders: Path) -> None:
     found = computed("cpu:1", *fields)
-    assert found["same"].keys() >= set(fields)
+    apart = found["apart"]
+    assert apart.keys() >= set(fields)
     assert found["name"] == "cpu:1"
     assert not found["is_host"]
-    assert all(found["same"].values()), found["same"]
+    # What is added up in another order is rounded in another way, and so may be a voxel.
+    assert max(apart[name] for name in fields) <= 1, apart
+    assert max(apart["fit"], apart["places"]) < 1e-12, apart
+    assert apart["document"] == 0, apart
+    assert apart.get("shaded", 0) <= 1, apart
     second = "cpu:1"
     assert found["places"] == {"compiled": second, "float64": second, "voxels": second, "displacements": [second] * 3,
                                "maps": second}
@@ -137,6 +148,7 @@ def test_a_device_is_described_with_its_kind_and_memory() -> None:
     assert devices.describe_device(jax.devices("cpu")[0]) == "cpu:0"
 
 
+@pytest.mark.skipif(jax.default_backend() == "gpu", reason="it begins on the CPU")
 def test_options_of_the_cpu_are_given_to_no_other_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     from deformnb import _jax
 

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import jnp, pytree
+from deformnb._jax import in_full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -234,6 +234,7 @@ class Decoupled(AbstractField):
     def has_cuts(self) -> bool:
         return True
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         x = jnp.asarray(points)
         moves = [f(x) for f in self.fields]

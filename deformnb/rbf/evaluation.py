@@ -17,8 +17,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb import devices
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, float64, jax, jnp, lax
+from deformnb._jax import compiled, each, float64, jax, jnp, lax
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -35,6 +36,7 @@ def capacity(n: int) -> int:
 
 _TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
 _GROUP = 4  # centres per turn of the inner loop
+_GROUP_OF_GPU = 32  # a turn is a launch there, and reads and writes the sums once
 _BLOCK = 4096  # points at a time, whose accumulators stay in the cache as well
 
 
@@ -123,25 +125,29 @@ def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...], ra
         them that all sums share.
     add : from the sums, the offsets from a centre, its coefficients and its radial function, to the sums.
     """
-    dim = len(p)
+    dim, on_host = len(p), devices.is_host()
+    group = _GROUP if on_host else min(_GROUP_OF_GPU, len(leaves.centers))
+    # On a GPU the centres that fill up a capacity count too, with coefficients of 0: a number that is only known when
+    # the program runs would be waited for in each turn.
+    turns = (leaves.count + group - 1) // group if on_host else len(leaves.centers) // group
 
     def body(q: Any, total: tuple[Any, ...]) -> tuple[Any, ...]:
-        x = lax.dynamic_slice(leaves.centers, (q * _GROUP, q * 0), (_GROUP, dim))
-        a = lax.dynamic_slice(leaves.coefficients, (q * _GROUP, q * 0), (_GROUP, dim))
-        scale = None if leaves.scales is None else lax.dynamic_slice(leaves.scales, (q * _GROUP,), (_GROUP,))
+        x = lax.dynamic_slice(leaves.centers, (q * group, q * 0), (group, dim))
+        a = lax.dynamic_slice(leaves.coefficients, (q * group, q * 0), (group, dim))
+        scale = None if leaves.scales is None else lax.dynamic_slice(leaves.scales, (q * group,), (group,))
 
         def offset(i: int) -> list[Any]:  # made anew by each that reads it: it takes longer to load than to compute
             return [p[k] - x[i, k] for k in range(dim)]
 
         def functions() -> tuple[Any, ...]:
-            squares = [1 if scale is None else scale[i] ** 2 for i in range(_GROUP)]
-            return tuple(radial(sum(o**2 for o in offset(i)) * squares[i], squares[i]) for i in range(_GROUP))
+            squares = [1 if scale is None else scale[i] ** 2 for i in range(group)]
+            return tuple(radial(sum(o**2 for o in offset(i)) * squares[i], squares[i]) for i in range(group))
 
-        for i, function in enumerate(_computed_once(functions, q >= 0)):
+        for i, function in enumerate(_computed_once(functions, q >= 0) if on_host else functions()):
             total = add(total, offset(i), a[i], function)
         return total
 
-    return lax.fori_loop(0, (leaves.count + _GROUP - 1) // _GROUP, body, start)
+    return lax.fori_loop(0, turns, body, start)
 
 
 def _computed_once(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[Any, ...]:
@@ -155,17 +161,22 @@ def _computed_once(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[
     ----------
     always : true, and not known to be before the program runs.
     """
-    def held() -> tuple[Any, ...]:
-        return lax.cond(always, values, lambda: tuple(map(jnp.zeros_like, jax.eval_shape(values))))
+    return tuple(lax.cond(always, values, lambda: tuple(map(jnp.zeros_like, jax.eval_shape(values)))))
 
-    return lax.platform_dependent(cpu=held, default=values)
+
+def _sums(rows: Any, columns: Any) -> tuple[Any, ...]:
+    """Coordinates (R, C) of all places ``rows[:, r] + columns[:, c]``."""
+    return tuple(r[:, None] + c[None, :] for r, c in zip(rows, columns, strict=True))
 
 
 def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
     dim = rows.shape[0]
 
     def values(r: Any) -> tuple[Any, ...]:
-        return what(tuple(r[k][:, None] + columns[k][None, :] for k in range(dim)), leaves, kernel)
+        return what(_sums(r, columns), leaves, kernel)
+
+    if not devices.is_host():
+        return jnp.stack(values(rows))
 
     def add(t: Any, out: Any) -> Any:
         tile = jnp.stack(values(lax.dynamic_slice(rows, (0 * t, t * _TILE), (dim, _TILE))))
@@ -180,7 +191,7 @@ _evaluate_lattice = compiled(_lattice, on_one_thread=True, static_argnames=("ker
 
 
 def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
-    return lax.map(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
+    return each(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
 
 
 _evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
@@ -201,28 +212,37 @@ def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64],
 
 def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
                 dtype: Any, what: Sum) -> NDArray[Any]:
-    n = rows.shape[1]
+    dim, n = rows.shape
     if kernel.compact and int(leaves.count) >= CULLED:
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
-    return np.asarray(_padded_lattice(rows, columns, leaves, kernel, dtype, what))[:, :n]
-
-
-def _padded_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
-                    kernel: type[AbstractKernel], dtype: Any, what: Sum) -> Any:
-    dim, n = rows.shape
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
     with float64():
-        return _evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what)
+        return np.asarray(_evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
+
+
+def _components(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel],
+                shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
+    d = tuple(one.astype(jnp.float32).reshape(shape) for one in _displacement(_sums(rows, columns), leaves, kernel))
+    return d, jnp.isfinite(sum(jnp.vdot(one, one) for one in d))
+
+
+_evaluate_components = compiled(_components, static_argnames=("kernel", "shape"))
 
 
 def lattice_on_device(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
-                      kernel: type[AbstractKernel], dtype: Any) -> Any:
-    """:func:`at_lattice` in float32 and in the memory of the device in use, for those that read it there."""
+                      kernel: type[AbstractKernel], dtype: Any, shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
+    """:func:`at_lattice` for those that read it in the memory of a GPU.
+
+    Returns
+    -------
+    dim components, float32, of ``shape`` for R and C, and whether all are finite.
+    """
     if kernel.compact and int(leaves.count) >= CULLED:
-        return jnp.asarray(at_lattice(rows, columns, leaves, kernel, dtype), jnp.float32)
-    out = _padded_lattice(rows, columns, leaves, kernel, dtype, _displacement)
-    return out[:, : rows.shape[1]].astype(jnp.float32)
+        d = at_lattice(rows, columns, leaves, kernel, dtype).astype(np.float32).reshape(-1, *shape)
+        return tuple(map(jnp.asarray, d)), np.isfinite(np.vdot(d, d))
+    with float64():
+        return _evaluate_components(rows.astype(dtype), columns.astype(dtype), leaves, kernel=kernel, shape=shape)
 
 
 def at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
@@ -262,7 +282,7 @@ def _in_turn(p: Any, stages: Leaves, origins: Any, scales: Any, *, kernel: type[
 
         return lax.scan(one, start, (stages, origins, scales))
 
-    return lax.map(block, p)
+    return each(block, p)
 
 
 _evaluate_in_turn = compiled(_in_turn, on_one_thread=True, static_argnames="kernel")
@@ -356,7 +376,7 @@ def _tiles(rows: Any, columns: Any, reached: Any, leaves: Leaves, *, kernel: typ
         p = tuple(r[k][:, None] + c[k][None, :] for k in range(dim))
         return jnp.stack(what(p, leaves._replace(**own._asdict()), kernel))
 
-    return lax.map(tile, (rows, columns, reached))
+    return each(tile, (rows, columns, reached))
 
 
 _evaluate_tiles = compiled(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))

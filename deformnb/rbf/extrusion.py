@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import jnp, pytree
+from deformnb._jax import in_full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
@@ -306,6 +306,7 @@ class Extrusion(AbstractField):
         z = self.zeta(np.asarray(c, dtype=np.float64))
         return np.stack([np.interp(z, self.knots, w) for w in np.asarray(self.weights)])
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         frame = jnp.asarray(self.plane.frame)
         abc = (jnp.asarray(points) - jnp.asarray(self.plane.origin)) @ frame.T

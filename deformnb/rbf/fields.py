@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, float64, jax, jnp, pytree
+from deformnb._jax import compiled, float64, in_full_precision, jax, jnp, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
@@ -267,6 +267,7 @@ class DisplacementField(AbstractField):
     def dim(self) -> int:
         return len(self.lattice.shape)
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         index = _index(self.lattice, jnp.asarray(points))
         at = [index[..., k] for k in reversed(range(self.dim))]
@@ -381,6 +382,7 @@ class Affine(AbstractField):
     def dim(self) -> int:
         return len(self.offset)
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         x = jnp.asarray(points)
         return x @ jnp.asarray(self.matrix, x.dtype).T + jnp.asarray(self.offset, x.dtype) - x

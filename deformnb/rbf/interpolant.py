@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, float64, jnp, pytree
+from deformnb._jax import compiled, float64, in_full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.evaluation import (
@@ -204,6 +204,7 @@ class RBFInterpolant(AbstractField):
         alone = (drags - hat @ drags) / np.maximum(1 - hat.diagonal(), 1e-9)[:, None]
         return bool((errors**2).sum() > (alone**2).sum())
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
         p = (jnp.asarray(points) - self.origin) / self.support
@@ -251,16 +252,15 @@ class RBFInterpolant(AbstractField):
         dtype = self._digits(first, other, resolution)
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
 
-    def on_device(self, lattice: Grid | Raster) -> Any:
-        """Displacements (3, nz, ny, nx) on a grid or (2, nv, nu) on a raster, in the memory of the device in use.
+    def on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
+        """Displacements on a grid or a raster in the memory of the device in use, and whether all are finite.
 
-        To be called within :func:`deformnb.devices.computing`.
+        Three components (nz, ny, nx) or two (nv, nu), float32. To be called within :func:`deformnb.devices.computing`.
         """
         lines = raster_lines(lattice) if isinstance(lattice, Raster) else grid_lines(lattice)
         rows, columns = self._relative_lines(*lines)
         dtype = self._digits(rows, columns, min(lattice.spacing))
-        found = lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype)
-        return found.reshape(self.dim, *lattice.shape)
+        return lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype, lattice.shape)
 
     def _digits(self, rows: NDArray[np.float64], columns: NDArray[np.float64], resolution: float) -> Any:
         """The type that is exact enough for the sums of relative lines."""
@@ -296,9 +296,11 @@ class RBFInterpolant(AbstractField):
         if self.is_culled:
             dtype = np.float64  # tiles subtract their middle first
         arrays = (self.centers, self.coefficients, self.linear, self.constant)
-        scales = None if self.scales is None else np.asarray(self.scales, dtype=dtype)
-        centers, coefficients, linear, constant = (np.asarray(a, dtype=dtype) for a in arrays)
-        bent = None if self.quadratic is None else np.asarray(self.quadratic, dtype=dtype)
+        # Copies: where a user's own jax.jit has taken the arrays of a field as constants, JAX 0.10 takes these in 32
+        # bits ever after, and fails where a function was compiled for 64.
+        scales = None if self.scales is None else np.array(self.scales, dtype=dtype)
+        centers, coefficients, linear, constant = (np.array(a, dtype=dtype) for a in arrays)
+        bent = None if self.quadratic is None else np.array(self.quadratic, dtype=dtype)
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
 
 

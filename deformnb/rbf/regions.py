@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, jax, jnp, lax, pytree, pytree_node
+from deformnb._jax import compiled, in_full_precision, jax, jnp, lax, pytree, pytree_node
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import in_blocks
@@ -115,6 +115,7 @@ class HalfSpace(AbstractRegion):
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         return (np.asarray(points, dtype=np.float64) - np.asarray(self.point)) @ np.asarray(self.normal)
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         return (jnp.asarray(points) - jnp.asarray(self.point)) @ jnp.asarray(self.normal)
 
@@ -523,6 +524,7 @@ class Mask(AbstractRegion):
         found = ndimage.map_coordinates(distances, index.T[::-1], order=1, mode="nearest", output=np.float64)
         return (found + beyond).reshape(p.shape[:-1])
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         distances, lattice = self._measured
         index, beyond = _index_within(lattice, jnp.asarray(points), jnp)

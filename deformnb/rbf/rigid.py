@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, jax, jnp, pytree
+from deformnb._jax import compiled, in_full_precision, jax, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, in_blocks
 from deformnb.rbf.fitting import fit_rbf
@@ -401,6 +401,7 @@ class RigidInterpolant(AbstractField):
         """The trend of what the parts leave free."""
         return self.base.trend
 
+    @in_full_precision
     def __call__(self, points: Any) -> Any:
         x = jnp.asarray(points)
         back = [x @ jnp.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import check_process, compiled, float64, jax, jnp, lax, pytree
+from deformnb._jax import check_process, compiled, each, float64, jax, jnp, lax, pytree
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
@@ -390,7 +390,7 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
         taps = [_axis_taps(method, a, index) for a in axes]
         return _finished(_nested(_reader(row, taps, method, compute), taps, start), inside(axes), fill, method)
 
-    return lax.map(plane, jnp.arange(whole[0].shape[1]))
+    return each(plane, jnp.arange(whole[0].shape[1]))
 
 
 def _listed(flat: Any, d: Any, voxels: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,

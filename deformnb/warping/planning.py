@@ -54,6 +54,9 @@ CHUNK_BYTES = 2**24
 """Bytes of the result that are made at once where whole rows move: 256^3 bytes in one piece, which XLA shares out to
 the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
 
+_MORE_ON_GPU = 32
+"""How many times as much a GPU does at once: its memory holds it, and each call has to be launched and waited for."""
+
 
 _NOT_FINITE = ("the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
                "on top of each other.")
@@ -332,19 +335,19 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
         return _coarse_along_x(field, grid, step)
     with devices.computing():  # else JAX would take what is done to the result to the device that it prefers
         stays = _on_device(field, grid)
-        return tuple(on_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else tuple(stays)
+        return tuple(on_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else stays
 
 
-def _on_device(field: AbstractField, on: Grid | Raster) -> Any | None:
-    """Displacements, components first, that stay on the device that computes them; None where NumPy shares its memory,
+def _on_device(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
+    """Components of the displacements that stay on the device that computes them; None where NumPy shares its memory,
     or the field is computed by NumPy. Refused as by :func:`checked`.
 
     To be called within :func:`deformnb.devices.computing`.
     """
     if devices.is_host() or not isinstance(field, RBFInterpolant):
         return None
-    d = field.on_device(on)
-    if not np.isfinite(jnp.vdot(d, d)):
+    d, is_finite = field.on_device(on)
+    if not is_finite:
         raise DeformError(_NOT_FINITE)
     return d
 
@@ -390,8 +393,8 @@ def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.flo
             return checked(np.moveaxis(d, -1, 0)), None
     with devices.computing():
         stays = _on_device(field, raster)
-    if stays is not None:
-        return stays, None
+        if stays is not None:
+            return jnp.stack(stays), None  # type: ignore[return-value]
     values, opacity = field.seen_on_outer_sum(*raster_lines(raster), min(raster.spacing))
     return checked(values), opacity
 
@@ -433,10 +436,16 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
     starts on a node of the lattice.
     """
     nz, ny, nx = shape
-    rows = _length(ny, BLOCK_VOXELS // nx, step)
-    planes = _length(nz, BLOCK_VOXELS // (nx * rows), step)
+    most = at_once(BLOCK_VOXELS)
+    rows = _length(ny, most // nx, step)
+    planes = _length(nz, most // (nx * rows), step)
     starts = ((z, y) for z in _starts(nz, planes, step) for y in _starts(ny, rows, step))
     return [(slice(z, z + planes), slice(y, y + rows)) for z, y in starts]
+
+
+def at_once(most: int) -> int:
+    """How much of something to compute in one call on the device in use, where a processor does ``most``."""
+    return most if devices.is_host() else _MORE_ON_GPU * most
 
 
 def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
@@ -450,7 +459,7 @@ def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
 
 def chunks(count: int, size: int) -> list[slice]:
     """Parts of ``count`` rows of ``size`` bytes each, all of one length; the last one overlaps."""
-    return parts(count, CHUNK_BYTES // max(1, size))
+    return parts(count, at_once(CHUNK_BYTES) // max(1, size))
 
 
 def parts(count: int, most: int) -> list[slice]:

@@ -53,8 +53,7 @@ def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, dis
     at = np.nonzero(opacity < 1)  # along the cuts only
     if not len(at[0]):
         return values
-    if not values.flags.writeable:
-        values = values.copy(order="K")
+    values = _writable(values)
     some, share = values[at], opacity[at].reshape([-1] + [1] * (values.ndim - opacity.ndim))
     if discrete or not np.isfinite(fill):
         values[at] = np.where(share < 0.5, fill, some)
@@ -62,6 +61,10 @@ def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, dis
     mixed = float(fill) + share * (some.astype(np.float64) - float(fill))
     values[at] = np.floor(mixed + 0.5) if values.dtype.kind in "iu" else mixed
     return values
+
+
+def _writable(values: NDArray[Any]) -> NDArray[Any]:
+    return values if values.flags.writeable else values.copy(order="K")
 
 
 _Part = TypeVar("_Part")
@@ -191,12 +194,10 @@ class Warper:
         return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
 
     def _planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
-        if plan.weights is None and not devices.is_host() and self._is_whole(plan.normal):
-            self.prepare(plan.normal)  # or the voxels would be copied to the device for every edit
-        if plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
+        if not devices.is_host() or (plan.weights is not None and plan.normal == 2):
+            values = self._in_blocks(plan, progress)
+        elif plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
             values = self._rows(plan, progress)
-        elif plan.weights is not None and plan.normal == 2:
-            values = self._along_rows(plan, progress)
         else:
             values = self._extruded(plan, progress)
         if plan.opacity is None:
@@ -207,9 +208,9 @@ class Warper:
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
 
-        Costs one copy of the volume; for x only where its memory is not aligned as JAX requires.
+        Costs one copy of the volume; for x only where its memory is not aligned as JAX requires. A GPU needs none.
         """
-        if axis not in self._tables:
+        if devices.is_host() and axis not in self._tables:
             rows = np.moveaxis(self._voxels, axis, 2)
             with self._arithmetic():
                 self._tables[axis] = sampling.on_device(rows, (-1, rows.shape[2]))
@@ -326,19 +327,25 @@ class Warper:
 
         return moved
 
-    def _along_rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
-        """Maps that change along x: parts along z and y, for slices would have to be cut out of every row."""
-        out = np.empty(self.output.shape, self._voxels.dtype)
+    def _in_blocks(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+        """Parts along z and y: of maps that change along x, for slices would have to be cut out of every row; and of
+        any map on a GPU, which holds the whole volume.
+        """
+        normal, outs = plan.normal, [np.empty(self.output.shape, self._voxels.dtype)]
         with self._arithmetic():
             flat = self._flat
+        maps = plan.maps.reshape(*plan.maps.shape[: 2 + normal], 1, *plan.maps.shape[2 + normal :])
 
         def work(block: tuple[slice, slice]) -> None:
+            of_map = [slice(None) if axis == normal else part for axis, part in enumerate(block)]
+            weights = None if plan.weights is None else plan.weights[:, (*block, slice(None))[normal]]
             with self._arithmetic():
-                out[block] = sampling.extruded(flat, plan.maps[:, :, *block, None], plan.weights, plan.matrix,
-                                               *self._places.block(block), self._fill, normal=2, **self._settings())
+                result = sampling.extruded(flat, maps[:, :, *of_map], weights, plan.matrix, *self._places.block(block),
+                                           self._fill, normal=normal, **self._settings())
+            _store(outs, 0, block, np.asarray(result))
 
         _share([self], planning.blocks(self.output.shape, 1), work, progress)
-        return out
+        return outs[0]
 
     def _rows(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         axes = [axis for axis in range(3) if axis != plan.normal]
@@ -421,15 +428,14 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
 
     def work(block: tuple[slice, slice]) -> None:
         own = _on_lattice(field, planning.lattice(grid, block, step), step) if by_lattice else chain.block(block)
-        for warper, flat, out in zip(warpers, flats, outs, strict=True):
+        for k, (warper, flat) in enumerate(zip(warpers, flats, strict=True)):
             at = warper._places
             with warper._arithmetic():
                 result = np.asarray(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
                                                      step=step, **warper._settings()))
             if own.opacity is not None:
                 result = warper._faded(result, own.opacity)
-            target = out[block]
-            target[...] = result[: target.shape[0], : target.shape[1]]
+            _store(outs, k, block, result, is_final=by_lattice)
         for known in own.exact:
             replace(known)
 
@@ -446,6 +452,20 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     return outs
 
 
+def _store(outs: list[NDArray[Any]], k: int, block: tuple[slice, slice], result: NDArray[Any], *,
+           is_final: bool = True) -> None:
+    """Put a block of the k-th result in its place; what ends beyond it is cut off.
+
+    One that comes from a GPU, is the whole result and is final, so that it may be read-only, is not copied once more:
+    that would take longer than the warp.
+    """
+    target = outs[k][block]
+    if is_final and not devices.is_host() and target.shape == outs[k].shape == result.shape:
+        outs[k] = result
+    else:
+        target[...] = result[: target.shape[0], : target.shape[1]]
+
+
 def _on_lattice(field: AbstractField, lattice: Grid, step: int) -> Displacements:
     """Stored samples as they are, anything else evaluated at every node of a lattice."""
     stored = planning.between_samples(field, lattice) if step == 1 else None
@@ -457,7 +477,7 @@ def _on_lattice(field: AbstractField, lattice: Grid, step: int) -> Displacements
 
 def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
     """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
-    outs = [warper._planned(cut.apart, None) for warper in warpers]
+    outs = [_writable(warper._planned(cut.apart, None)) for warper in warpers]
     flats = []
     for warper in warpers:
         with warper._arithmetic():

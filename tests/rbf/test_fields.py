@@ -95,6 +95,26 @@ def test_jax_and_numpy_agree_on_points_of_any_shape(dim: int, name: str) -> None
     np.testing.assert_array_equal(f.displacement(x[0, 0].tolist()), f.displacement(x[0, 0]))
 
 
+@pytest.mark.parametrize("name", spatial())
+def test_a_field_that_users_compile_in_32_bits_stays_exact(name: str) -> None:
+    planar.cache_clear()  # nothing has been computed from these arrays
+    spatial.cache_clear()
+    f, x = field(3, name), places(3)
+    jax.jit(f)(x)
+    wanted = np.stack([f.displacement(row) for row in x])
+    planar.cache_clear()
+    spatial.cache_clear()
+    np.testing.assert_allclose(wanted, field(3, name).displacement(x), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("dim", "name"), FIELDS)
+def test_products_are_in_full_precision_on_a_gpu_too(dim: int, name: str) -> None:
+    program = jax.jit(lambda f, x: f(x)).lower(field(dim, name), places(dim)).as_text()
+    products = program.count("stablehlo.dot_general")
+    assert products or name == "identity" or "sampled" in name
+    assert program.count("precision = [HIGHEST, HIGHEST]") == products
+
+
 @pytest.mark.parametrize("name", planar())
 def test_values_on_a_raster_are_those_at_its_points(name: str) -> None:
     f = field(2, name)
