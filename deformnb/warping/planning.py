@@ -108,6 +108,16 @@ class Places:
         whole = tuple(_cut(table, s) for table, s in zip(self.whole, every, strict=True))
         return whole, tuple(_cut(table, s) for table, s in zip(self.part, every, strict=True))
 
+    def at_pixels(self, normal: int, depth: slice, pixels: NDArray[np.intp]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """``whole`` and ``part`` of pixels (2, n), which run along the last of the two axes across ``normal``."""
+        def listed(tables: tuple[NDArray[Any], ...]) -> tuple[NDArray[Any], ...]:
+            a, b = (tables[o] for o in range(3) if o != normal)
+            found = [np.zeros((3, 1), a.dtype), a[:, pixels[0]] + b[:, pixels[1]]]
+            found.insert(normal, tables[normal][:, depth])
+            return tuple(found)
+
+        return listed(self.whole), listed(self.part)
+
     def near(self, shape: Sequence[int]) -> bool:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
         farthest = sum(np.abs(table).max(axis=1, initial=0).astype(np.int64) for table in self.whole)

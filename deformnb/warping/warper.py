@@ -50,17 +50,22 @@ def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, dis
     >>> apply_opacity(np.array([10, 20, 30], np.uint8), np.array([1.0, 0.5, 0.0]), np.uint8(1), discrete=False).tolist()
     [10, 11, 1]
     """
-    at = np.nonzero(opacity < 1)  # along the cuts only
-    if not len(at[0]):
+    at: Any = np.flatnonzero(opacity < 1)  # along the cuts only
+    if not len(at):
         return values
-    values = _writable(values)
-    some, share = values[at], opacity[at].reshape([-1] + [1] * (values.ndim - opacity.ndim))
+    whole = values = _writable(values)
+    share = opacity.reshape(-1)[at].reshape([-1] + [1] * (values.ndim - opacity.ndim))
+    if values.flags.c_contiguous:  # one index is four times as fast as three
+        values = values.reshape(opacity.size, *values.shape[opacity.ndim:])
+    else:
+        at = np.unravel_index(at, opacity.shape)
+    some = values[at]
     if discrete or not np.isfinite(fill):
         values[at] = np.where(share < 0.5, fill, some)
-        return values
+        return whole
     mixed = float(fill) + share * (some.astype(np.float64) - float(fill))
     values[at] = np.floor(mixed + 0.5) if values.dtype.kind in "iu" else mixed
-    return values
+    return whole
 
 
 def _writable(values: NDArray[Any]) -> NDArray[Any]:
@@ -483,19 +488,21 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
         with warper._arithmetic():
             flats.append(warper._flat)
 
-    def work(tile: tuple[slice, slice, slice]) -> None:
-        d, opacity = cut.tile(tile)
-        weights = np.ones((1, d.shape[cut.apart.normal + 1]), np.float32)
+    normal = cut.apart.normal
+
+    def work(part: tuple[slice, NDArray[np.intp]]) -> None:
+        d, opacity = cut.seen(*part)
+        depth, pixels = part[0], cut.pixels[:, part[1]]
+        weights = np.ones((1, d.shape[normal + 1]), np.float32)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             with warper._arithmetic():
                 result = np.asarray(sampling.extruded(
-                    flat, d[None], weights, cut.apart.matrix, *warper._places.block(tile), warper._fill,
-                    normal=cut.apart.normal, **warper._settings()))
+                    flat, d[None], weights, cut.apart.matrix, *warper._places.at_pixels(normal, depth, pixels),
+                    warper._fill, normal=normal, **warper._settings()))
             result = warper._faded(result, opacity)
-            target = out[tile]
-            target[...] = result[tuple(slice(n) for n in target.shape)]
+            np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(result, normal, 2)[0]
 
-    _share(warpers, cut.tiles, work, progress)
+    _share(warpers, cut.parts(), work, progress)
     return outs
 
 

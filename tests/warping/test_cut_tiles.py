@@ -76,6 +76,20 @@ def test_at_corners_of_modulated_cuts_little_is_lost(cut_rule: str) -> None:
     agrees(warp(volume, field, fill=0.0).values, slow_cut(volume, field, STRAIGHT, 0.0, "linear"), 0.96)
 
 
+@pytest.mark.parametrize(("rule", "cut_rule", "shape"), [("modulate", "source", "line"), ("modulate", "paper", "bent"),
+                                                         ("interpolate", "source", "crossing")])
+def test_long_drags_beside_cuts_that_change_with_depth(rule: str, cut_rule: str, shape: str) -> None:
+    """Many pixels are moved across the cut on some slices only, and more of them are near it and stay apart."""
+    grid = Grid((12, 400, 60))
+    volume, field, x = noise(grid), cut_field(grid, "+z", rule, cut_rule, 5.0, shape), centres(grid)
+    d, opacity = field.seen(x)
+    assert (opacity < 1).any(axis=0).sum() > 900
+    place, counts = np.moveaxis((x + d)[..., ::-1], -1, 0), np.reshape(grid.shape, (3, 1, 1, 1))
+    inside = ((place >= -0.5) & (place < counts - 0.5)).all(axis=0)
+    expected = opacity * inside * ndimage.map_coordinates(volume.values, place, order=1, mode="nearest")
+    agrees(warp(volume, field, fill=0.0).values, expected, 0.999)
+
+
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", RULES)
 def test_cuts_on_oblique_planes_and_other_outputs(rule: str) -> None:
