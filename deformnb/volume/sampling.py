@@ -11,7 +11,7 @@ Outside rule (ITK's): a place in [-1/2, n - 1/2) reads the nearest edge voxel, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -258,7 +258,47 @@ def _axis_taps(method: str, axis: Axis, index: Any) -> Taps:
         taps: Taps = [(jnp.clip(axis.index, 0, axis.size - 1), 0, None)]
     else:
         taps = METHODS[method].taps(axis)
-    return [(place.astype(index) * axis.stride, step * axis.stride, weight) for place, step, weight in taps]
+    return _offsets(taps, axis.stride, index)
+
+
+def _offsets(taps: Taps, stride: int, index: Any) -> Taps:
+    return [(place.astype(index) * stride, step * stride, weight) for place, step, weight in taps]
+
+
+def _near_cell(whole: Any, part: Any, size: int) -> tuple[Any, Any, Any]:
+    """The lower voxel of the cell of near places (:func:`split`), the place in it, and whether that is inside.
+
+    Whole numbers are floats here, exact below 2^24: fewer instructions than by way of integers. The axis has two voxels
+    at least.
+    """
+    cell = jnp.clip(whole + jnp.floor(part), 0, size - 2)
+    start = cell - whole
+    return cell, jnp.minimum(jnp.maximum(part - start, 0), 1), (part >= start - 0.5) & (part < start + 1.5)
+
+
+def _whole_number(value: Any) -> Any:
+    """A whole number from 0 to 2^23 that is held as float32, read off its bits (:func:`split` says why)."""
+    return lax.bitcast_convert_type(value + np.float32(2**23), jnp.int32) - 0x4B000000
+
+
+def _taps_at(places: Iterable[tuple[int, int, Any, Any]], *, method: str, index: str,
+             near: bool) -> tuple[list[Taps], Any]:
+    """Memory offsets and weights along each axis, and which places are inside along all.
+
+    places : of each axis the number of its voxels, their stride, and the place as a whole number and the rest.
+    """
+    found, ok = [], True
+    for size, stride, whole, part in places:
+        if near and method == "linear" and size > 1 and part.dtype == jnp.float32:
+            cell, t, is_inside = _near_cell(whole.astype(jnp.float32), part, size)
+            low = _whole_number(cell)
+            taps = _offsets([(low, 0, 1 - t), (low, 1, t)], stride, index)
+        else:
+            axis = Axis(size, stride, *split(whole, part, near=near))
+            taps, is_inside = _axis_taps(method, axis, index), inside([axis])
+        found.append(taps)
+        ok = ok & is_inside
+    return found, ok
 
 
 def _nested(read: Callable[[Any, int], Any], taps: Sequence[Taps], offset: Any = 0, shift: int = 0) -> Any:
@@ -332,13 +372,9 @@ def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[1] * shape[2], shape[2], 1
 
 
-def _moved(whole: Sequence[Any], part: Sequence[Any], move: Any, near: bool) -> tuple[Any, Any]:
-    """Place along one input axis: what each output axis contributes, plus the displacement in voxels."""
-    return split(sum(whole), sum(part) + move, near=near)
-
-
 def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: Any, nodes: Any = None, *,
-             shape: tuple[int, int, int], method: str, step: int, compute: str, index: str, near: bool = False) -> Any:
+             shape: tuple[int, int, int], method: str, step: int, compute: str, index: str, near: bool = False,
+             straight: bool = False) -> Any:
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
     flat : the input's voxels (or spline coefficients) in any shape, or :class:`Within`; ``shape`` is their shape.
@@ -348,6 +384,8 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
     nodes : None, or where planes and rows of the field lie instead of at every ``step``-th: for z and y the first
         node that each voxel reads (n,), and the weights (T, n) of T nodes from there.
+    straight : each input axis depends on the output axis and the component of its own name only; the others are zero
+        in ``matrix``, ``whole`` and ``part`` and need not be added up for every voxel.
     """
     low = np.arange(whole[1].shape[1]) // step
     tail = () if isinstance(field, tuple) else (1,)
@@ -381,14 +419,14 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
         else:  # taken apart plane by plane in the cache; doing it before costs half as much as the warp
             d = list(lax.optimization_barrier(tuple(jnp.moveaxis(component(field, q), -1, 0))))
         d = [values.astype(compute) for values in d]
-        axes = []
+        places = []
         for a, stride in enumerate(_strides(shape)):
-            w = (whole[0][a, q], whole[1][a, :, None], whole[2][a])
-            p = (part[0][a, q], part[1][a, :, None], part[2][a])
-            move = matrix[a, 0] * d[0] + matrix[a, 1] * d[1] + matrix[a, 2] * d[2]
-            axes.append(Axis(shape[a], stride, *_moved(w, p, move, near)))
-        taps = [_axis_taps(method, a, index) for a in axes]
-        return _finished(_nested(_reader(row, taps, method, compute), taps, start), inside(axes), fill, method)
+            outer, inner = ([a], [2 - a]) if straight else (range(3), range(3))
+            w, p = (sum((table[0][a, q], table[1][a, :, None], table[2][a])[o] for o in outer)
+                    for table in (whole, part))
+            places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in inner)))
+        taps, ok = _taps_at(places, method=method, index=index, near=near)
+        return _finished(_nested(_reader(row, taps, method, compute), taps, start), ok, fill, method)
 
     return each(plane, jnp.arange(whole[0].shape[1]))
 
@@ -422,16 +460,14 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     along = [tuple(-1 if k == axis else 1 for k in range(3)) for axis in range(3)]
     factors = [1] if weights is None else [w.reshape(along[normal]) for w in weights]
     d = sum(w * m.astype(compute) for w, m in zip(factors, maps, strict=True))
-    axes = []
-    for a, stride in enumerate(_strides(shape)):
-        if a == normal:
-            axes.append(Axis(shape[a], stride, whole[a][a].reshape(along[a]), None))
-            continue
-        w, p = ([table[o][a].reshape(along[o]) for o in range(3) if o != normal] for table in (whole, part))
-        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1], near)))
-    taps = [_axis_taps(method, a, index) for a in axes]
-    fixed = taps.pop(normal)
-    ok = inside(axes)
+    strides = _strides(shape)
+    fixed = _axis_taps(method, Axis(shape[normal], strides[normal], whole[normal][normal].reshape(along[normal]), None),
+                       index)
+    others, places = [axis for axis in range(3) if axis != normal], []
+    for a in others:
+        w, p = (sum(table[o][a].reshape(along[o]) for o in others) for table in (whole, part))
+        places.append((shape[a], strides[a], w, p + (matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
+    taps, ok = _taps_at(places, method=method, index=index, near=near)
     if weights is None:
         # These are as small as the map: compute them once. With weights they are as large as the output: never store.
         taps, ok = [_stored(axis) for axis in taps], lax.optimization_barrier(ok)
@@ -470,13 +506,11 @@ def _slices_in_words(slices: Any, moves: Any, weights: Any, whole: Any, part: An
         cells, weights_in, ok = [], [], True
         for a in range(2):
             place = part[a] + sum(weights[m, k] * moves[m][a] for m in range(len(moves)))
-            # Whole numbers as floats, exact below 2^24: fewer instructions than by way of integers.
-            cell = jnp.clip(whole[a] + jnp.floor(place), 0, shape[a] - 2)
-            within = place + (whole[a] - cell)
-            ok = ok & (within >= -0.5) & (within < 1.5)  # beyond the cell at an edge only
+            cell, within, is_inside = _near_cell(whole[a], place, shape[a])
             cells.append(cell)
-            weights_in.append(jnp.minimum(jnp.maximum(within, 0), 1))
-        at = lax.bitcast_convert_type(cells[0] * columns + cells[1] + np.float32(2**23), jnp.int32) - 0x4B000000
+            weights_in.append(within)
+            ok = ok & is_inside
+        at = _whole_number(cells[0] * columns + cells[1])
         # XLA merges loops across its barriers and would pack again for each voxel that is read; what comes out of a
         # conditional is stored. This one's condition always holds.
         voxels = slices.at(k) if isinstance(slices, Within) else lax.dynamic_index_in_dim(slices, k, keepdims=False)
@@ -500,12 +534,12 @@ def _row_taps(maps: Any, matrix: Any, whole: Any, part: Any, *, shape: tuple[int
     whole, part : for output rows and columns the contribution (2, n) to the input place (row, column).
     """
     d = maps.astype(compute)
-    axes = []
+    places = []
     for a, stride in ((0, shape[1]), (1, 1)):
-        w, p = ((t[0][a, :, None], t[1][a]) for t in (whole, part))
-        axes.append(Axis(shape[a], stride, *_moved(w, p, matrix[a, 0] * d[0] + matrix[a, 1] * d[1], near)))
-    products = _products([_axis_taps(method, a, index) for a in axes])
-    return [(offset + shift, weight) for offset, shift, weight in products], inside(axes)
+        w, p = (t[0][a, :, None] + t[1][a] for t in (whole, part))
+        places.append((shape[a], stride, w, p + (matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
+    taps, ok = _taps_at(places, method=method, index=index, near=near)
+    return [(offset + shift, weight) for offset, shift, weight in _products(taps)], ok
 
 
 def _rows_by(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *, method: str, compute: str) -> Any:
@@ -532,7 +566,7 @@ def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, 
 
 
 _STATIC = ("shape", "method", "compute", "index", "near")
-general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step"))
+general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step", "straight"))
 listed = compiled(_listed, on_one_thread=True, static_argnames=_STATIC)
 extruded = compiled(_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
 slices_in_words = compiled(_slices_in_words, on_one_thread=True, static_argnames=("shape",))

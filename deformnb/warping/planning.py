@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from math import ceil
 from typing import Any, TypeVar
 
@@ -122,6 +122,12 @@ class Places:
         """Check whether all places, and an input of this shape, are within :data:`NEAR` voxels of the first one."""
         farthest = sum(np.abs(table).max(axis=1, initial=0).astype(np.int64) for table in self.whole)
         return bool(max(*shape, np.max(farthest)) < NEAR - len(self.whole))
+
+    @cached_property
+    def is_straight(self) -> bool:
+        """Whether each input axis depends on the output axis and the displacement of its own name only."""
+        others = self.matrix[:, ::-1][~np.eye(len(self.matrix), dtype=np.bool_)]
+        return _is_parallel(self) and not others.any()
 
     def along(self, axes: list[int], matrix: NDArray[Any]) -> Places:
         """The same for some array axes only, with the rows of another matrix."""

@@ -437,7 +437,7 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             at = warper._places
             with warper._arithmetic():
                 result = np.asarray(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
-                                                     step=step, **warper._settings()))
+                                                     step=step, straight=at.is_straight, **warper._settings()))
             if own.opacity is not None:
                 result = warper._faded(result, own.opacity)
             _store(outs, k, block, result, is_final=by_lattice)
