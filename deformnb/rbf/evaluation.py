@@ -34,7 +34,9 @@ def capacity(n: int) -> int:
     return next(c for c in CAPACITIES if c >= n)
 
 
-_TILE = 64  # rows at a time: 64 x 256 float32 accumulators stay in the second-level cache
+_TILE = 32  # rows at a time: 32 x 256 float32 accumulators and four kernels stay in the second-level cache
+_SIDE = 64  # columns of a tile of compact kernels at least
+_SKIPPED_FROM = 32  # centres of a compact kernel; of fewer nearly all reach every tile
 _GROUP = 4  # centres per turn of the inner loop
 _GROUP_OF_GPU = 32  # a turn is a launch there, and reads and writes the sums once
 _BLOCK = 4096  # points at a time, whose accumulators stay in the cache as well
@@ -169,22 +171,47 @@ def _sums(rows: Any, columns: Any) -> tuple[Any, ...]:
     return tuple(r[:, None] + c[None, :] for r, c in zip(rows, columns, strict=True))
 
 
+def _reaching(leaves: Leaves, low: Any, high: Any) -> Leaves:
+    """The centres whose support of 1 (or of 1 / scale) meets a box with corners (dim,), in their order, then zeros."""
+    n = len(leaves.centers)
+    gap = jnp.maximum(jnp.maximum(low - leaves.centers, leaves.centers - high), 0.0)
+    square = jnp.sum(gap * gap, axis=1) * (1 if leaves.scales is None else leaves.scales**2)
+    is_near = (square < 1) & (jnp.arange(n) < leaves.count)
+    place = jnp.where(is_near, jnp.cumsum(is_near) - 1, n)
+    order = jnp.full(n, n, place.dtype).at[place].set(jnp.arange(n, dtype=place.dtype), mode="drop")
+
+    def taken(array: Any) -> Any:
+        return jnp.take(array, order, axis=0, mode="fill", fill_value=0)
+
+    return leaves._replace(centers=taken(leaves.centers), coefficients=taken(leaves.coefficients),
+                           scales=None if leaves.scales is None else taken(leaves.scales),
+                           count=jnp.sum(is_near, dtype=leaves.count.dtype))
+
+
 def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
-    dim = rows.shape[0]
-
-    def values(r: Any) -> tuple[Any, ...]:
-        return what(_sums(r, columns), leaves, kernel)
-
     if not devices.is_host():
-        return jnp.stack(values(rows))
+        return jnp.stack(what(_sums(rows, columns), leaves, kernel))
+    dim, width = columns.shape
+    skips = kernel.compact and len(leaves.centers) >= _SKIPPED_FROM
+    # For 128 and more: to write tiles of some of the columns takes 0.1 ms of 256 x 256 pixels.
+    across = max(1, min(width // _SIDE, len(leaves.centers) // _SKIPPED_FROM)) if skips else 1
+    side = -(-width // across)
+
+    def values(r: Any, c: Any) -> Any:
+        own = leaves
+        if skips:
+            own = _reaching(leaves, r.min(axis=1) + c.min(axis=1), r.max(axis=1) + c.max(axis=1))
+        return jnp.stack(what(_sums(r, c), own, kernel))
 
     def add(t: Any, out: Any) -> Any:
-        tile = jnp.stack(values(lax.dynamic_slice(rows, (0 * t, t * _TILE), (dim, _TILE))))
-        return lax.dynamic_update_slice(out, tile, (0 * t, t * _TILE, 0 * t))
+        i, j = t // across * _TILE, jnp.minimum(t % across * side, width - side)  # the last tile may overlap
+        own = lax.dynamic_slice(rows, (0 * t, i), (dim, _TILE)), lax.dynamic_slice(columns, (0 * t, j), (dim, side))
+        return lax.dynamic_update_slice(out, values(*own), (0 * t, i, j))
 
-    count = len(jax.eval_shape(values, rows[:, :_TILE]))
-    out = jnp.zeros((count, rows.shape[1], columns.shape[1]), rows.dtype)
-    return lax.fori_loop(0, rows.shape[1] // _TILE, add, out)  # stacked by lax.map, it would all be copied once more
+    count = jax.eval_shape(values, rows[:, :_TILE], columns[:, :side]).shape[0]
+    out = jnp.zeros((count, rows.shape[1], width), rows.dtype)
+    # Stacked by lax.map, it would all be copied once more.
+    return lax.fori_loop(0, rows.shape[1] // _TILE * across, add, out)
 
 
 _evaluate_lattice = compiled(_lattice, on_one_thread=True, static_argnames=("kernel", "what"))
@@ -325,7 +352,7 @@ def blocks_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 # ---- compact kernels with many centres -------------------------------------------------------------------------------
 
-_SIDE = (32, 64)  # rows and columns of a tile with a list of its own
+_BOX = (32, 64)  # rows and columns of a tile with a list of its own
 _MOST = 1024  # tiles at a time: their lists take little memory, and few enough calls
 
 
@@ -437,7 +464,7 @@ def _cut(lines: NDArray[np.float64], side: int) -> NDArray[np.float64]:
 
 def _culled_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
                     kernel: type[AbstractKernel], dtype: Any, what: Sum) -> NDArray[Any]:
-    r, c = _cut(rows, min(_SIDE[0], rows.shape[1])), _cut(columns, min(_SIDE[1], columns.shape[1]))
+    r, c = _cut(rows, min(_BOX[0], rows.shape[1])), _cut(columns, min(_BOX[1], columns.shape[1]))
     first, second = np.repeat(r, len(c), axis=0), np.tile(c, (len(r), 1, 1))
     out = _over_tiles(first, second, leaves, kernel, dtype, what)
     shape = (len(r), len(c), out.shape[1], r.shape[2], c.shape[2])

@@ -18,6 +18,7 @@ from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.rbf import evaluation, system
 from deformnb.rbf import interpolant as rbf
+from deformnb.rbf.fields import raster_lines
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS, WendlandC2
@@ -433,6 +434,21 @@ def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support
         assert picture.dtype == np.float32
         shown = picture[:, target[:, 1].astype(int), target[:, 0].astype(int)].T
         assert np.abs(shown - (points.source - points.target)).max() < 1e-3
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("count", [40, 140])
+def test_centres_that_do_not_reach_a_part_of_a_picture_are_left_out_of_it_and_no_others(count: int, own: bool) -> None:
+    rng = np.random.default_rng(7)
+    target = rng.uniform(0, 200, (count, 2))
+    points = ControlPoints.from_arrays(target + rng.normal(0, 3, (count, 2)), target,
+                                       radius=rng.uniform(10, 60, count) if own else None)
+    fit = fit_rbf(points, kernel="wendland_c0", support=25.0)
+    raster = Raster((90, 205), (1.0, 1.0), (-2.0, 50.0))
+    found = np.moveaxis(fit.on_raster(raster), 0, -1)
+    np.testing.assert_allclose(found, fit.displacement(raster.points()), atol=1e-3)
+    slopes = fit.jacobian_on_outer_sum(*raster_lines(raster)).transpose(2, 3, 0, 1)
+    np.testing.assert_allclose(slopes, fit.jacobian(raster.points()), atol=1e-3)
 
 
 def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
