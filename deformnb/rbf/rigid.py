@@ -268,11 +268,13 @@ _keeping = threading.Lock()
 
 
 def kept_distances(region: AbstractRegion, matrix: NDArray[np.float64], shift: NDArray[np.float64],
-                   rows: NDArray[np.float64], columns: NDArray[np.float64],
-                   places: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Distances on a lattice, cached from the last edit if they are the same: a drag moves points, and no parts."""
+                   rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Distances (R, C) of a part from the places ``rows[:, r] + columns[:, c]``, measured where these lie in it.
+
+    They are cached from the last edit if they are the same: a drag moves points, and no parts.
+    """
     return _remembered((region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes()),
-                       lambda: np.maximum(region.signed_distance(places), 0.0))
+                       lambda: np.maximum(region.signed_distance(_outer_sum(rows, columns) @ matrix.T + shift), 0.0))
 
 
 def kept_gradients(region: AbstractRegion, rows: NDArray[np.float64],
@@ -280,11 +282,15 @@ def kept_gradients(region: AbstractRegion, rows: NDArray[np.float64],
     """The same for distances beside a part that stays, with their gradients: (R C, 1 + dim)."""
 
     def make() -> NDArray[np.float64]:
-        places = np.stack([a[:, None] + b[None, :] for a, b in zip(rows, columns, strict=True)], axis=-1)
-        distance, slope = gradients(region, np.eye(region.dim), places.reshape(-1, region.dim))
+        distance, slope = gradients(region, np.eye(region.dim), _outer_sum(rows, columns).reshape(-1, region.dim))
         return np.concatenate([distance[:, None], slope], axis=1)
 
     return _remembered((region, "gradients", rows.tobytes(), columns.tobytes()), make)
+
+
+def _outer_sum(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The places (R, C, dim)."""
+    return np.stack([a[:, None] + b[None, :] for a, b in zip(rows, columns, strict=True)], axis=-1)
 
 
 def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float32]:
@@ -453,16 +459,12 @@ class RigidInterpolant(AbstractField):
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         base = self.base.on_outer_sum(r, c, resolution)
-        places = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
-        back, distances, all_still = [], [], True
-        for region, m, t in zip(self.regions, self.matrices, self.shifts, strict=True):
-            still = _is_still(m, t)
-            y = places if still else places @ np.asarray(m).T + t
-            back.append(y)
-            distances.append(kept_distances(region, np.asarray(m), np.asarray(t), r, c, y))
-            all_still &= still
-        if all_still:  # the common case, without the drift that is zero everywhere
+        motions = [(np.asarray(m), np.asarray(t)) for m, t in zip(self.matrices, self.shifts, strict=True)]
+        distances = [kept_distances(region, m, t, r, c) for region, (m, t) in zip(self.regions, motions, strict=True)]
+        if all(_is_still(m, t) for m, t in motions):  # the common case, without the drift that is zero everywhere
             return np.asarray(weight_of(distances, self.scales, self.weights, np), dtype=np.float32) * base
+        places = _outer_sum(r, c)
+        back = [places @ m.T + t for m, t in motions]
         moved, weight = drift_and_weight(places, back, distances, self.scales, self.weights, np)
         return np.asarray(np.moveaxis(moved, -1, 0) + weight * base, dtype=np.float32)
 
