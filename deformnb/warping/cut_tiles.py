@@ -114,8 +114,9 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
         np.copyto(own, regional, where=is_own)
     apart = Extruded(normal, own, weights, to_voxels(plane, source, compute))
     largest = np.abs(weights).max(axis=1)
-    least = field.softness / 2 + max(output.spacing)  # in its own region a place as deep as this is opaque
-    some = np.flatnonzero(np.abs(here).min(axis=0) < _reach(own, largest) + least)
+    least = field.softness / 2  # in its own region a place that is read to be as deep as this is opaque
+    farthest = _reach(own, largest) + max(output.spacing)  # linear reading errs by less than a voxel
+    some = np.flatnonzero(np.abs(here).min(axis=0) < farthest + least)
     near, maps, own, here = (_taken(a, some) for a in (np.moveaxis(at, -1, 0), maps, own, here))
     reach = max(float(_reach(regional, largest).max(initial=0.0)) for regional in maps)
     raster = _around(near, reach, float((np.ptp(rows, axis=1) + np.ptp(columns, axis=1)).max()), output, normal)
@@ -209,7 +210,8 @@ def _read_some(moved: Any, weights: Any, spreads: Any, inside: Any, places: Any,
         w, spread = group
         d = sum(w[k] * m for k, m in enumerate(moved))
         x, y = places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]
-        within = least + sum(spread[k] * a for k, a in enumerate(length))
+        # What is read linearly between distances changes by the square root of 2 per length at most.
+        within = least + 2**0.5 * sum(spread[k] * a for k, a in enumerate(length))
         for side, table in zip(sides, distances, strict=True):
             leaves = leaves | (side * look_up(table, x, y) < within)
         return leaves, None
