@@ -201,7 +201,7 @@ class Warper:
     def _planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         if not devices.is_host() or (plan.weights is not None and plan.normal == 2):
             values = self._in_blocks(plan, progress)
-        elif plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal):
+        elif plan.normal == 2 or (plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal)):
             values = self._rows(plan, progress)
         else:
             values = self._extruded(plan, progress)
@@ -213,9 +213,9 @@ class Warper:
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
 
-        Costs one copy of the volume; for x only where its memory is not aligned as JAX requires. A GPU needs none.
+        Costs one copy of the volume. For x, and on a GPU, nothing is to be done.
         """
-        if devices.is_host() and axis not in self._tables:
+        if devices.is_host() and axis != 2 and axis not in self._tables:
             rows = np.moveaxis(self._voxels, axis, 2)
             with self._arithmetic():
                 self._tables[axis] = sampling.on_device(rows, (-1, rows.shape[2]))
@@ -227,6 +227,10 @@ class Warper:
 
     def _is_whole(self, axis: int) -> bool:
         return self.output.shape[axis] == self.volume.shape[axis]
+
+    def _first(self, axis: int) -> int:
+        """The volume's slice along an axis that is the output's first one, where both have the same."""
+        return int(self._places.whole[axis][axis, 0])
 
     def _arithmetic(self) -> Any:
         return sampling.arithmetic(self.volume.dtype, self.volume.grid.size)
@@ -256,12 +260,10 @@ class Warper:
         """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
         axis, n = plan.normal, self.output.shape[plan.normal]
         out = np.empty(self.output.shape, self._voxels.dtype)
-        before = (slice(None),) * axis
-        first = int(self._places.whole[axis][axis, 0])
-        # A slice along x has a voxel of every row, so thin parts are slow to cut out: 46 ms for 16 at once, 16 for 64.
+        before, first = (slice(None),) * axis, self._first(axis)
         # Parts that are turned cost a call each way. Those read as words take 29 ms in 16 calls, 25 in 4, but hold more
         # memory.
-        blocks = 4 if axis == 2 or plan.weights is None else 2 if self._has_words(axis) else 1
+        blocks = (2 if self._is_crowded(axis) else 4) if plan.weights is None else 2 if self._has_words(axis) else 1
         most = planning.BLOCK_VOXELS * blocks * n // self.output.size
         most = min(most, -(-n // planning.processors()))  # a part for each processor
         parts = planning.parts(n, most)
@@ -280,15 +282,22 @@ class Warper:
         normal, axes = plan.normal, [axis for axis in range(3) if axis != plan.normal]
         at = self._places.along(axes, plan.matrix)
         settings = self._settings() | {"shape": tuple(self.volume.shape[axis] for axis in axes)}
+        count, gap = plan.maps.shape[2], int(self._is_crowded(normal))
+        maps = np.pad(plan.maps[0], ((0, 0), (0, gap), (0, 0)), mode="edge")  # one more row behind each slice
         with self._arithmetic():
-            taps, ok = sampling.row_taps(plan.maps[0], at.matrix, at.whole, at.part, **settings)
+            taps, ok = sampling.row_taps(maps, at.matrix, *at.block((slice(0, count + gap),)), **settings)
 
         def moved(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
-            rows = sampling.rows_by(sampling.turned(voxels, normal, 2), taps, ok, self._fill, method=self.method,
-                                    compute=self._compute)
-            return np.asarray(rows if normal == 2 else sampling.turned(np.asarray(rows), 2, normal))
+            rows = sampling.rows_by(sampling.turned(sampling.spaced(voxels) if gap else voxels, normal, 2), taps, ok,
+                                    self._fill, method=self.method, compute=self._compute)
+            slices = np.asarray(sampling.turned(np.asarray(rows), 2, normal))
+            return slices[:, :count] if gap else slices
 
         return moved
+
+    def _is_crowded(self, axis: int) -> bool:
+        """Whether slices along an axis begin whole pages apart, so that they drive each other out of the cache."""
+        return axis == 0 and self._voxels[0].nbytes % 4096 == 0
 
     def _modulated(self, plan: planning.Extruded, count: int) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
         """``count`` slices under maps whose weights change from one to the next."""
@@ -357,7 +366,11 @@ class Warper:
         shape = tuple(self.volume.shape[axis] for axis in axes)
         at = self._places.along(axes, plan.matrix)
         settings = self._settings() | {"shape": shape}
-        out = _moved_rows(self._tables[plan.normal], plan.maps[0], at, self._fill, settings, progress)
+        with self._arithmetic():
+            first = np.asarray(self._first(2), self._index)
+            table = (self._tables[plan.normal] if plan.normal != 2 else
+                     sampling.Rows(self._flat, first, self.output.shape[2]))
+        out = _moved_rows(table, plan.maps[0], at, self._fill, settings, progress)
         return np.moveaxis(out, 2, plan.normal)
 
 
@@ -550,7 +563,7 @@ def warp_all(volumes: Sequence[Volume], field: AbstractField | HasField, *, outp
 def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill: Any, settings: dict[str, Any],
                 progress: Progress | None = None) -> NDArray[Any]:
     """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
-    shape = (*maps.shape[1:], table.shape[1])
+    shape = (*maps.shape[1:], table.shape[-1])
 
     def moved(chunk: slice) -> NDArray[Any]:
         with sampling.arithmetic(fill.dtype, table.size):

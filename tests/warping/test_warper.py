@@ -312,6 +312,28 @@ def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, output: G
     assert np.abs(result - expected).max() <= 0.5 + 2 * RANGE_SHARE * 255
 
 
+@pytest.mark.parametrize("output", [STRAIGHT, STRAIGHT.crop((2, 1, 1), (5, 6, 4))])
+@pytest.mark.parametrize("dtype", ["uint8", "float64"])
+def test_rows_of_a_replicated_map_may_begin_anywhere_in_memory(dtype: str, output: Grid) -> None:
+    values, field = noise(STRAIGHT, dtype).values, extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate")
+    expected = slow_warp(Volume(values, STRAIGHT), field, output, 7.0, "linear")
+    for first in (0, 1, 33):
+        room = sampling.aligned_empty((first + values.size,), values.dtype)
+        room[first:] = values.ravel()
+        result = warp(Volume(room[first:].reshape(values.shape), STRAIGHT), field, output=output, fill=7.0).values
+        # on the tie between two grey levels, float32 rounding decides
+        assert np.abs(result - expected).max() <= (0.5 if dtype == "uint8" else 0) + 2 * RANGE_SHARE * 255
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
+@pytest.mark.parametrize("shape", [(5, 64, 64), (5, 63, 64)])
+def test_slices_of_whole_pages_are_moved_as_others_are(shape: tuple[int, int, int], dtype: str) -> None:
+    grid = Grid(shape)
+    plain, prepared = ways(noise(grid, dtype), extruded(Plane.along(grid, "+z"), grid, "replicate"), fill=7.0)
+    assert plain.shape == shape
+    assert np.abs(plain.astype(float) - prepared).max() <= 1e-6 * 200
+
+
 @pytest.mark.parametrize("dtype", ["uint8", "int16"])
 def test_modulated_slices_may_begin_anywhere_in_memory(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "BLOCK_VOXELS", 2 * STRAIGHT.shape[1] * STRAIGHT.shape[2])
