@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
 from pathlib import Path
@@ -14,35 +15,19 @@ _THREADS = (
 )
 
 
+_COMMANDS = ("latency", "drags", "start", "prediction", "chunked", "classroom", "gpu")
+"""Modules of this package with a command line of their own."""
+
+
 def main() -> int:
-    if sys.argv[1:2] == ["latency"]:  # drives a browser and a server, which take the processors they get
-        from benchmarks import latency
-
-        return latency.main(sys.argv[2:])
-    if sys.argv[1:2] == ["drags"]:
-        from benchmarks import drags
-
-        return drags.main(sys.argv[2:])
-    if sys.argv[1:2] == ["start"]:
-        from benchmarks import start
-
-        return start.main(sys.argv[2:])
-    if sys.argv[1:2] == ["prediction"]:
-        from benchmarks import prediction
-
-        return prediction.main(sys.argv[2:])
-    if sys.argv[1:2] == ["chunked"]:
-        from benchmarks import chunked
-
-        return chunked.main(sys.argv[2:])
-    if sys.argv[1:2] == ["classroom"]:
-        from benchmarks import classroom
-
-        return classroom.main(sys.argv[2:])
+    command = sys.argv[1:2]
+    if command and command[0] in _COMMANDS:  # they settle their threads themselves, or take those that they get
+        return int(importlib.import_module(f"benchmarks.{command[0]}").main(sys.argv[2:]))
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__,
                                      epilog="In a browser: python -m benchmarks latency --help, ... drags --help, ... "
-                                            "start --help; of volumes larger than memory: ... chunked --help; of "
-                                            "errors: ... prediction; of the memory of a class: ... classroom --help")
+                                            "start --help; on a GPU: ... gpu --help; of volumes larger than memory: "
+                                            "... chunked --help; of errors: ... prediction; of the memory of a class: "
+                                            "... classroom --help")
     parser.add_argument("--size", type=int, default=256, help="edge of the volume in voxels (default 256)")
     parser.add_argument("--points", type=int, default=32, help="number of control points (default 32)")
     parser.add_argument("--threads", type=int, default=1, help="processors to use; 0 leaves all as it is (default 1)")

@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 else:
     jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
 
-__all__ = ["ENDING", "adjugate", "check_process", "compiled", "determinant", "each", "float64", "in_full_precision",
-           "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node", "use_disk_cache", "with_derivative"]
+__all__ = ["ENDING", "adjugate", "as_numpy", "check_process", "compiled", "determinant", "each", "float64",
+           "in_full_precision", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node", "use_disk_cache",
+           "with_derivative"]
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -102,6 +103,8 @@ _CPU_OPTIONS = {"xla_cpu_prefer_vector_width": 512, "xla_cpu_enable_fast_min_max
 # A call that is one part of the work on a pool of threads stays on one thread: shared out once more among XLA's own
 # threads it waits for both halves (two threads on two processors: 10 to 17 per cent longer).
 _ONE_THREAD = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+
+_LARGE = 2**18  # bytes from which on arrays come from a GPU by way of pinned memory
 
 
 @cache
@@ -213,6 +216,16 @@ def each(function: Callable[[Any], Any], of: Any) -> Any:
     at once (``jax.vmap``), for its work between two launches must be large.
     """
     return lax.map(function, of) if devices.is_host() else jax.vmap(function)(of)
+
+
+def as_numpy(array: Any) -> NDArray[Any]:
+    """An array of JAX in NumPy's memory, read-only: shared with a processor, brought from a GPU.
+
+    By way of memory that the system does not move (pinned), 16 MB take 0.7 ms from an H200 instead of 3.6.
+    """
+    if isinstance(array, np.ndarray) or devices.is_host() or array.nbytes < _LARGE:
+        return np.asarray(array)
+    return np.asarray(jax.device_put(array, array.sharding.with_memory_kind("pinned_host")))
 
 
 @contextmanager

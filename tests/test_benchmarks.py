@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from benchmarks.latency_cells import CASES
 from benchmarks.latency_page import HOOKS, Seat, Seen
 from benchmarks.latency_report import Results, Verdict, table, verdicts
 
+ROOT = Path(__file__).resolve().parents[1]
 DRAG = {"inputs_hz": 60.0, "view_hz": 20.0, "picture_hz": 45.0, "grid_hz": 44.0, "catch_up_ms": 30.0, "view_bytes": 0}
 
 
@@ -202,3 +206,16 @@ def test_ratios_are_kept_for_each_machine(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="no file of ratios"):
         ratios.compare(file, "slow", {})
     assert file.read_text() == "[]"
+
+
+@pytest.mark.nightly
+def test_the_table_of_a_gpu_is_made_on_another_device_of_the_processor_too() -> None:
+    flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
+    done = subprocess.run([sys.executable, "-m", "benchmarks", "gpu", "--size", "24", "--device", "cpu:1", "--rounds",
+                           "1"], cwd=ROOT, env={**os.environ, "XLA_FLAGS": flags}, capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if line.startswith("| ")]
+    edits = [row for row in rows if row[0].strip().startswith("E")]
+    assert {row[0].partition(":")[0].strip() for row in edits} == {"E1", "E2", "E3", "E4"}
+    assert all(float(cell) > 0 for row in edits for cell in row[1:])

@@ -20,6 +20,8 @@ from deformnb import devices
 from deformnb.devices import use_device
 from deformnb.errors import DeformError
 
+ROOT = Path(__file__).resolve().parents[1]
+
 COMPUTE = """
 import json, sys
 import jax, numpy as np
@@ -67,13 +69,24 @@ with float64():
     wide = jnp.asarray(1.0)
 moved = displacements(fit_rbf(space, trend="none"), volume.grid)
 plan = extruded(dn.Step((flat,), plane).field(volume.grid), volume.grid, volume.grid, "float32")
-print(json.dumps({
+report = {
     "name": devices.device_name(), "is_host": devices.is_host(),
     "apart": {name: apart(first[name], second[name]) for name in first},
     "places": {"compiled": str(add(1.0).device), "float64": str(wide.device),
                "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved],
                "maps": str(plan.maps.device)},
-    "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}))
+    "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}
+# Where JAX itself prefers another device, as it does a GPU, what is computed on the host touches that one nowhere.
+jax.config.update("jax_default_device", jax.devices()[1])
+devices.use_device("cpu")
+before = {id(array) for array in jax.live_arrays()}
+seen = set()
+put = jax.device_put
+jax.device_put = lambda *given, **options: seen.add(str(put(*given, **options).device)) or put(*given, **options)
+assert devices.is_host()
+results()
+made = {str(array.device) for array in jax.live_arrays() if id(array) not in before}
+print(json.dumps({**report, "host": sorted(seen | made)}))
 """
 
 
@@ -104,7 +117,18 @@ def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tup
     assert found["places"] == {"compiled": second, "float64": second, "voxels": second, "displacements": [second] * 3,
                                "maps": second}
     assert found["wide"] == "float64"
+    assert found["host"] == ["cpu:0"]
     assert found["users"] == "cpu:0"  # what the user computes with JAX stays where it was
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(jax.default_backend() == "gpu", reason="DEFORMNB_DEVICE=gpu runs them there")
+def test_the_tests_of_warps_and_fields_pass_on_another_device() -> None:
+    flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
+    environment = {**os.environ, "XLA_FLAGS": flags, "DEFORMNB_DEVICE": "cpu:1", "HYPOTHESIS_PROFILE": "dev"}
+    done = subprocess.run([sys.executable, "-m", "pytest", "-q", "-x", "tests/warping", "tests/rbf", "tests/volume"],
+                          cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-5000:]
 
 
 @pytest.mark.parametrize(("name", "reason"), [

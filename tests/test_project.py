@@ -30,6 +30,8 @@ EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 # Where the name of an import is not that of its distribution.
 DISTRIBUTION = {
+    "cupy": "cupy-cuda13x",
+    "cupyx": "cupy-cuda13x",
     "ants": "antspyx",
     "imageio_ffmpeg": "imageio-ffmpeg",
     "lazy_loader": "lazy-loader",
@@ -143,7 +145,7 @@ def test_conda_environment_equals_the_requirements() -> None:
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [("deformnb", ["formats", "interop", "large", "movie", "notebook"]), ("tests", ["test", "peers"]),
-     ("benchmarks", ["benchmark"]), ("mutants", ["test"])],
+     ("benchmarks", ["benchmark", "gpu-benchmark"]), ("mutants", ["test"])],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, each, float64, jax, jnp, lax
+from deformnb._jax import as_numpy, compiled, each, float64, jax, jnp, lax
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -245,12 +245,13 @@ def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves:
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
     with float64():
-        return np.asarray(_evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
+        return as_numpy(_evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
 
 
 def _components(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel],
                 shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
     d = tuple(one.astype(jnp.float32).reshape(shape) for one in _displacement(_sums(rows, columns), leaves, kernel))
+    d = lax.optimization_barrier(d)  # or the sum over the centres would be computed again for the check
     return d, jnp.isfinite(sum(jnp.vdot(one, one) for one in d))
 
 

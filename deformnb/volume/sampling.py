@@ -12,7 +12,6 @@ Outside rule (ITK's): a place in [-1/2, n - 1/2) reads the nearest edge voxel, a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -59,7 +58,7 @@ def compute_type(dtype: np.dtype[Any]) -> str:
 
 def arithmetic(dtype: np.dtype[Any], size: int) -> Any:
     """The context in which to compile and run for a voxel type and a number of voxels (64 bits where needed)."""
-    return float64() if dtype.name in WIDE or size > LARGEST_INT32 else nullcontext()
+    return float64() if dtype.name in WIDE or size > LARGEST_INT32 else devices.computing()
 
 
 def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
@@ -74,7 +73,8 @@ def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
         copy = aligned_empty(array.shape, array.dtype)
         np.copyto(copy, array)
         array = copy
-    return jax.device_put(array if shape is None else array.reshape(shape), may_alias=True)
+    with devices.computing():
+        return jax.device_put(array if shape is None else array.reshape(shape), may_alias=True)
 
 
 @pytree(("row", "start"), ("shape",))
@@ -147,7 +147,8 @@ def turned(array: NDArray[Any], axis: int, to: int) -> Any:
     lines of memory drive each other out of the cache.
     """
     check_process()
-    return jax.device_put(np.moveaxis(array, axis, to))
+    with devices.computing():
+        return jax.device_put(np.moveaxis(array, axis, to))
 
 
 def spaced(array: NDArray[Any]) -> NDArray[Any]:
@@ -364,13 +365,14 @@ def _reader(flat: Any, taps: Sequence[Taps], method: str, compute: Any) -> Calla
     """Reads ``flat`` at an index plus a constant, which no combination of ``taps`` exceeds.
 
     Every constant is the start of a part of the array, and all parts have one length: the index and its test, which
-    XLA always makes, are then the same for all taps, and the compiler does them once (1.6 times faster in space).
+    XLA always makes, are then the same for all taps, and the compiler does them once (1.6 times faster in space). A GPU
+    would copy the parts.
     """
-    length = flat.shape[0] - sum(max(step for _, step, _ in axis) for axis in taps)
+    length, on_host = flat.shape[0] - sum(max(step for _, step, _ in axis) for axis in taps), devices.is_host()
 
     def read(index: Any, shift: int) -> Any:
-        part = lax.slice_in_dim(flat, shift, shift + length)
-        value = part.at[index].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        part, at = (lax.slice_in_dim(flat, shift, shift + length), index) if on_host else (flat, index + shift)
+        value = part.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False)
         return value.astype(compute) if METHODS[method].blends else value
 
     return read
@@ -457,21 +459,26 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
         plane = between(values, q // step, (q % step).astype(jnp.float32) / step)
         return lax.optimization_barrier((1 - within) * plane[low] + within * plane[low + 1])
 
+    def read(d: Any, *along_z: Any) -> Any:
+        d = [values.astype(compute) for values in d]
+        places = []
+        for a, stride in enumerate(_strides(shape)):
+            outer, inner = ([a], [2 - a]) if straight else (range(3), range(3))
+            w, p = (sum((z[a], table[1][a, :, None], table[2][a])[o] for o in outer)
+                    for z, table in zip(along_z, (whole, part), strict=True))
+            places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in inner)))
+        taps, ok = _taps_at(places, method=method, index=index, near=near)
+        return _finished(_nested(_reader(row, taps, method, compute), taps, start), ok, fill, method)
+
     def plane(q: Any) -> Any:
         if isinstance(field, tuple):
             d = [component(values, q) for values in field]
         else:  # taken apart plane by plane in the cache; doing it before costs half as much as the warp
             d = list(lax.optimization_barrier(tuple(jnp.moveaxis(component(field, q), -1, 0))))
-        d = [values.astype(compute) for values in d]
-        places = []
-        for a, stride in enumerate(_strides(shape)):
-            outer, inner = ([a], [2 - a]) if straight else (range(3), range(3))
-            w, p = (sum((table[0][a, q], table[1][a, :, None], table[2][a])[o] for o in outer)
-                    for table in (whole, part))
-            places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in inner)))
-        taps, ok = _taps_at(places, method=method, index=index, near=near)
-        return _finished(_nested(_reader(row, taps, method, compute), taps, start), ok, fill, method)
+        return read(d, whole[0][:, q], part[0][:, q])
 
+    if isinstance(field, tuple) and nodes is None and step == 1 and not devices.is_host():
+        return read(field, whole[0][:, :, None, None], part[0][:, :, None, None])  # nothing is taken apart there
     return each(plane, jnp.arange(whole[0].shape[1]))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import jax, jnp
+from deformnb._jax import as_numpy, jax, jnp
 from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
@@ -249,7 +249,7 @@ class Warper:
     def _listed(self, flat: Any, d: Any, voxels: tuple[NDArray[np.int32], ...]) -> NDArray[Any]:
         at = self._places
         with self._arithmetic():
-            return np.asarray(sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill,
+            return as_numpy(sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill,
                                               **self._settings()))
 
     def _settings(self) -> dict[str, Any]:
@@ -314,7 +314,7 @@ class Warper:
             maps, matrix, whole, fraction = jax.tree.map(jnp.asarray, fixed)
 
         def moved(voxels: NDArray[Any], part: slice) -> NDArray[Any]:
-            return np.asarray(sampling.extruded(
+            return as_numpy(sampling.extruded(
                 sampling.shared(voxels), maps, weights[:, part], matrix, whole, fraction, self._fill, normal=normal,
                 **self._settings() | {"shape": voxels.shape}))
 
@@ -333,10 +333,11 @@ class Warper:
         m, at = plan.matrix[1:, :, None, None], self._places.along([1, 2], plan.matrix)
         moves = [m[:, 0] * one[0] + m[:, 1] * one[1] for one in plan.maps]
         fixed = moves, *([_outer_sum(rows[a], columns[a]) for a in range(2)] for rows, columns in (at.whole, at.part))
-        moves, whole, part = jax.tree.map(jnp.asarray, fixed)
+        with self._arithmetic():
+            moves, whole, part = jax.tree.map(jnp.asarray, fixed)
 
         def moved(voxels: NDArray[Any], slices: slice) -> NDArray[Any]:
-            return np.asarray(sampling.slices_in_words(sampling.shared(voxels), moves, weights[:, slices], whole, part,
+            return as_numpy(sampling.slices_in_words(sampling.shared(voxels), moves, weights[:, slices], whole, part,
                                                        self._fill, shape=voxels.shape[1:]))
 
         return moved
@@ -356,7 +357,7 @@ class Warper:
             with self._arithmetic():
                 result = sampling.extruded(flat, maps[:, :, *of_map], weights, plan.matrix, *self._places.block(block),
                                            self._fill, normal=normal, **self._settings())
-            _store(outs, 0, block, np.asarray(result))
+            _store(outs, 0, block, as_numpy(result))
 
         _share([self], planning.blocks(self.output.shape, 1), work, progress)
         return outs[0]
@@ -449,7 +450,7 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
         for k, (warper, flat) in enumerate(zip(warpers, flats, strict=True)):
             at = warper._places
             with warper._arithmetic():
-                result = np.asarray(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
+                result = as_numpy(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
                                                      step=step, straight=at.is_straight, **warper._settings()))
             if own.opacity is not None:
                 result = warper._faded(result, own.opacity)
@@ -509,7 +510,7 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
         weights = np.ones((1, d.shape[normal + 1]), np.float32)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             with warper._arithmetic():
-                result = np.asarray(sampling.extruded(
+                result = as_numpy(sampling.extruded(
                     flat, d[None], weights, cut.apart.matrix, *warper._places.at_pixels(normal, depth, pixels),
                     warper._fill, normal=normal, **warper._settings()))
             result = warper._faded(result, opacity)
@@ -568,7 +569,7 @@ def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill
     def moved(chunk: slice) -> NDArray[Any]:
         with sampling.arithmetic(fill.dtype, table.size):
             done = sampling.rows(table, maps[:, chunk], at.matrix, *at.block((chunk,)), fill, **settings)
-        return np.asarray(done)
+        return as_numpy(done)
 
     chunks = planning.chunks(shape[0], shape[1] * shape[2] * fill.dtype.itemsize)
     if len(chunks) == 1:  # the kernel's own memory, not copied

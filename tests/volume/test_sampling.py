@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from deformnb import devices
 from deformnb._jax import float64
 from deformnb.volume import sampling
 from deformnb.volume.sampling import METHODS, Axis
@@ -121,6 +122,10 @@ def test_aligned_memory_is_shared_and_other_memory_is_copied(dtype: str) -> None
         assert (np.asarray(array) == other).all()
 
 
+shared_memory = pytest.mark.skipif(not devices.is_host(), reason="a GPU shares no memory with NumPy")
+
+
+@shared_memory
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
 def test_parts_of_a_larger_array_are_shared_wherever_they_begin(dtype: str) -> None:
     count = 9 * 8 * 5 * 3
@@ -137,6 +142,7 @@ def test_parts_of_a_larger_array_are_shared_wherever_they_begin(dtype: str) -> N
     np.testing.assert_array_equal(sampling.shared(whole[3:6, ::-1]), whole[3:6, ::-1])  # not contiguous
 
 
+@shared_memory
 @pytest.mark.parametrize("first", [0, 1, 2, 7])
 @pytest.mark.parametrize("dtype", ["uint8", "float32", "float64"])
 def test_a_whole_array_is_shared_wherever_it_begins(dtype: str, first: int) -> None:
