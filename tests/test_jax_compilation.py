@@ -6,13 +6,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import blockwise, compiled, float64
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.warping.planning import processors
@@ -55,7 +56,7 @@ def test_kept_programs_outlive_other_versions_of_the_same_kernel(isolated_folder
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(isolated_folders / "own"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-    kernel = ("import numpy as np\nfrom deformnb._jax import compiled, jax, jnp\njax.devices()\n{}\n"
+    kernel = ("import numpy as np\nfrom deformnb._jax import blockwise, compiled, jax, jnp\njax.devices()\n{}\n"
               "def kernel(x):\n    return jnp.sin(x) @ jnp.cos(x).T + {}\n"
               "compiled(kernel)(np.ones((64, 64), np.float32))\n")
     found = []
@@ -98,6 +99,22 @@ def test_float64_is_local() -> None:
 def test_compiled_takes_the_options_of_jit() -> None:
     power = compiled(lambda x, n: x**n, static_argnames="n")
     assert float(power(3.0, n=2)) == 9.0
+
+
+def test_many_places_go_in_blocks_of_few_sizes() -> None:
+    shapes: set[tuple[int, ...]] = set()
+
+    def doubled(factor: Any, places: Any) -> Any:
+        shapes.add(places.shape)
+        return {"all": factor * places, "sum": places.sum(axis=0)}
+
+    function, x = blockwise(doubled), np.random.default_rng(0).random((2, 150_000))
+    for n in (150_000, 70_000, 65_536, 9000, 2048, 65, 64, 3, 1, 0):
+        found = function(2.0, x[:, :n])
+        np.testing.assert_array_equal(found["all"], 2 * x[:, :n])
+        np.testing.assert_array_equal(found["sum"], x[0, :n] + x[1, :n])
+        assert found["all"].dtype == np.float64
+    assert shapes == {(2, 2048), (2, 64)}
 
 
 FORKED = """

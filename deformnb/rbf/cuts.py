@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import in_full_precision, jnp, pytree
+from deformnb._jax import in_full_precision, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -180,6 +180,40 @@ def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
 # ---- the field -------------------------------------------------------------------------------------------------------
 
 
+@pytree(data_fields=["regions", "frame", "origin", "sides", "softness"], meta_fields=["rule"])
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The choice among regions beside cuts for compiled functions; its arrays have few shapes.
+
+    Parameters
+    ----------
+    regions : one for every cut. frame, origin : rows of the axes, and the origin, of the cuts' coordinates.
+    sides : of the regions that may be seen. softness : of the cuts. rule : by which they are seen.
+    """
+
+    regions: tuple[Any, ...]
+    frame: Any
+    origin: Any
+    sides: tuple[Any, ...]
+    softness: Any
+    rule: str
+
+    def distances(self, places: Sequence[Sequence[Any]]) -> tuple[list[Any], list[list[Any]]]:
+        """Signed distances (...) to every cut of places given by their components (...), first and others.
+
+        All places go through one loop over the edges of each cut.
+        """
+        apart = [jnp.stack(parts) - o for parts, o in zip(zip(*places, strict=True), self.origin, strict=True)]
+        within = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)) for row in self.frame], axis=-1)
+        measured = [lax.optimization_barrier(region(within)) for region in self.regions]
+        first, *others = [[part[k] for part in measured] for k in range(len(places))]
+        return first, others
+
+    def decide(self, here: Sequence[Any], there: Sequence[Sequence[Any]]) -> tuple[Any, Any]:
+        """:func:`decide` by these distances."""
+        return decide(here, there, self.sides, self.rule, self.softness, jnp)
+
+
 @pytree(
     data_fields=["fields", "regions"],
     meta_fields=["sides", "plane", "rule", "softness"],
@@ -281,6 +315,14 @@ class Decoupled(AbstractField):
             if own.any():
                 out = np.where(own, f.jacobian_on_outer_sum(r, c), out)
         return out
+
+    def choice(self, sides: Sequence[Sides]) -> Choice:
+        """The choice among some regions, for compiled functions of places by components."""
+        frame, origin = (np.eye(self.dim), np.zeros(self.dim)) if self.plane is None else (
+            self.plane.frame[:2], self.plane.origin)
+        return Choice(tuple(region.of_few_shapes() for region in self.regions), np.asarray(frame, np.float64),
+                      np.asarray(origin, np.float64), tuple(tuple(map(np.bool_, side)) for side in sides),
+                      np.float64(self.softness), self.rule)
 
     def _decided(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
         here = self._distances(x, xp)

@@ -11,7 +11,8 @@ of those that reach it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._deferred import ndimage
-from deformnb._jax import as_numpy, compiled, each, float64, jax, jnp, lax
+from deformnb._jax import as_numpy, blockwise, compiled, each, float64, jax, jnp, lax, pytree
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -27,6 +28,18 @@ CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768
 
 CULLED = 512
 """Centres of a compact kernel from which on tiles have lists of them; for fewer the plain loop is as fast."""
+
+
+# Centres that arrays of sums hold at least: loops over them end at their number, so that smaller ones save nothing.
+_LEAST = 128
+
+
+def filled_up(values: Any, dtype: Any) -> NDArray[Any]:
+    """A copy of numbers of centres (C, ...), with zeros up to the number of centres that is compiled for at least."""
+    values = np.asarray(values)
+    filled = np.zeros((max(len(values), _LEAST), *values.shape[1:]), dtype)
+    filled[: len(values)] = values
+    return filled
 
 
 def capacity(n: int) -> int:
@@ -300,55 +313,60 @@ def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[Abstrac
     return out.transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
 
 
-def _in_turn(p: Any, stages: Leaves, origins: Any, scales: Any, *, kernel: type[AbstractKernel]) -> Any:
-    def block(start: Any) -> tuple[Any, Any]:
-        def one(places: Any, given: tuple[Leaves, Any, Any]) -> tuple[Any, Any]:
-            leaves, origin, scale = given
-            relative = ((places - origin[:, None]) * scale).astype(leaves.centers.dtype)
-            d = jnp.stack(_displacement(tuple(relative), leaves, kernel)).astype(places.dtype)
-            return places + d, relative.astype(jnp.float32)
-
-        return lax.scan(one, start, (stages, origins, scales))
-
-    return each(block, p)
-
-
-_evaluate_in_turn = compiled(_in_turn, on_one_thread=True, static_argnames="kernel")
-
-
-def in_turn(places: NDArray[np.float64], stages: Leaves, origins: NDArray[np.float64], supports: NDArray[np.float64],
-            kernel: type[AbstractKernel]) -> tuple[NDArray[np.float64], list[NDArray[np.float32]]]:
-    """Places (dim, n) moved by S sums, each evaluated where the one before leads; moved in float64.
+@pytree(data_fields=["leaves", "origin", "scale"], meta_fields=["kernel"])
+@dataclass(frozen=True, eq=False)
+class RadialSum:
+    """A sum at places in physical units, in pure JAX.
 
     Parameters
     ----------
-    stages : arrays of all sums, stacked along a first axis; they are evaluated in the type of these.
-    origins, supports : (S, dim) and (S,) of their relative coordinates.
+    leaves : in the type that is exact enough. origin, scale : (dim,) and 1 / support of the relative coordinates.
+    """
+
+    leaves: Leaves
+    origin: Any
+    scale: Any
+    kernel: type[AbstractKernel]
+
+    def relative(self, places: Sequence[Any]) -> tuple[Any, ...]:
+        """Components of places, relative, in the type of the leaves."""
+        return tuple(((x - o) * self.scale).astype(self.leaves.centers.dtype)
+                     for x, o in zip(places, self.origin, strict=True))
+
+    def __call__(self, places: Sequence[Any]) -> list[Any]:
+        """Components of the displacements at places (components of one shape), in the type of these."""
+        found = _displacement(self.relative(places), self.leaves, self.kernel)
+        return [d.astype(x.dtype) for d, x in zip(found, places, strict=True)]
+
+
+def stacked(sums: Sequence[RadialSum]) -> RadialSum:
+    """Sums with arrays of the same shapes as one, with a first axis along which ``lax.scan`` takes them in turn."""
+    return jax.tree.map(lambda *parts: np.stack(parts), *sums)
+
+
+def _in_turn(sums: RadialSum, places: Any) -> tuple[Any, ...]:
+    def one(start: Any, own: RadialSum) -> tuple[Any, tuple[Any, ...]]:
+        away = start - places
+        reach = jnp.stack([jnp.abs(part).max() for part in own.relative(start)])
+        return start + jnp.stack(own(start)), (away.min(axis=1), away.max(axis=1), reach)
+
+    ends, (low, high, reach) = lax.scan(one, places, sums)
+    return ends, low[..., None], high[..., None], reach[..., None]
+
+
+_evaluate_in_turn = blockwise(_in_turn)
+
+
+def in_turn(places: NDArray[np.float64], sums: RadialSum) -> tuple[NDArray[np.float64], ...]:
+    """Places (dim, n) moved by S :func:`stacked` sums, each evaluated where the one before leads; moved in float64.
 
     Returns
     -------
-    places (dim, n), and for each sum where it was evaluated, (blocks, dim, places of a block) float32 in its relative
-    coordinates; in the last block the last place is repeated.
+    places (dim, n); for each sum the lengths (S, dim) of the ranges of what those before it move places by, and the
+    largest (S, dim) of the coordinates, relative to its origin, where it is evaluated.
     """
-    dim, n = places.shape
-    with float64():
-        ends, at = _evaluate_in_turn(blocks_of(places), stages, origins, 1 / supports, kernel=kernel)
-    return np.moveaxis(np.asarray(ends), 0, 1).reshape(dim, -1)[:, :n], list(np.moveaxis(np.asarray(at), 1, 0))
-
-
-def blocks_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Places (dim, n) in blocks (blocks, dim, m) of one size, so that few shapes compile; the last one is repeated."""
-    dim, n = places.shape
-    count = few_sizes(-(-n // _BLOCK))
-    blocks = np.empty((count, dim, _BLOCK))
-    whole = n // _BLOCK
-    blocks[:whole] = places[:, : whole * _BLOCK].reshape(dim, whole, _BLOCK).swapaxes(0, 1)
-    rest = n - whole * _BLOCK
-    if rest:
-        blocks[whole, :, :rest] = places[:, whole * _BLOCK :]
-        blocks[whole, :, rest:] = places[:, -1:]
-    blocks[-(-n // _BLOCK) :] = places[:, -1:]
-    return blocks
+    ends, low, high, reach = _evaluate_in_turn(sums, places)
+    return ends, high.max(axis=-1) - low.min(axis=-1), reach.max(axis=-1)
 
 
 # ---- compact kernels with many centres -------------------------------------------------------------------------------

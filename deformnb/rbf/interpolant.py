@@ -15,7 +15,7 @@ what is left is solved by elimination, and a system that comes out nearly singul
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
@@ -32,16 +32,18 @@ from deformnb.rbf.evaluation import (
     CAPACITIES,
     CULLED,
     Leaves,
+    RadialSum,
     at_lattice,
     at_points,
-    blocks_of,
     capacity,
+    filled_up,
     in_turn,
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
     local_sums,
     profile_of,
+    stacked,
 )
 from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_values, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
@@ -265,9 +267,9 @@ class RBFInterpolant(AbstractField):
     def _digits(self, rows: NDArray[np.float64], columns: NDArray[np.float64], resolution: float) -> Any:
         """The type that is exact enough for the sums of relative lines."""
         reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
-        return self._type_within(reach, resolution)
+        return self.type_within(reach, resolution)
 
-    def _type_within(self, reach: float, resolution: float) -> Any:
+    def type_within(self, reach: float, resolution: float) -> Any:
         """The type that is exact enough up to ``reach`` supports from the origin."""
         return np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
 
@@ -292,21 +294,35 @@ class RBFInterpolant(AbstractField):
         terms = max(_TERMS, _PARTIAL_SUMS * int(self.count) ** 0.5) * _ROUNDING_ERROR
         return float(terms * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
 
+    def radial_sum(self, dtype: Any) -> RadialSum:
+        """The sum over the centres for compiled functions, in float32 or float64; see :meth:`type_within`."""
+        return RadialSum(self._leaves(dtype), np.asarray(self.origin, np.float64), np.float64(1 / self.support),
+                         self.kernel)
+
     def _leaves(self, dtype: Any) -> Leaves:
         if self.is_culled:
             dtype = np.float64  # tiles subtract their middle first
-        arrays = (self.centers, self.coefficients, self.linear, self.constant)
         # Copies: where a user's own jax.jit has taken the arrays of a field as constants, JAX 0.10 takes these in 32
         # bits ever after, and fails where a function was compiled for 64.
-        scales = None if self.scales is None else np.array(self.scales, dtype=dtype)
-        centers, coefficients, linear, constant = (np.array(a, dtype=dtype) for a in arrays)
+        centers, coefficients = (filled_up(a, dtype) for a in (self.centers, self.coefficients))
+        scales = None if self.scales is None else filled_up(self.scales, dtype)
+        linear, constant = (np.array(a, dtype=dtype) for a in (self.linear, self.constant))
         bent = None if self.quadratic is None else np.array(self.quadratic, dtype=dtype)
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
 
 
+def alike(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
+    """Fits that move something, in their order, in groups of those that one compiled loop can evaluate."""
+    moving = (fit for fit in fits if not fit.is_identity)
+    # A sum by tiles has a loop of its own.
+    return [list(group) for _, group in groupby(moving, lambda fit: (
+        fit.kernel, np.shape(fit.centers), fit.scales is None, fit.quadratic is None, fit.is_culled and id(fit)))]
+
+
 def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
-               ) -> tuple[NDArray[np.float64], list[tuple[RBFInterpolant, NDArray[Any]]]]:
-    """Places (dim, n) moved by fits, each evaluated where the one before leads, in the type that is exact enough.
+               ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places (dim, n) moved by fits of one group of :func:`alike`, each evaluated where the one before leads, in the
+    type that is exact enough.
 
     Parameters
     ----------
@@ -315,47 +331,28 @@ def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], reso
 
     Returns
     -------
-    places (dim, n), and the fits that move something, each with the places where it was evaluated, relative to its
-    origin in units of its support, in blocks (blocks, dim, m); at the end of the last one the last place is repeated.
+    places (dim, n), and for each fit the lengths (S, dim) of the ranges of what those before it have moved them by.
     """
-    ways: list[tuple[RBFInterpolant, NDArray[Any]]] = []
-    for _, group in groupby((fit for fit in fits if not fit.is_identity), _evaluated_alike):
-        alike = list(group)
-        ends = np.stack([places.min(axis=1), places.max(axis=1)])
-        reaches = [float(np.linalg.norm(np.abs(ends - fit.origin).max(axis=0)) / fit.support) for fit in alike]
-        dtype = _common_type(alike, reaches, resolution, known)
-        found, at = _in_turn(alike, places, dtype)
-        reaches = [float(np.linalg.norm(np.maximum(some.max(axis=(0, 2)), -some.min(axis=(0, 2))))) for some in at]
-        if dtype is np.float32 and _common_type(alike, reaches, resolution, known) is np.float64:
-            found, at = _in_turn(alike, places, np.float64)
-        places = found
-        ways += zip(alike, at, strict=True)
-    return places, ways
+    first = fits[0]
+    reaches = [float(np.linalg.norm(np.abs(places - np.reshape(fit.origin, (-1, 1))).max(axis=1)) / fit.support)
+               for fit in fits]
+    dtype = _common_type(fits, reaches, resolution, known)
+    if first.is_culled:
+        d = at_points(first._relative(places.T)[0], first._leaves(dtype), first.kernel, dtype)
+        return places + d, np.zeros((1, len(places)))
+    ends, spread, reach = in_turn(places, stacked([fit.radial_sum(dtype) for fit in fits]))
+    if dtype is np.float32 and _common_type(fits, np.linalg.norm(reach, axis=1), resolution, known) is np.float64:
+        ends, spread, _ = in_turn(places, stacked([fit.radial_sum(np.float64) for fit in fits]))
+    return ends, spread
 
 
-def _evaluated_alike(fit: RBFInterpolant) -> Any:
-    """What fits have in common that are evaluated by one compiled loop; a sum by tiles has one of its own."""
-    return fit.kernel, np.shape(fit.centers), fit.scales is None, fit.quadratic is None, fit.is_culled and id(fit)
-
-
-def _in_turn(fits: Sequence[RBFInterpolant], places: NDArray[np.float64],
-             dtype: Any) -> tuple[NDArray[np.float64], list[NDArray[Any]]]:
-    first, leaves = fits[0], [fit._leaves(dtype) for fit in fits]
-    if first.is_culled:  # alone
-        relative, _ = first._relative(places.T)
-        return places + at_points(relative, leaves[0], first.kernel, dtype), [blocks_of(relative)]
-    stages = Leaves(*(None if column[0] is None else np.stack(column) for column in zip(*leaves, strict=True)))
-    return in_turn(places, stages, np.stack([fit.origin for fit in fits]),
-                   np.array([fit.support for fit in fits], dtype=np.float64), first.kernel)
-
-
-def _common_type(fits: Sequence[RBFInterpolant], reaches: Sequence[float], resolution: float,
+def _common_type(fits: Sequence[RBFInterpolant], reaches: Iterable[float], resolution: float,
                  known: dict[Any, Any]) -> Any:
     """The type that is exact enough for all fits, each up to so many supports from its origin."""
     for fit, reach in zip(fits, reaches, strict=True):
         key = id(fit), int(np.ceil(np.log2(max(reach, 1.0))))
         if key not in known:
-            known[key] = fit._type_within(2.0 ** key[1], resolution)
+            known[key] = fit.type_within(2.0 ** key[1], resolution)
         if known[key] is np.float64:
             return np.float64
     return np.float32

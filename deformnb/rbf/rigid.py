@@ -27,16 +27,15 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, in_full_precision, jax, jnp, pytree
+from deformnb._jax import blockwise, in_full_precision, jax, jnp, pytree
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import AbstractField, in_blocks
+from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import kernel_named
@@ -252,15 +251,14 @@ def drift_gradient(x: NDArray[np.float64], back: list[Any], distances: list[Any]
     return out
 
 
-_measured = compiled(lambda region, points: jnp.concatenate(
-    [region(points)[:, None], jax.vmap(jax.grad(region))(points)], axis=1))
+_measured = blockwise(lambda region, places: jax.vmap(jax.value_and_grad(region), 1, -1)(places))
 
 
 def gradients(region: AbstractRegion, matrix: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[Any, Any]:
     """A part's distance (n) and its gradient (n, dim) by x, where x lies at y in the part; both zero within it."""
-    found = in_blocks(partial(_measured, region), y)
-    outside = found[:, 0] > 0
-    return np.where(outside, found[:, 0], 0.0), np.where(outside[:, None], found[:, 1:] @ matrix, 0.0)
+    distance, slope = _measured(region, y.T)
+    outside = distance > 0
+    return np.where(outside, distance, 0.0), np.where(outside[:, None], slope.T @ matrix, 0.0)
 
 
 _kept: OrderedDict[Any, NDArray[np.float32]] = OrderedDict()

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64, jnp, lax, pytree
-from deformnb.rbf.cuts import Decoupled, decide, is_doubtful
+from deformnb.rbf.cuts import Choice, Decoupled, is_doubtful
 from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.volume import Grid
 from deformnb.warping.node_walk import Floats, Walk, depth_in, lagrange, reach_of
@@ -41,30 +41,23 @@ class _Shown:
     table: int | None
 
 
-@pytree(data_fields=["regions", "frame", "origin", "sides", "softness", "then"],
-        meta_fields=["before", "after", "rule"])
+@pytree(data_fields=["cuts", "then"], meta_fields=["before", "after"])
 @dataclass(frozen=True, eq=False)
-class _Choice:
+class _Branch:
     """The choice among regions beside cuts, somewhere on the way of voxels through a composition.
 
     Parameters
     ----------
-    regions : one for every cut. frame, origin : rows of the axes, and the origin, of the cuts' coordinates.
-    sides : of the regions that may be seen. softness : of the cuts. rule : by which they are seen.
+    cuts : the choice among regions that may be seen.
+    then : what follows for each region, and at last for what belongs to none of them.
     before : the number of the table of displacements before the cut, None where nothing has moved yet.
     after : for each region the table of displacements that include its own.
-    then : what follows for each region, and at last for what belongs to none of them.
     """
 
-    regions: Any
-    frame: Any
-    origin: Any
-    sides: Any
-    softness: Any
+    cuts: Choice
     then: tuple[Any, ...]
     before: int | None
     after: tuple[int, ...]
-    rule: str
 
 
 def can_choose(field: AbstractField) -> bool:
@@ -86,7 +79,7 @@ class Regional:
     walk: Walk
     tables: list[Floats] = member(default_factory=list)
 
-    def way(self, links: Sequence[AbstractField], x: Floats, d: Floats | None, known: int | None) -> _Shown | _Choice:
+    def way(self, links: Sequence[AbstractField], x: Floats, d: Floats | None, known: int | None) -> _Shown | _Branch:
         """The way of nodes x through the rest of a composition; ``d`` has moved them so far, table ``known`` if any."""
         for k, link in enumerate(links):
             at = x if d is None else x + d
@@ -103,7 +96,7 @@ class Regional:
         return len(self.tables) - 1
 
     def _choice(self, cut: Decoupled, rest: Sequence[AbstractField], x: Floats, d: Floats | None,
-                before: int | None) -> _Choice:
+                before: int | None) -> _Branch:
         at = x if d is None else x + d
         must_look = len(cut.fields) > 2  # one cut is near by itself
         here, needed = (self.walk.distances(cut, at), reach_of(cut, at)) if must_look else (None, 0.0)
@@ -124,13 +117,10 @@ class Regional:
         is_complete = len(set(cut.sides)) == 2 ** len(cut.regions)
         then.append(_Shown(before) if is_complete else self.way(rest, x, d, before))
         np.maximum(largest, self.walk.error, out=self.walk.error)
-        frame, origin = (np.eye(3), np.zeros(3)) if cut.plane is None else (cut.plane.frame[:2], cut.plane.origin)
-        return _Choice(tuple(region.of_few_shapes() for region in cut.regions), np.asarray(frame, np.float64),
-                       np.asarray(origin, np.float64), tuple(tuple(map(np.bool_, side)) for side in sides),
-                       float(cut.softness), tuple(then), before, tuple(after), cut.rule)
+        return _Branch(cut.choice(sides), tuple(then), before, tuple(after))
 
 
-def chosen(way: _Shown | _Choice, nodes: NDArray[np.float32], cells: NDArray[np.intp], first: Floats, grid: Grid,
+def chosen(way: _Shown | _Branch, nodes: NDArray[np.float32], cells: NDArray[np.intp], first: Floats, grid: Grid,
            spacing: int, error: float) -> tuple[Any, ...]:
     """Displacements at the voxels of cells, interpolated between nodes and chosen among the regions.
 
@@ -208,13 +198,11 @@ def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any]
     if isinstance(way, _Shown):
         return moved(way.table), jnp.ones(x[0].shape), jnp.zeros(x[0].shape, bool)
 
-    led = jnp.stack([jnp.stack(moved(table)) for table in (way.before, *way.after)], axis=1)  # (3, places, ...)
-    apart = [p + d - o for p, d, o in zip(x, led, way.origin, strict=True)]
-    places = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)) for row in way.frame], axis=-1)
-    distances = [lax.optimization_barrier(region(places)) for region in way.regions]  # one loop each to be compiled
-    here, *there = [[measured[k] for measured in distances] for k in range(len(way.after) + 1)]
-    choice, opacity = decide(here, there, way.sides, way.rule, way.softness, jnp)
-    doubt = is_doubtful(here, there, way.sides, way.softness, error, jnp)
+    cuts = way.cuts
+    here, there = cuts.distances([[p + d for p, d in zip(x, moved(table), strict=True)]
+                                  for table in (way.before, *way.after)])
+    choice, opacity = cuts.decide(here, there)
+    doubt = is_doubtful(here, there, cuts.sides, cuts.softness, error, jnp)
     *known, (d, seen, unclear) = [_decided(then, tables, x, error) for then in way.then]
     for k, (own, share, is_unclear) in enumerate(known):
         d = [jnp.where(choice == k, a, b) for a, b in zip(own, d, strict=True)]

@@ -32,6 +32,7 @@ from deformnb.volume.sampling import on_device
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
 from deformnb.warping.border_cells import Regional
+from deformnb.warping.exact_places import ExactPlaces
 from deformnb.warping.node_walk import (
     BENT,
     JUMPS,
@@ -109,13 +110,6 @@ class Displacements:
     exact: Iterable[Replacement] = ()
 
 
-def seen_at(field: AbstractField, places: NDArray[np.float32],
-            origin: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Displacements (3, n) and opacity (n) of a field at places (3, n) relative to an origin."""
-    d, opacity = field.seen(places.T.astype(np.float64) + origin)
-    return np.asarray(d.T, np.float32), np.asarray(opacity, np.float32)
-
-
 class NodeTable:
     """Displacements of a field in space at the voxels of a grid, from nodes that are as far apart as the error allows.
 
@@ -130,13 +124,12 @@ class NodeTable:
     field : any whose smoothness is known (:func:`~deformnb.warping.node_walk.smoothness_of`).
     grid : the voxels.
     progress : called with the finished share of the nodes.
-    exactly : displacements (3, n) and opacity (n) of the field at places (3, n) relative to an origin, and that origin;
-        None for the field itself.
+    exactly : displacements (3, n) and opacity (n) of the field at places (3, n); made of the field if None.
     """
 
     def __init__(self, field: AbstractField, grid: Grid, progress: Progress | None = None,
                  exactly: Callable[..., tuple[Any, Any]] | None = None) -> None:
-        self._field, self._grid, self._at_places = field, grid, exactly or partial(seen_at, field)
+        self._field, self._grid, self._at_places = field, grid, exactly or ExactPlaces(links_of(field), grid)
         self._left: list[NDArray[np.intp]] = []
         estimate = _Lattice(field, grid, _FIRST_SPACING)
         best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*SPACINGS, 1))
@@ -182,11 +175,8 @@ class NodeTable:
 
     def _evaluated(self, index: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Displacements (3, n) and opacity (n,) of the field at voxels z, y, x (3, n)."""
-        first = index[:, 0]
-        apart = (index - first[:, None])[::-1].astype(np.float64)
-        d, opacity = self._at_places((self._grid.matrix @ apart).astype(np.float32),
-                                     self._grid.index_to_point(first[::-1]))
-        return np.asarray(d), np.asarray(opacity) if self._field.has_cuts else None
+        d, opacity = self._at_places(self._grid.matrix @ index[::-1] + np.asarray(self._grid.origin)[:, None])
+        return d, opacity if self._field.has_cuts else None
 
     def _beside_cuts(self, lattice: _Lattice, cells: tuple[slice, slice], corner: NDArray[np.intp],
                      start: NDArray[np.intp], stop: NDArray[np.intp]) -> Iterator[Replacement]:

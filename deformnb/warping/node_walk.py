@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -16,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import compiled, jnp
+from deformnb._jax import blockwise, jnp
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled, Sides
 from deformnb.rbf.extrusion import Extrusion
-from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity, in_blocks
-from deformnb.rbf.interpolant import RBFInterpolant, moved_back
+from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
+from deformnb.rbf.interpolant import RBFInterpolant, alike, moved_back
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
 from deformnb.rbf.slits import TipBlend, blended
@@ -149,18 +148,18 @@ class Walk:
         return x
 
     def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
-        ends, ways = moved_back(fits, x.reshape(len(x), -1), self.resolution, self.types)
-        diagonal = _diagonal(x) if ways else 0.0
-        for fit, at in ways:
+        for group in alike(fits):
+            ends, spreads = moved_back(group, x.reshape(len(x), -1), self.resolution, self.types)
             # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be looked at.
-            scale = _largest_scale(fit) / fit.support
-            moved = at * np.float32(fit.support) - ways[0][1] * np.float32(ways[0][0].support)
-            width = (diagonal + float(np.linalg.norm(np.ptp(moved, axis=(0, 2))))) * scale
-            if NARROWEST * width > 1:
-                lattice = np.moveaxis(at, 0, 1).reshape(len(x), -1)[:, : x[0].size].reshape(x.shape)
-                width = _diagonal(lattice) * fit.support * scale
-            np.maximum(self.widths, width, out=self.widths)
-        return ends.reshape(x.shape)
+            widths = [(_diagonal(x) + float(np.linalg.norm(spread))) * _largest_scale(fit) / fit.support
+                      for fit, spread in zip(group, spreads, strict=True)]
+            if len(group) > 1 and NARROWEST * max(widths) > 1:
+                for fit in group:
+                    x = self._fits((fit,), x)
+                continue
+            np.maximum(self.widths, max(widths), out=self.widths)
+            x = ends.reshape(x.shape)
+        return x
 
     def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
         back = [_turned(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
@@ -267,12 +266,11 @@ def _largest_scale(fit: RBFInterpolant) -> float:
 
 def _distances(regions: Sequence[AbstractRegion], places: Floats) -> Floats:
     """Signed distances (regions, z, y, x) of places to regions of their dimension."""
-    found = in_blocks(partial(_measured, tuple(regions)), places.reshape(len(places), -1).T)
-    return found.T.reshape(len(regions), *places.shape[1:])
+    few = tuple(region.of_few_shapes() for region in regions)
+    return np.asarray(_measured(few, places.reshape(len(places), -1))).reshape(len(regions), *places.shape[1:])
 
 
-_measured = compiled(lambda regions, points: jnp.stack([region(points) for region in regions], axis=-1),
-                     on_one_thread=True)
+_measured = blockwise(lambda regions, places: jnp.stack([region(places.T) for region in regions]))
 
 
 def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:

@@ -17,7 +17,7 @@ from warping.test_warper import Wave
 
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import Extrusion, extrude, interpolate, modulate, replicate
-from deformnb.rbf.fields import AbstractField, Blended, Composed, DisplacementField, Identity, in_blocks
+from deformnb.rbf.fields import AbstractField, Blended, Composed, DisplacementField, Identity
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import WEIGHTS, RigidPart, fit_rigid
@@ -104,20 +104,6 @@ def test_the_chain_rule_for_linear_maps_is_the_product() -> None:
     a, b = (np.eye(2) + rng.normal(0, 0.2, (2, 2)) for _ in range(2))
     got = Composed(linear(a), linear(b)).jacobian(np.array([[3.0, 4.0], [90.0, -5.0]]))
     oracle.assert_close(got, np.broadcast_to(a @ b - np.eye(2), (2, 2, 2)), atol=1e-12)
-
-
-def test_many_points_go_in_blocks() -> None:
-    shapes: list[int] = []
-
-    def double(p: Any) -> Any:
-        shapes.append(len(p))
-        return 2 * p
-
-    x = np.random.default_rng(0).random((70_000, 2))
-    np.testing.assert_array_equal(in_blocks(double, x), 2 * x)
-    np.testing.assert_array_equal(in_blocks(double, x[:3]), 2 * x[:3])
-    assert in_blocks(double, x[:0]).shape == (0, 2)
-    assert shapes == [65536, 8192, 64, 1]
 
 
 # ---- samples ---------------------------------------------------------------------------------------------------------

@@ -1,0 +1,209 @@
+"""Displacements of a field in space at listed places, each deformation by one compiled function.
+
+A composition is evaluated link by link, each at the places to which the one after it leads: extrusions, fits, stages
+and cuts by a function that is compiled for their kind and not for each number of places, points or edges, in the
+precision that the size of a voxel asks for; fields of other kinds by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb._jax import blockwise, float64, jax, jnp, lax, pytree
+from deformnb.rbf.cuts import Choice, Decoupled
+from deformnb.rbf.evaluation import RadialSum, stacked
+from deformnb.rbf.extrusion import Extrusion
+from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.rbf.slits import TipBlend, blended
+from deformnb.rbf.stages import Staged
+from deformnb.volume.volume import Grid
+
+Floats = NDArray[np.float64]
+
+Components = Sequence[Any]
+
+
+@pytree(data_fields=[])
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """No displacement."""
+
+    def __call__(self, x: Components) -> list[Any]:
+        return [jnp.zeros_like(part) for part in x]
+
+
+@pytree(data_fields=["sums"])
+@dataclass(frozen=True, eq=False)
+class _Stages:
+    """Stacked sums, each evaluated where the one before leads."""
+
+    sums: RadialSum
+
+    def __call__(self, x: Components) -> list[Any]:
+        def moved(places: list[Any], each: RadialSum) -> tuple[list[Any], None]:
+            return [p + d for p, d in zip(places, each(places), strict=True)], None
+
+        ends, _ = lax.scan(moved, list(x), self.sums)
+        return [end - start for end, start in zip(ends, x, strict=True)]
+
+
+@pytree(data_fields=["fits", "lines"])
+@dataclass(frozen=True, eq=False)
+class _Tips:
+    """:class:`~deformnb.rbf.slits.TipBlend` of sums."""
+
+    fits: tuple[Any, ...]
+    lines: tuple[Any, ...]
+
+    def __call__(self, x: Components) -> list[Any]:
+        moves = [jnp.stack(fit(x)) for fit in self.fits]
+        source = jnp.moveaxis(jnp.stack(x) + moves[0], 0, -1)
+        return list(blended(moves, [line.opening(source, jnp) for line in self.lines]))
+
+
+@pytree(data_fields=["maps", "frame", "origin", "depth", "knots", "weights"])
+@dataclass(frozen=True, eq=False)
+class _Extruded:
+    """:class:`~deformnb.rbf.extrusion.Extrusion` of maps.
+
+    Parameters
+    ----------
+    depth : where zeta is 0, and by how much it rises. knots : None if they lie at equal steps from 0 to 1.
+    """
+
+    maps: tuple[Any, ...]
+    frame: Any
+    origin: Any
+    depth: Any
+    knots: Any
+    weights: Any
+
+    def __call__(self, x: Components) -> list[Any]:
+        away = [part - o for part, o in zip(x, self.origin, strict=True)]
+        a, b, c = (sum(f * part for f, part in zip(row, away, strict=True)) for row in self.frame)
+        z = jnp.clip((c - self.depth[0]) * self.depth[1], 0.0, 1.0)
+        u = v = jnp.zeros_like(a)
+        for m, w in zip(self.maps, self.weights, strict=True):
+            share = w[0] if len(w) == 1 else _at_steps(w, z) if self.knots is None else jnp.interp(z, self.knots, w)
+            du, dv = m([a, b])
+            u, v = u + share * du, v + share * dv
+        return [p * u + q * v for p, q in zip(self.frame[0], self.frame[1], strict=True)]
+
+
+def _at_steps(values: Any, z: Any) -> Any:
+    """Values at equal steps from 0 to 1, linear in between."""
+    at = z * (len(values) - 1)
+    low = jnp.minimum(at.astype(jnp.int32), len(values) - 2)
+    return values[low] + (at - low) * (values[low + 1] - values[low])
+
+
+@pytree(data_fields=["fields", "choice"])
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """:class:`~deformnb.rbf.cuts.Decoupled`: displacements and opacity."""
+
+    fields: tuple[Any, ...]
+    choice: Choice
+
+    def seen(self, x: Components) -> tuple[list[Any], Any]:
+        """Components of the displacements, and the opacity."""
+        moves = lax.optimization_barrier([field(x) for field in self.fields])
+        here, there = self.choice.distances([x, *([p + d for p, d in zip(x, move, strict=True)] for move in moves)])
+        chosen, opacity = self.choice.decide(here, there)
+        total = [jnp.zeros_like(part) for part in x]
+        for k, move in enumerate(moves):
+            total = [jnp.where(chosen == k, d, t) for d, t in zip(move, total, strict=True)]
+        return total, opacity
+
+
+def _seen(form: Any, places: Any) -> tuple[Any, Any]:
+    """Displacements (3, n), and the opacity (n) beside cuts."""
+    d, opacity = form.seen(list(places)) if isinstance(form, _Cut) else (form(list(places)), None)
+    return jnp.stack(d), opacity
+
+
+_evaluate = blockwise(_seen)
+
+
+class ExactPlaces:
+    """Deformations in space, one after the other, at listed places.
+
+    Parameters
+    ----------
+    links : from the one done last to the one done first, as :func:`~deformnb.rbf.fields.links_of` lists them.
+    grid : the voxels that are shown; an error far below their size does not matter.
+    """
+
+    def __init__(self, links: Sequence[AbstractField], grid: Grid) -> None:
+        self._moving, self._grid = [link for link in links if not link.is_identity], grid
+
+    @cached_property
+    def _links(self) -> list[tuple[AbstractField, Any]]:
+        forms = [_form(link, self._grid.corners(), min(self._grid.spacing)) for link in self._moving]
+        with float64():  # on JAX's side once, and not again at every call
+            return [*zip(self._moving, jax.device_put(forms), strict=True)]
+
+    def __call__(self, places: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Displacements (3, n) and opacity (n) at places (3, n)."""
+        ends, shown = places, np.ones(places.shape[1], np.float32)
+        for link, form in self._links:
+            d, opacity = _by_itself(link, ends) if form is None else _evaluate(form, ends)
+            ends = ends + d
+            shown = shown if opacity is None else (shown * opacity).astype(np.float32)
+        return (ends - places).astype(np.float32), shown
+
+
+def _by_itself(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
+    d, opacity = field.seen(places.T)
+    return d.T, opacity
+
+
+def _form(field: AbstractField, corners: Floats, resolution: float) -> Any | None:
+    """What evaluates a field at places between corners (n, dim) in pure JAX; None where nothing does."""
+    def all_of(fields: Sequence[AbstractField], around: Floats = corners) -> tuple[Any, ...] | None:
+        forms = tuple(_form(f, around, resolution) for f in fields)
+        return None if None in forms else forms
+
+    match field:
+        case Identity():
+            return _Still()
+        case RBFInterpolant():
+            return None if field.is_culled else field.radial_sum(_type_of([field], corners, resolution))
+        case Staged() if all(isinstance(fit, RBFInterpolant) and not fit.is_culled for fit in field.fits):
+            kind = _type_of(field.fits, corners, resolution)
+            sums = [fit.radial_sum(kind) for fit in field.fits[::-1]]
+            return _Stages(stacked(sums)) if len(set(map(jax.tree.structure, sums))) == 1 else None
+        case TipBlend():
+            fits = all_of(field.fits)
+            return fits and _Tips(fits, field.lines)
+        case Extrusion():
+            maps = all_of(field.maps, field.plane.to_plane(corners)[:, :2])
+            return maps and _extruded(field, maps)
+        case Decoupled():
+            fields = all_of(field.fields)
+            return fields and _Cut(fields, field.choice(field.sides))
+        case _:
+            return None
+
+
+def _type_of(fits: Sequence[RBFInterpolant], corners: Floats, resolution: float) -> Any:
+    """The type in which all fits are exact enough between the corners."""
+    reaches = [float(np.linalg.norm((corners - fit.origin) / fit.support, axis=1).max()) for fit in fits]
+    types = [fit.type_within(reach, resolution) for fit, reach in zip(fits, reaches, strict=True)]
+    return np.float64 if np.float64 in types else np.float32
+
+
+def _extruded(field: Extrusion, maps: tuple[Any, ...]) -> _Extruded:
+    (c0, c1), weights = field.depth, np.asarray(field.weights, np.float64)
+    knots = np.asarray(field.knots, np.float64)
+    is_even = np.array_equal(knots, np.linspace(0.0, 1.0, len(knots)))
+    return _Extruded(maps, np.asarray(field.plane.frame), np.asarray(field.plane.origin, np.float64),
+                     np.array([c0, 1 / (c1 - c0) if c1 > c0 else 0.0]), None if is_even else knots,
+                     weights[:, :1] if field.is_replication else weights)
