@@ -322,23 +322,27 @@ class Warper:
 
     def _has_words(self, normal: int) -> bool:
         """Whether slices along ``normal`` have small integers that are read as words, and most of a slice is read."""
-        pixels, source = np.prod(self.output.shape[1:]), self.volume.shape[1:]
-        return (normal == 0 and self._voxels.dtype.kind in "iu" and self._voxels.dtype.itemsize <= 2
+        source, output = (np.delete(shape, normal) for shape in (self.volume.shape, self.output.shape))
+        return (normal != 2 and self._voxels.dtype.kind in "iu" and self._voxels.dtype.itemsize <= 2
                 and self.method == "linear" and devices.is_host() and self._near and min(source) > 1
-                and bool(np.prod(source) <= min(2 * pixels, sampling.MOST_WORDS)))
+                and bool(np.prod(source) <= min(2 * np.prod(output), sampling.MOST_WORDS)))
 
     def _in_words(self, plan: planning.Extruded,
                   weights: NDArray[np.float32]) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """:meth:`_modulated` along z for small integers. NumPy computes what the parts share: it compiles nothing."""
-        m, at = plan.matrix[1:, :, None, None], self._places.along([1, 2], plan.matrix)
+        """:meth:`_modulated` for small integers. NumPy computes what the parts share: it compiles nothing."""
+        normal = plan.normal
+        at = self._places.along([axis for axis in range(3) if axis != normal], plan.matrix)
+        m = at.matrix[:, :, None, None]
         moves = [m[:, 0] * one[0] + m[:, 1] * one[1] for one in plan.maps]
         fixed = moves, *([_outer_sum(rows[a], columns[a]) for a in range(2)] for rows, columns in (at.whole, at.part))
         with self._arithmetic():
             moves, whole, part = jax.tree.map(jnp.asarray, fixed)
 
-        def moved(voxels: NDArray[Any], slices: slice) -> NDArray[Any]:
-            return as_numpy(sampling.slices_in_words(sampling.shared(voxels), moves, weights[:, slices], whole, part,
-                                                       self._fill, shape=voxels.shape[1:]))
+        def moved(voxels: NDArray[Any], some: slice) -> NDArray[Any]:
+            slices = np.moveaxis(voxels, normal, 0)
+            result = sampling.slices_in_words(sampling.shared(slices), moves, weights[:, some], whole, part, self._fill,
+                                              shape=slices.shape[1:])
+            return np.moveaxis(as_numpy(result), 0, normal)
 
         return moved
 

@@ -293,19 +293,22 @@ def test_short_cuts_into_a_part_or_another_resolution(view: str, rule: str) -> N
             assert np.mean(np.abs(result - expected) <= 2 * RANGE_SHARE * 200) > 0.999
 
 
-@pytest.mark.parametrize("output", [
-    STRAIGHT,
-    STRAIGHT.crop((1, 2, 3), (4, 5, 6)),
-    STRAIGHT.crop((1, 2, 3), (2, 2, 2)),  # a small part of each slice
-    STRAIGHT.crop((0, -3, -2), (6, 13, 12)),
-    STRAIGHT.resampled(spacing=(STRAIGHT.spacing[0] / 2, STRAIGHT.spacing[1] / 3, STRAIGHT.spacing[2])),
-    Grid(STRAIGHT.shape, direction=((np.cos(0.3), -np.sin(0.3), 0), (np.sin(0.3), np.cos(0.3), 0), (0, 0, 1))),
+@pytest.mark.parametrize(("view", "output"), [
+    *product(["+z", "+y"], [
+        STRAIGHT,
+        STRAIGHT.crop((1, 2, 3), (4, 5, 6)),
+        STRAIGHT.crop((1, 2, 3), (2, 2, 2)),  # a small part of each slice
+    ]),
+    ("+z", STRAIGHT.crop((0, -3, -2), (6, 13, 12))),
+    ("+y", STRAIGHT.crop((-3, 0, -2), (12, 7, 12))),
+    ("+z", STRAIGHT.resampled(spacing=(STRAIGHT.spacing[0] / 2, STRAIGHT.spacing[1] / 3, STRAIGHT.spacing[2]))),
+    ("+z", Grid(STRAIGHT.shape, direction=((np.cos(0.3), -np.sin(0.3), 0), (np.sin(0.3), np.cos(0.3), 0), (0, 0, 1)))),
 ])
 @pytest.mark.parametrize("rule", ["modulate", "interpolate"])
 @pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16"])
-def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, output: Grid) -> None:
+def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, view: str, output: Grid) -> None:
     values = (noise(STRAIGHT).values - (100 if dtype.startswith("int") else 0)).astype(dtype)
-    volume, field = Volume(values, STRAIGHT), extruded(Plane.along(output, "+z"), STRAIGHT, rule, 4.0)
+    volume, field = Volume(values, STRAIGHT), extruded(Plane.along(output, view), STRAIGHT, rule, 4.0)
     assert planning.extruded(field, STRAIGHT, output, "float32") is not None
     expected = slow_warp(volume, field, output, 7.0, "linear")
     result = warp(volume, field, output=output, fill=7.0).values
