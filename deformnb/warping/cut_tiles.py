@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, jnp, lax
+from deformnb._jax import compiled, each, jnp, lax
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.evaluation import few_sizes
 from deformnb.rbf.extrusion import Extrusion
@@ -255,5 +255,5 @@ def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, s
             total = jnp.where(choice == r, d, total)
         return total, opacity
 
-    total, opacity = lax.map(one_slice, weights.T)
+    total, opacity = each(one_slice, weights.T)
     return jnp.moveaxis(total, 0, normal + 1), jnp.moveaxis(opacity, 0, normal)
