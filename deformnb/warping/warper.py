@@ -515,7 +515,7 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             with warper._arithmetic():
                 result = as_numpy(sampling.extruded(
-                    flat, d[None], weights, cut.apart.matrix, *warper._places.at_pixels(normal, depth, pixels),
+                    flat, (d,), weights, cut.apart.matrix, *warper._places.at_pixels(normal, depth, pixels),
                     warper._fill, normal=normal, **warper._settings()))
             result = warper._faded(result, opacity)
             np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(result, normal, 2)[0]
