@@ -5,8 +5,8 @@ the centres with the accumulators in registers, tile by tile: writing it as one 
 24 s instead of 12 ms for 1024^2 points and 32 centres, because XLA does not vectorise it. The loop's length is a
 run-time number, so one compiled function serves every number of points up to its capacity.
 
-Kernels of compact support reach few of many places: of :data:`CULLED` centres and more, a tile of places gets the list
-of those that reach it.
+Kernels of compact support reach few of many places. The loop leaves out the centres that do not reach a tile; of
+:data:`CULLED` and more, a tile gets the list of those that do, and counts its places from its middle.
 """
 
 from __future__ import annotations
@@ -27,7 +27,12 @@ CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768
 """Numbers of points that are compiled for; a fit is padded to the next one, so adding a point rarely recompiles."""
 
 CULLED = 512
-"""Centres of a compact kernel from which on tiles have lists of them; for fewer the plain loop is as fast."""
+"""Centres of a compact kernel from which on tiles have lists of them."""
+
+
+def is_culled(kernel: type[AbstractKernel], count: Any) -> bool:
+    """Check that tiles of places have lists of the centres that reach them."""
+    return kernel.compact and int(count) >= CULLED
 
 
 # Centres that arrays of sums hold at least: loops over them end at their number, so that smaller ones save nothing.
@@ -48,8 +53,7 @@ def capacity(n: int) -> int:
 
 
 _TILE = 32  # rows at a time: 32 x 256 float32 accumulators and four kernels stay in the second-level cache
-_SIDE = 64  # columns of a tile of compact kernels at least
-_SKIPPED_FROM = 32  # centres of a compact kernel; of fewer nearly all reach every tile
+_SIDE = 64  # columns of a tile at least, of many centres of a compact kernel
 _GROUP = 4  # centres per turn of the inner loop
 _GROUP_OF_GPU = 32  # a turn is a launch there, and reads and writes the sums once
 _BLOCK = 4096  # points at a time, whose accumulators stay in the cache as well
@@ -205,14 +209,13 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
     if not devices.is_host():
         return jnp.stack(what(_sums(rows, columns), leaves, kernel))
     dim, width = columns.shape
-    skips = kernel.compact and len(leaves.centers) >= _SKIPPED_FROM
-    # For 128 and more: to write tiles of some of the columns takes 0.1 ms of 256 x 256 pixels.
-    across = max(1, min(width // _SIDE, len(leaves.centers) // _SKIPPED_FROM)) if skips else 1
+    # To write tiles of some of the columns takes 0.1 ms of 256 x 256 pixels, more than few centres take.
+    across = max(1, width // _SIDE) if kernel.compact and len(leaves.centers) > _LEAST else 1
     side = -(-width // across)
 
     def values(r: Any, c: Any) -> Any:
         own = leaves
-        if skips:
+        if kernel.compact:
             own = _reaching(leaves, r.min(axis=1) + c.min(axis=1), r.max(axis=1) + c.max(axis=1))
         return jnp.stack(what(_sums(r, c), own, kernel))
 
@@ -253,7 +256,7 @@ def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64],
 def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
                 dtype: Any, what: Sum) -> NDArray[Any]:
     dim, n = rows.shape
-    if kernel.compact and int(leaves.count) >= CULLED:
+    if is_culled(kernel, leaves.count):
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
@@ -279,7 +282,7 @@ def lattice_on_device(rows: NDArray[np.float64], columns: NDArray[np.float64], l
     -------
     dim components, float32, of ``shape`` for R and C, and whether all are finite.
     """
-    if kernel.compact and int(leaves.count) >= CULLED:
+    if is_culled(kernel, leaves.count):
         d = at_lattice(rows, columns, leaves, kernel, dtype).astype(np.float32).reshape(-1, *shape)
         return tuple(map(jnp.asarray, d)), np.isfinite(np.vdot(d, d))
     with float64():
@@ -301,7 +304,7 @@ def jacobian_at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type
 def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any,
                what: Sum) -> NDArray[Any]:
     dim, n = points.shape
-    if kernel.compact and int(leaves.count) >= CULLED and n > 64:
+    if is_culled(kernel, leaves.count) and n > 64:
         return _culled_points(points, leaves, kernel, dtype, what)
     block = 64 if n <= 64 else _BLOCK
     count = few_sizes(-(-n // block)) if n else 1

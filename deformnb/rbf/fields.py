@@ -208,8 +208,9 @@ def as_transform_field(given: AbstractField | HasField, grid: Grid | Volume) -> 
 
 def raster_lines(raster: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The pixel centres of a raster as rows (2, nv) plus columns (2, nu)."""
-    rows = np.stack([np.zeros(raster.shape[0]), raster.rows])
-    return rows, np.stack([raster.columns, np.zeros(raster.shape[1])])
+    rows, columns = (np.zeros((2, count)) for count in raster.shape)
+    rows[1], columns[0] = raster.rows, raster.columns
+    return rows, columns
 
 
 def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

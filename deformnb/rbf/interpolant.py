@@ -30,7 +30,6 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.evaluation import (
     CAPACITIES,
-    CULLED,
     Leaves,
     RadialSum,
     at_lattice,
@@ -38,6 +37,7 @@ from deformnb.rbf.evaluation import (
     capacity,
     filled_up,
     in_turn,
+    is_culled,
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
@@ -142,7 +142,7 @@ class RBFInterpolant(AbstractField):
     @property
     def is_culled(self) -> bool:
         """True if tiles of places have lists of the centres that reach them."""
-        return self.kernel.compact and int(self.count) >= CULLED
+        return is_culled(self.kernel, self.count)
 
     @cached_property
     def is_identity(self) -> bool:
