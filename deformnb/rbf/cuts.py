@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import in_full_precision, jnp, lax, pytree
+from deformnb._jax import in_full_precision, jax, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -105,7 +105,7 @@ def _depth(distances: Any, sides: Sides, xp: Any) -> Any:
 def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
     """Eq. 8: the region of x or nothing. Divided by the coverage at x, so that a cut without a drag is not seen."""
     count = len(there)
-    choice, opacity = xp.full(still.shape, count), xp.ones(still.shape)
+    choice, opacity = xp.full(still.shape, count, np.int32), xp.ones_like(still)
     for k in range(count):
         choice = xp.where(own[k], k, choice)
         share = xp.minimum(1.0, there[k] / xp.where(here[k] > 0, here[k], 1.0))
@@ -116,7 +116,7 @@ def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any
 def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
     """The rule "source": the tissue brought here, of the region of x first, else of the region that covers most."""
     count = len(there)
-    choice, best, total = xp.full(still.shape, count), still, still
+    choice, best, total = xp.full(still.shape, count, np.int32), still, still
     for k in range(count):
         choice, best = xp.where(own[k], k, choice), xp.where(own[k], there[k], best)
         total = total + there[k]
@@ -188,7 +188,8 @@ class Choice:
     Parameters
     ----------
     regions : one for every cut. frame, origin : rows of the axes, and the origin, of the cuts' coordinates.
-    sides : of the regions that may be seen. softness : of the cuts. rule : by which they are seen.
+    sides : of the regions that may be seen. rule : by which they are seen.
+    softness : of the cuts, in the type in which distances are measured.
     """
 
     regions: tuple[Any, ...]
@@ -204,7 +205,8 @@ class Choice:
         All places go through one loop over the edges of each cut.
         """
         apart = [jnp.stack(parts) - o for parts, o in zip(zip(*places, strict=True), self.origin, strict=True)]
-        within = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)) for row in self.frame], axis=-1)
+        within = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)).astype(self.softness.dtype)
+                            for row in self.frame], axis=-1)
         measured = [lax.optimization_barrier(region(within)) for region in self.regions]
         first, *others = [[part[k] for part in measured] for k in range(len(places))]
         return first, others
@@ -316,13 +318,14 @@ class Decoupled(AbstractField):
                 out = np.where(own, f.jacobian_on_outer_sum(r, c), out)
         return out
 
-    def choice(self, sides: Sequence[Sides]) -> Choice:
-        """The choice among some regions, for compiled functions of places by components."""
+    def choice(self, sides: Sequence[Sides], dtype: Any = np.float64) -> Choice:
+        """The choice among some regions, for compiled functions of places by components, by distances of a type."""
         frame, origin = (np.eye(self.dim), np.zeros(self.dim)) if self.plane is None else (
             self.plane.frame[:2], self.plane.origin)
-        return Choice(tuple(region.of_few_shapes() for region in self.regions), np.asarray(frame, np.float64),
-                      np.asarray(origin, np.float64), tuple(tuple(map(np.bool_, side)) for side in sides),
-                      np.float64(self.softness), self.rule)
+        regions = jax.tree.map(lambda part: np.asarray(part, min(part.dtype, np.dtype(dtype))),
+                               tuple(region.of_few_shapes() for region in self.regions))
+        return Choice(regions, np.asarray(frame, np.float64), np.asarray(origin, np.float64),
+                      tuple(tuple(map(np.bool_, side)) for side in sides), dtype(self.softness), self.rule)
 
     def _decided(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
         here = self._distances(x, xp)

@@ -29,6 +29,9 @@ _GROUP, _GROUPS = 32, 64
 
 MOST_CELLS = _GROUP * _GROUPS
 
+# Of a distance to a cut in float32, as a share of the coordinates: 16 units in the last place.
+_ROUNDING = 2.0**-20
+
 MOST_TABLES = 24
 """Displacements that a node holds at most: without a limit those of 256 regions could follow one another."""
 
@@ -117,7 +120,7 @@ class Regional:
         is_complete = len(set(cut.sides)) == 2 ** len(cut.regions)
         then.append(_Shown(before) if is_complete else self.way(rest, x, d, before))
         np.maximum(largest, self.walk.error, out=self.walk.error)
-        return _Branch(cut.choice(sides), tuple(then), before, tuple(after))
+        return _Branch(cut.choice(sides, np.float32), tuple(then), before, tuple(after))
 
 
 def chosen(way: _Shown | _Branch, nodes: NDArray[np.float32], cells: NDArray[np.intp], first: Floats, grid: Grid,
@@ -130,7 +133,7 @@ def chosen(way: _Shown | _Branch, nodes: NDArray[np.float32], cells: NDArray[np.
     cells : (n, 3) at most :data:`MOST_CELLS`, the first node that each reads.
     first : (3, n) the place of the first voxel of each.
     spacing : of the nodes in voxels of the grid.
-    error : of the interpolated places.
+    error : of the interpolated places. To it comes the rounding of the distances, which are measured in float32.
 
     Returns
     -------
@@ -146,9 +149,18 @@ def chosen(way: _Shown | _Branch, nodes: NDArray[np.float32], cells: NDArray[np.
     starts[:count] = np.moveaxis(in_groups(first), 0, 1)
     apart = grid.matrix @ np.indices((spacing,) * 3)[::-1].reshape(3, -1)
     weights = np.stack(lagrange(np.arange(spacing) / spacing)).astype(np.float32)
+    error += _ROUNDING * _farthest(way, first)
     with float64():
         found = _evaluate(way, values, starts, apart, weights, error, np.int32(count))
     return tuple(np.asarray(part)[:count] for part in found)
+
+
+def _farthest(way: _Shown | _Branch, places: Floats) -> float:
+    """The largest distance of places (3, n) from the origin of any cut on the way."""
+    if isinstance(way, _Shown):
+        return 0.0
+    own = float(np.linalg.norm(np.abs(places - way.cuts.origin[:, None]).max(axis=1)))
+    return max(own, *(_farthest(then, places) for then in way.then))
 
 
 def in_groups(values: NDArray[Any]) -> NDArray[Any]:
@@ -196,7 +208,7 @@ def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any]
         return [jnp.zeros(x[0].shape, tables.dtype)] * 3 if table is None else list(tables[3 * table : 3 * table + 3])
 
     if isinstance(way, _Shown):
-        return moved(way.table), jnp.ones(x[0].shape), jnp.zeros(x[0].shape, bool)
+        return moved(way.table), jnp.ones(x[0].shape, tables.dtype), jnp.zeros(x[0].shape, bool)
 
     cuts = way.cuts
     here, there = cuts.distances([[p + d for p, d in zip(x, moved(table), strict=True)]
