@@ -35,14 +35,15 @@ def is_culled(kernel: type[AbstractKernel], count: Any) -> bool:
     return kernel.compact and int(count) >= CULLED
 
 
-# Centres that arrays of sums hold at least: loops over them end at their number, so that smaller ones save nothing.
+# Centres that arrays of sums hold at least where loops over them end at their number, so that fewer would save nothing;
+# those of a GPU go over all.
 _LEAST = 128
 
 
 def filled_up(values: Any, dtype: Any) -> NDArray[Any]:
     """A copy of numbers of centres (C, ...), with zeros up to the number of centres that is compiled for at least."""
     values = np.asarray(values)
-    filled = np.zeros((max(len(values), _LEAST), *values.shape[1:]), dtype)
+    filled = np.zeros((max(len(values), _LEAST if devices.is_host() else 0), *values.shape[1:]), dtype)
     filled[: len(values)] = values
     return filled
 
@@ -183,7 +184,7 @@ def _computed_once(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[
     return tuple(lax.cond(always, values, lambda: tuple(map(jnp.zeros_like, jax.eval_shape(values)))))
 
 
-def _sums(rows: Any, columns: Any) -> tuple[Any, ...]:
+def outer_sum(rows: Any, columns: Any) -> tuple[Any, ...]:
     """Coordinates (R, C) of all places ``rows[:, r] + columns[:, c]``."""
     return tuple(r[:, None] + c[None, :] for r, c in zip(rows, columns, strict=True))
 
@@ -207,7 +208,7 @@ def _reaching(leaves: Leaves, low: Any, high: Any) -> Leaves:
 
 def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
     if not devices.is_host():
-        return jnp.stack(what(_sums(rows, columns), leaves, kernel))
+        return jnp.stack(what(outer_sum(rows, columns), leaves, kernel))
     dim, width = columns.shape
     # To write tiles of some of the columns takes 0.1 ms of 256 x 256 pixels, more than few centres take.
     across = max(1, width // _SIDE) if kernel.compact and len(leaves.centers) > _LEAST else 1
@@ -217,7 +218,7 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
         own = leaves
         if kernel.compact:
             own = _reaching(leaves, r.min(axis=1) + c.min(axis=1), r.max(axis=1) + c.max(axis=1))
-        return jnp.stack(what(_sums(r, c), own, kernel))
+        return jnp.stack(what(outer_sum(r, c), own, kernel))
 
     def add(t: Any, out: Any) -> Any:
         i, j = t // across * _TILE, jnp.minimum(t % across * side, width - side)  # the last tile may overlap
@@ -266,7 +267,7 @@ def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves:
 
 def _components(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel],
                 shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
-    d = tuple(one.astype(jnp.float32).reshape(shape) for one in _displacement(_sums(rows, columns), leaves, kernel))
+    d = tuple(one.astype(jnp.float32).reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
     d = lax.optimization_barrier(d)  # or the sum over the centres would be computed again for the check
     return d, jnp.isfinite(sum(jnp.vdot(one, one) for one in d))
 

@@ -2,7 +2,7 @@
 
 ``D = D_last(x) + D_before(x + D_last(x)) + ...``: where the composition is smooth it is interpolated between nodes
 (:mod:`deformnb.warping.node_table`). Elsewhere only the last one is evaluated on a lattice, the others at the places to
-which the ones after them lead (:mod:`deformnb.warping.exact_places`).
+which the ones after them lead (:mod:`deformnb.warping.exact_places`). A GPU evaluates all of them at every voxel.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ComposedEvaluator:
 
     def __init__(self, field: AbstractField, grid: Grid) -> None:
         self._field, self._grid = field, grid
-        links = [link for link in links_of(field) if not isinstance(link, Identity)] or [Identity(3)]
+        self._links = links = [link for link in links_of(field) if not isinstance(link, Identity)] or [Identity(3)]
         self.has_cuts = field.has_cuts
         # Fields with cuts are slow on a lattice too; others are exact and fast there.
         start = 0 if links[0].has_cuts else 1
@@ -54,17 +54,27 @@ class ComposedEvaluator:
         ----------
         progress : called with the finished share.
         """
-        if self._is_known:
+        if self._is_known and not self._at_voxels.is_on_gpu:
             self._nodes = NodeTable(self._field, self._grid, progress)
 
     def block(self, block: tuple[slice, slice]) -> Displacements:
         """Displacements in a block of planes and rows, one of :func:`~deformnb.warping.planning.square_blocks`."""
         found = None if self._nodes is None else self._nodes.block(block)
-        return self._at_all(planning.lattice(self._grid, block, 1)) if found is None else found
+        if found is not None:
+            return found
+        lattice = planning.lattice(self._grid, block, 1)
+        if not self._at_voxels.is_on_gpu:
+            return self._at_all(lattice)
+        d, opacity = self._at_voxels.on_gpu(lattice)
+        return Displacements(d, opacity=opacity)
 
     def left(self) -> list[Callable[[], Replacement]]:
         """What is to be replaced in the blocks so far, see :meth:`NodeTable.left`."""
         return [] if self._nodes is None else self._nodes.left()
+
+    @cached_property
+    def _at_voxels(self) -> ExactPlaces:
+        return ExactPlaces(self._links, self._grid)
 
     @cached_property
     def _at_places(self) -> ExactPlaces:

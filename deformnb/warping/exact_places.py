@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import blockwise, float64, jax, jnp, lax, pytree
+from deformnb import devices
+from deformnb._jax import as_numpy, blockwise, compiled, float64, jax, jnp, lax, pytree
+from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Choice, Decoupled
-from deformnb.rbf.evaluation import RadialSum, stacked
+from deformnb.rbf.evaluation import RadialSum, outer_sum, stacked
 from deformnb.rbf.extrusion import Extrusion
-from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.rbf.fields import AbstractField, Identity, grid_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.slits import TipBlend, blended
 from deformnb.rbf.stages import Staged
 from deformnb.volume.volume import Grid
+from deformnb.warping.planning import NOT_FINITE
 
 Floats = NDArray[np.float64]
 
@@ -123,13 +126,33 @@ class _Cut:
         return total, opacity
 
 
-def _seen(form: Any, places: Any) -> tuple[Any, Any]:
-    """Displacements (3, n), and the opacity (n) beside cuts."""
-    d, opacity = form.seen(list(places)) if isinstance(form, _Cut) else (form(list(places)), None)
+def _seen(form: Any, x: Components) -> tuple[list[Any], Any]:
+    """Components of the displacements, and the opacity beside cuts."""
+    return form.seen(x) if isinstance(form, _Cut) else (form(x), None)
+
+
+def _seen_at(form: Any, places: Any) -> tuple[Any, Any]:
+    """:func:`_seen` at places (3, n): displacements (3, n), and the opacity (n) beside cuts."""
+    d, opacity = _seen(form, list(places))
     return jnp.stack(d), opacity
 
 
-_evaluate = blockwise(_seen)
+_evaluate = blockwise(_seen_at)
+
+
+def _on_lattice(forms: Sequence[Any], rows: Any, columns: Any, *, shape: tuple[int, ...]) -> tuple[Any, Any, Any]:
+    start = [place.reshape(shape) for place in outer_sum(rows, columns)]
+    ends, shown = start, None
+    for form in forms:
+        d, opacity = _seen(form, ends)
+        ends = [x + along for x, along in zip(ends, d, strict=True)]
+        shown = opacity if shown is None else shown if opacity is None else shown * opacity
+    moved = lax.optimization_barrier(tuple((x - x0).astype(jnp.float32) for x, x0 in zip(ends, start, strict=True)))
+    is_finite = jnp.isfinite(sum(jnp.vdot(d, d) for d in moved))
+    return moved, None if shown is None else shown.astype(jnp.float32), is_finite
+
+
+_evaluate_on_lattice = compiled(_on_lattice, static_argnames="shape")
 
 
 class ExactPlaces:
@@ -149,6 +172,26 @@ class ExactPlaces:
         forms = [_form(link, self._grid.corners(), min(self._grid.spacing)) for link in self._moving]
         with float64():  # on JAX's side once, and not again at every call
             return [*zip(self._moving, jax.device_put(forms), strict=True)]
+
+    @property
+    def is_on_gpu(self) -> bool:
+        """Check for a GPU that evaluates all of the deformations."""
+        return not devices.is_host() and all(form is not None for _, form in self._links)
+
+    def on_gpu(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
+        """Displacements (nz, ny, nx) along x, y, z on a lattice, in the memory of the GPU, and the opacity beside cuts.
+
+        Raises
+        ------
+        DeformError
+            If they are not finite.
+        """
+        with float64():
+            d, opacity, is_finite = _evaluate_on_lattice([form for _, form in self._links], *grid_lines(lattice),
+                                                         shape=lattice.shape)
+            if not is_finite:
+                raise DeformError(NOT_FINITE)
+            return d, None if opacity is None else as_numpy(opacity)
 
     def __call__(self, places: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Displacements (3, n) and opacity (n) at places (3, n)."""

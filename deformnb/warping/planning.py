@@ -62,7 +62,7 @@ _MORE_ON_GPU = 32
 """How many times as much a GPU does at once: its memory holds it, and each call has to be launched and waited for."""
 
 
-_NOT_FINITE = ("the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
+NOT_FINITE = ("the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
                "on top of each other.")
 
 
@@ -368,7 +368,7 @@ def _on_device(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | Non
         return None
     d, is_finite = field.on_device(on)
     if not is_finite:
-        raise DeformError(_NOT_FINITE)
+        raise DeformError(NOT_FINITE)
     return d
 
 
@@ -442,7 +442,7 @@ def checked(values: Any) -> NDArray[np.float32]:
     """Displacements, refused if any is not finite. One dot product finds that six times faster than ``np.isfinite``."""
     array = np.ascontiguousarray(values, dtype=np.float32)
     if not np.isfinite(np.vdot(array, array)):
-        raise DeformError(_NOT_FINITE)
+        raise DeformError(NOT_FINITE)
     return array
 
 
