@@ -203,6 +203,7 @@ class Warper:
             values = self._in_blocks(plan, progress)
         elif plan.normal == 2 or (plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal)):
             values = self._rows(plan, progress)
+            values = values if plan.normal in self._tables else _writable(values)
         else:
             values = self._extruded(plan, progress)
         if plan.opacity is None:
@@ -213,12 +214,12 @@ class Warper:
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
 
-        Costs one copy of the volume. For x, and on a GPU, nothing is to be done.
+        Costs one copy of the volume. Along x it costs nothing, and saves a copy of the result; a GPU needs none.
         """
-        if devices.is_host() and axis != 2 and axis not in self._tables:
+        if devices.is_host() and axis not in self._tables:
             rows = np.moveaxis(self._voxels, axis, 2)
             with self._arithmetic():
-                self._tables[axis] = sampling.on_device(rows, (-1, rows.shape[2]))
+                self._tables[axis] = None if axis == 2 else sampling.on_device(rows, (-1, rows.shape[2]))
 
     @property
     def _voxels(self) -> NDArray[Any]:
