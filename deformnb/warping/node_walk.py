@@ -7,7 +7,7 @@ nodes lie near the border of a cut or of a rigid part, or in a bump that is narr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -203,12 +203,21 @@ class Walk:
         self.regions[...] = 257 * self.regions + sum((d < 0) << k for k, d in enumerate(here))
         is_deep = np.abs(here).min(axis=0) > farthest
         for f, side in zip(field.fields, field.sides, strict=True):
-            d = self.through(f, x)
-            total = np.where(depth_in(side, here) > 0, d, total)
-            farthest = max(farthest, reach_of(field, x + d))
+            is_own = depth_in(side, here) > 0
+            if not is_own.any():
+                continue
+            box = _box_around(is_own)
+            at = x[:, *box]
+            d = self._within(box).through(f, at)
+            total[:, *box] = np.where(is_own[box], d, total[:, *box])
+            farthest = max(farthest, reach_of(field, at + d))
         there = (np.sign(here) * self.distances(field, x + total)).min(axis=0)
         self._mark(~(is_deep & (there > farthest)), NEAR_CUT)
         return total
+
+    def _within(self, box: tuple[slice, ...]) -> Walk:
+        return replace(self, marks=self.marks[box], error=self.error[box], regions=self.regions[box],
+                       widths=self.widths[box[0]])
 
     def distances(self, field: Decoupled, places: Floats) -> Floats:
         """Signed distances (cuts, z, y, x) of places to the cuts of a field."""
@@ -223,6 +232,15 @@ class Walk:
 def depth_in(side: Sides, distances: Floats) -> Floats:
     """Depth (...) within a region of places with signed distances (cuts, ...); negative outside."""
     return np.asarray((_column(np.where(side, -1.0, 1.0)) * distances).min(axis=0))
+
+
+def _box_around(some: NDArray[np.bool_]) -> tuple[slice, ...]:
+    """The smallest box with some nodes and their neighbours; all of an axis along which they do not change."""
+    box = []
+    for axis, n in enumerate(some.shape):
+        at = np.flatnonzero(some.any(axis=tuple(k for k in range(3) if k != axis)))
+        box.append(slice(None) if n == 1 else slice(max(0, int(at[0]) - 1), int(at[-1]) + 2))
+    return tuple(box)
 
 
 def reach_of(field: Decoupled, places: Floats) -> float:
