@@ -83,11 +83,10 @@ def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None,
     """
     if scales is not None:
         return _Sparse(points.relative, nugget, scales, kernel), points.origin
-    if points.count >= _KEPT_FROM:
-        for base in _kept.like(points, nugget, kernel):
-            moved = np.flatnonzero((base.points.targets != points.targets).any(axis=1))
-            if len(moved) <= min(_MOST_MOVED, points.count // 8):
-                return base.updated(points.targets, moved), base.points.origin
+    found = _kept.like(points, nugget, kernel) if points.count >= _KEPT_FROM else None
+    if found is not None:
+        base, moved = found
+        return base.updated(points.targets, moved), base.points.origin
     return factored_anew(points, nugget, kernel), points.origin
 
 
@@ -328,11 +327,19 @@ class _Kept:
         self._bases: tuple[_Base, ...] = ()
         self._lock = threading.Lock()
 
-    def like(self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> list[_Base]:
-        """Those of as many points with the same kernel, support and smoothing."""
-        return [base for base in self._bases
-                if base.kernel is kernel and base.points.support == points.support
-                and base.points.targets.shape == points.targets.shape and np.array_equal(base.nugget, nugget)]
+    def like(self, points: PreparedPoints, nugget: Floats,
+             kernel: type[AbstractKernel]) -> tuple[_Base, NDArray[np.intp]] | None:
+        """The newest with the same kernel, support and smoothing that few points have left, and which these are."""
+        most = min(_MOST_MOVED, points.count // 8)
+        for base in self._bases:
+            before, now = base.points.targets, points.targets
+            if base.kernel is kernel and base.points.support == points.support and before.shape == now.shape:
+                differs = before != now
+                if np.count_nonzero(differs) <= most * now.shape[1]:  # of most bases more do
+                    moved = np.flatnonzero(differs.any(axis=1))
+                    if len(moved) <= most and np.array_equal(base.nugget, nugget):
+                        return base, moved
+        return None
 
     def add(self, base: _Base) -> None:
         """Keep one more, and forget the oldest ones that do not fit beside it."""

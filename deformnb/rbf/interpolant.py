@@ -433,7 +433,7 @@ _solve = compiled(solve, static_argnames=("kernel", "trend"))
 
 
 def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
-                    previous: RBFInterpolant | None) -> RBFInterpolant:
+                   previous: RBFInterpolant | None) -> RBFInterpolant:
     """Fit points that were checked; see :func:`~deformnb.rbf.fitting.fit_rbf`. Without points it is the identity."""
     n, dim = ready.targets.shape
     if n == 0:
