@@ -31,7 +31,7 @@ from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
-from deformnb.warping.cut_tiles import CutPlan, plan_cut
+from deformnb.warping.modulated_cuts import CutPlan, plan_cut
 from deformnb.warping.node_table import Displacements, Replacement
 
 

@@ -20,7 +20,7 @@ from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping import planning
-from deformnb.warping.cut_tiles import plan_cut
+from deformnb.warping.modulated_cuts import plan_cut
 from deformnb.warping.warper import warp, warp_picture
 
 

@@ -213,14 +213,14 @@ def _read_some(moved: Any, weights: Any, spreads: Any, inside: Any, places: Any,
         # What is read linearly between distances changes by the square root of 2 per length at most.
         within = least + 2**0.5 * sum(spread[k] * a for k, a in enumerate(length))
         for side, table in zip(sides, distances, strict=True):
-            leaves = leaves | (side * look_up(table, x, y) < within)
+            leaves = leaves | (side * _look_up(table, x, y) < within)
         return leaves, None
 
     leaves, _ = lax.scan(one_group, jnp.zeros(places.shape[1], bool), (weights, spreads))
-    return jnp.stack([look_up(table, places[0], places[1]) for table in distances]), leaves
+    return jnp.stack([_look_up(table, places[0], places[1]) for table in distances]), leaves
 
 
-def look_up(table: Any, x: Any, y: Any) -> Any:
+def _look_up(table: Any, x: Any, y: Any) -> Any:
     """A raster read linearly at columns x and rows y, constant beyond its edges."""
     rows, columns = table.shape
     flat, length = table.reshape(-1), (rows - 1) * columns - 1
@@ -248,7 +248,7 @@ def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, s
         moves = [sum(w[k] * regional[k] for k in range(len(w))) for regional in maps]
         at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]
         # The barrier keeps XLA from looking everything up again for each use.
-        there = lax.optimization_barrier([[look_up(table, x, y) for table in distances] for x, y in at])
+        there = lax.optimization_barrier([[_look_up(table, x, y) for table in distances] for x, y in at])
         choice, opacity = decide(list(here), there, sides, rule, softness, jnp)
         total = jnp.zeros_like(moves[0])
         for r, d in enumerate(moves):
