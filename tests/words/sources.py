@@ -11,8 +11,11 @@ import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from babel.messages.jslexer import Token, tokenize, unquote_string
+from pygments.lexer import inherit
+from pygments.lexers.javascript import JavascriptLexer
+from pygments.token import Comment, Punctuation, String, Whitespace
 
 from node_tasks import find_node
 
@@ -93,9 +96,32 @@ def script_texts(folder: Path, into: Path) -> Iterator[tuple[Path, str]]:
                     "--charset=utf8", "--log-level=error"], check=True)
     for module in modules:
         text = (into / module.relative_to(folder)).read_text("utf-8")
-        tokens = [t for t in tokenize(text, jsx=False) if t.type not in ("linecomment", "multilinecomment")]
-        for found in _Texts(tokens).read():
+        for found in _Texts(list(_tokens(text))).read():
             yield module, found
+
+
+class _Token(NamedTuple):
+    """A word or sign of a module, or a text without its quotes."""
+
+    value: str
+    is_text: bool
+
+
+class _Lexer(JavascriptLexer):
+    """A slash after an arrow begins a regular expression, which Pygments 2.21 takes for a division."""
+
+    tokens = {"root": [(r"=>", Punctuation, "slashstartsregex"), inherit]}  # noqa: RUF012 (as Pygments asks)
+
+
+_CONCAT = [_Token(sign, is_text=False) for sign in (".", "concat", "(")]
+
+
+def _tokens(script: str) -> Iterator[_Token]:
+    for kind, value in _Lexer().get_tokens(script):
+        if kind in String.Double or kind in String.Single:
+            yield _Token(ast.literal_eval(value), is_text=True)  # the escapes that esbuild writes are Python's too
+        elif kind not in Comment and kind not in Whitespace and value.strip():
+            yield _Token(value, is_text=False)
 
 
 class _Texts:
@@ -106,7 +132,7 @@ class _Texts:
     tokens : of the module.
     """
 
-    def __init__(self, tokens: list[Token]) -> None:
+    def __init__(self, tokens: list[_Token]) -> None:
         self._tokens, self._at = tokens, 0
 
     def read(self) -> Iterator[str]:
@@ -117,16 +143,16 @@ class _Texts:
     def _next(self) -> Iterator[str]:
         token = self._tokens[self._at]
         self._at += 1
-        if token.type != "string":
+        if not token.is_text:
             return
-        parts = [unquote_string(token.value)]
+        parts = [token.value]
         while True:
             ahead = self._tokens[self._at : self._at + 3]
-            if [t.value for t in ahead] == [".", "concat", "("]:
+            if ahead == _CONCAT:
                 self._at += 3
                 yield from self._arguments(parts)
-            elif len(ahead) > 1 and ahead[0].value == "+" and ahead[1].type == "string":
-                parts.append(unquote_string(ahead[1].value))
+            elif len(ahead) > 1 and ahead[0] == _Token("+", False) and ahead[1].is_text:
+                parts.append(ahead[1].value)
                 self._at += 2
             else:
                 break
@@ -138,7 +164,7 @@ class _Texts:
         is_plain = True
         while True:
             token = self._tokens[self._at]
-            if depth == 0 and token.value in (",", ")"):
+            if depth == 0 and not token.is_text and token.value in (",", ")"):
                 parts.append(inside[0] if is_plain and len(inside) == 1 else "{}")
                 if not (is_plain and len(inside) == 1):
                     yield from inside
@@ -146,7 +172,7 @@ class _Texts:
                 self._at += 1
                 if token.value == ")":
                     return
-            elif token.type == "string":
+            elif token.is_text:
                 inside += self._next()
             else:
                 is_plain = False
