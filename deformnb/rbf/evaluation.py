@@ -11,7 +11,7 @@ Kernels of compact support reach few of many places. The loop leaves out the cen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -265,11 +265,15 @@ def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves:
         return as_numpy(_evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
 
 
+def checked_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
+    """Components in float32, and whether all numbers are finite; a GPU would compute them again for the check."""
+    held = lax.optimization_barrier(tuple(one.astype(jnp.float32) for one in components))
+    return held, jnp.isfinite(sum(jnp.vdot(one, one) for one in held))
+
+
 def _components(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel],
                 shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
-    d = tuple(one.astype(jnp.float32).reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
-    d = lax.optimization_barrier(d)  # or the sum over the centres would be computed again for the check
-    return d, jnp.isfinite(sum(jnp.vdot(one, one) for one in d))
+    return checked_parts(one.reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
 
 
 _evaluate_components = compiled(_components, static_argnames=("kernel", "shape"))

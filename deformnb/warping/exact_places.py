@@ -19,7 +19,7 @@ from deformnb import devices
 from deformnb._jax import as_numpy, blockwise, compiled, float64, jax, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Choice, Decoupled
-from deformnb.rbf.evaluation import RadialSum, outer_sum, stacked
+from deformnb.rbf.evaluation import RadialSum, checked_parts, outer_sum, stacked
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Identity, grid_lines
 from deformnb.rbf.interpolant import RBFInterpolant
@@ -147,8 +147,7 @@ def _on_lattice(forms: Sequence[Any], rows: Any, columns: Any, *, shape: tuple[i
         d, opacity = _seen(form, ends)
         ends = [x + along for x, along in zip(ends, d, strict=True)]
         shown = opacity if shown is None else shown if opacity is None else shown * opacity
-    moved = lax.optimization_barrier(tuple((x - x0).astype(jnp.float32) for x, x0 in zip(ends, start, strict=True)))
-    is_finite = jnp.isfinite(sum(jnp.vdot(d, d) for d in moved))
+    moved, is_finite = checked_parts(x - x0 for x, x0 in zip(ends, start, strict=True))
     return moved, None if shown is None else shown.astype(jnp.float32), is_finite
 
 
