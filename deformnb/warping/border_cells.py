@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, float64, jnp, lax, pytree
+from deformnb._jax import compiled, float64, jax, jnp, lax, pytree
 from deformnb.rbf.cuts import Choice, Decoupled, is_doubtful
 from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.volume import Grid
@@ -156,11 +156,12 @@ def chosen(way: _Shown | _Branch, nodes: NDArray[np.float32], cells: NDArray[np.
 
 
 def _farthest(way: _Shown | _Branch, places: Floats) -> float:
-    """The largest distance of places (3, n) from the origin of any cut on the way."""
+    """The largest coordinate of places (3, n), and of the regions, from the origin of any cut on the way."""
     if isinstance(way, _Shown):
         return 0.0
     own = float(np.linalg.norm(np.abs(places - way.cuts.origin[:, None]).max(axis=1)))
-    return max(own, *(_farthest(then, places) for then in way.then))
+    of_regions = [np.abs(leaf)[np.isfinite(leaf)].max(initial=0.0) for leaf in jax.tree.leaves(way.cuts.regions)]
+    return max(own, *map(float, of_regions), *(_farthest(then, places) for then in way.then))
 
 
 def in_groups(values: NDArray[Any]) -> NDArray[Any]:

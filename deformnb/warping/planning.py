@@ -63,7 +63,7 @@ _MORE_ON_GPU = 32
 
 
 NOT_FINITE = ("the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
-               "on top of each other.")
+              "on top of each other.")
 
 
 def checked_method(method: str | None, *, discrete: bool) -> str:

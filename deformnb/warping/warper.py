@@ -251,7 +251,7 @@ class Warper:
         at = self._places
         with self._arithmetic():
             return as_numpy(sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill,
-                                              **self._settings()))
+                                            **self._settings()))
 
     def _settings(self) -> dict[str, Any]:
         return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index,
@@ -456,7 +456,7 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             at = warper._places
             with warper._arithmetic():
                 result = as_numpy(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
-                                                     step=step, straight=at.is_straight, **warper._settings()))
+                                                   step=step, straight=at.is_straight, **warper._settings()))
             if own.opacity is not None:
                 result = warper._faded(result, own.opacity)
             _store(outs, k, block, result, is_final=by_lattice)

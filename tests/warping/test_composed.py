@@ -70,6 +70,20 @@ def test_a_chain_beside_a_cut_that_stops_is_its_composition() -> None:
     assert np.quantile(np.abs(opacity - share)[same], 0.995) <= 1e-4
 
 
+def test_a_cut_that_begins_and_ends_far_away_is_chosen_beside_as_exactly() -> None:
+    grid = Grid((48, 56, 64), (0.5, 0.6, 0.5), (100.0, -40.0, 7.0))
+    front, middle = Plane.along(grid, "+z"), np.array(Plane.along(grid, "+z").to_plane(grid.center))[:2]
+    source = middle + np.array([[-3.0, 0], [-5, 4], [3, 0], [5, -4]])
+    points = ControlPoints.from_arrays(source, source + np.array([[-2.0, 0], [-1, 0.5], [1, 1], [2, 0]]))
+    found = []
+    for reach in (1e2, 1e7):
+        cut = Cut(Line(tuple(map(tuple, middle + reach * np.array([[-0.08, -1.0], [0.08, 1.0]])))))
+        chain = Step((points,), front, cuts=(cut,)), Step((points,), Plane.along(grid, "+y"))
+        found.append(chain_at_voxels(Deformation(chain).field(grid), grid)[0])
+    apart = np.linalg.norm(found[0] - found[1], axis=0) > 2 * ERROR * min(grid.spacing)
+    assert np.count_nonzero(apart) < 20  # on the cut itself rounding decides
+
+
 def test_without_cuts_a_chain_is_within_the_error_of_its_nodes() -> None:
     field = Deformation((step("+z"), step("+y"))).field(GRID)
     d, opacity = chain_at_voxels(field, GRID)
