@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -272,10 +271,8 @@ def test_the_written_session_does_the_same_again(done: tuple[Demonstration, Path
 
 @pytest.mark.nightly
 def test_the_carp_that_it_makes_is_written_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fish = PHANTOMS["fish"]
-    small = {**PHANTOMS, "fish": importlib.import_module("dataclasses").replace(
-        fish, make=lambda _shape, **options: fish.make((24, 48, 20), **options))}
-    monkeypatch.setattr(importlib.import_module("deformnb.datasets"), "PHANTOMS", small)
+    kind, make = type(PHANTOMS["fish"]), type(PHANTOMS["fish"]).make
+    monkeypatch.setattr(kind, "make", lambda self, _shape=None, **options: make(self, (24, 48, 20), **options))
     stages: list[str] = []
 
     def stage(name: str) -> Callable[[float], None]:
