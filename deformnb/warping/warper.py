@@ -187,7 +187,7 @@ class Warper:
         self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
         self._places = planning.places(volume.grid, self.output, self._compute)
         self._near = self._places.near(volume.shape)
-        self._tables: dict[int, Any] = {}
+        self._tables: dict[int, Any] = {}  # of the prepared axes; None for x, whose rows are read where they lie
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""

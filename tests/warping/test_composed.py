@@ -81,7 +81,7 @@ def test_a_cut_that_begins_and_ends_far_away_is_chosen_beside_as_exactly() -> No
         chain = Step((points,), front, cuts=(cut,)), Step((points,), Plane.along(grid, "+y"))
         found.append(chain_at_voxels(Deformation(chain).field(grid), grid)[0])
     apart = np.linalg.norm(found[0] - found[1], axis=0) > 2 * ERROR * min(grid.spacing)
-    assert np.count_nonzero(apart) < 20  # on the cut itself rounding decides
+    assert not apart.any()
 
 
 def test_without_cuts_a_chain_is_within_the_error_of_its_nodes() -> None:
