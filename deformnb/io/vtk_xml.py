@@ -8,9 +8,7 @@ Source: the VTK XML file formats, chapter "VTK File Formats" of the VTK user's g
 from __future__ import annotations
 
 import binascii
-import lzma
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.errors import VolumeFileError
+from deformnb.io.codecs import unpack_bytes
 from deformnb.io.headers import fail, integers, shown
 from deformnb.io.streams import Pieces, Stream, take
-from deformnb.volume.volume import optional_package
 
 TYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
          "UInt64": "u8", "Float32": "f4", "Float64": "f8"}
@@ -165,7 +163,7 @@ class StoredArray:
         path, root, form = self.file.path, self.file.root, self.tag.attributes.get("format", "")
         if form not in ("ascii", "binary", "appended"):
             raise fail(path, f"an array has the unknown format '{shown(form)}'; save it as binary.")
-        if root.get("compressor", "") not in ("", *_UNPACKED):
+        if root.get("compressor", "") not in ("", *_CODECS):
             raise fail(path, f"the compressor {shown(root['compressor'])} is not supported; save with zlib.")
         if root.get("header_type", "UInt32") not in ("UInt32", "UInt64"):
             raise fail(path, f"the header_type {shown(root['header_type'])} is unknown.")
@@ -273,40 +271,18 @@ class StoredArray:
         # A block has at least a byte, so there are no more counts than there are bytes of numbers.
         packed = self._counts(sections, number, blocks)
         sections.may_end()
-        unpack = _UNPACKED[self.file.root["compressor"]]
+        codec = _CODECS[self.file.root["compressor"]]
         for index, count in enumerate(packed):
             expected = block if index < full else last
             data = sections.read(int(count)) if count <= 2 * expected + _CHUNK else b""
-            unpacked = unpack(data, expected)
-            if unpacked is None or len(unpacked) != expected:
+            try:
+                yield unpack_bytes(codec, data, expected)
+            except ValueError as error:
                 raise fail(self.file.path, f"block {index} of an array should unpack to {expected} bytes: it is cut "
-                                           "short or damaged.")
-            yield unpacked
+                                           "short or damaged.") from error
 
 
-def _zlib(data: bytes, expected: int) -> bytes | None:
-    decoder = zlib.decompressobj()
-    unpacked = decoder.decompress(data, expected + 1)
-    return unpacked if decoder.eof else None
-
-
-def _lzma(data: bytes, expected: int) -> bytes | None:
-    # A stream may require a dictionary of 4 GiB; VTK's largest has 64 MiB, and twice the block is enough for any other.
-    decoder = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=max(2**27, 2 * expected))
-    unpacked = decoder.decompress(data, expected + 1)
-    return unpacked if decoder.eof else None
-
-
-def _lz4(data: bytes, expected: int) -> bytes | None:
-    try:
-        return bytes(optional_package("imagecodecs").lz4_decode(data, out=expected))
-    except (RuntimeError, ValueError):  # its own errors are RuntimeErrors
-        return None
-
-
-_UNPACKED: dict[str, Callable[[bytes, int], bytes | None]] = {
-    "vtkZLibDataCompressor": _zlib, "vtkLZMADataCompressor": _lzma, "vtkLZ4DataCompressor": _lz4,
-}
+_CODECS = {"vtkZLibDataCompressor": "deflate", "vtkLZMADataCompressor": "lzma", "vtkLZ4DataCompressor": "lz4"}
 
 
 class _Sections:

@@ -128,20 +128,14 @@ def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("values", "options", "words"), [
-    (np.zeros((33, 47, 3), np.uint8), {"photometric": "rgb", "planarconfig": "separate"}, "colours"),
     (np.zeros((33, 47), np.complex64), {}, "bits|format"),
-    (np.zeros((33, 47), bool), {}, "1 bits"),
-    (np.zeros((33, 47), np.float16), {}, None),
-    (np.zeros((33, 47), np.uint8), {"compression": "zstd"}, "compression 50000"),
-    (np.zeros((33, 47), np.float32), {"compression": "zlib", "predictor": True}, "predictor"),
+    (np.zeros((33, 47, 4), np.uint8), {"photometric": "separated"}, "colours"),
+    (np.zeros((33, 47, 3), np.uint8), {"photometric": "cielab"}, "colours"),
+    (np.zeros((8, 33, 47), np.uint8), {"volumetric": True, "tile": (16, 16, 16)}, "volumes by themselves"),
 ])
-def test_pixels_that_are_no_voxels(values: np.ndarray, options: dict, words: str | None, tmp_path: Path) -> None:
-    pytest.importorskip("imagecodecs")
+def test_pixels_that_are_no_voxels(values: np.ndarray, options: dict, words: str, tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", values, **options)
-    if words is None:
-        assert read_volume(tmp_path / "a.tif").dtype == np.float32
-    else:
-        refuse(tmp_path / "a.tif", words)
+    refuse(tmp_path / "a.tif", words)
 
 
 def test_pages_that_differ_or_run_in_a_circle(tmp_path: Path) -> None:
@@ -234,7 +228,7 @@ def test_deflated_voxels_without_their_check_sum_are_refused(tmp_path: Path) -> 
     tifffile.imwrite(tmp_path / "a.tif", iter([packed]), byteorder="<", **options)
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tif").values[0], STACK[0])
     tifffile.imwrite(tmp_path / "a.tif", iter([packed[:-4]]), byteorder="<", **options)
-    refuse(tmp_path / "a.tif", "should have 3102 bytes but cannot be unpacked.*check sum")
+    refuse(tmp_path / "a.tif", "should have 3102 bytes but the data end before their check sum")
 
 
 def test_fields_shared_by_many_pages_take_no_memory(tmp_path: Path) -> None:
