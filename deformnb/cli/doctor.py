@@ -23,7 +23,6 @@ OPTIONAL = {
     "SimpleITK": ("SimpleITK objects", "formats"),
     "nibabel": ("nibabel objects", "formats"),
     "h5py": ("transforms in HDF5", "formats"),
-    "imagecodecs": ("TIFF with LZW or PackBits, compressed DICOM, meshes with LZ4", "formats"),
     "pydicom": ("DICOM series", "formats"),
     "zarr": ("OME-Zarr, volumes larger than memory, transforms as OME-NGFF", "large"),
     "dask": ("blocks of a volume as arrays of dask", "large"),
@@ -34,7 +33,7 @@ OPTIONAL = {
 """Optional packages: what each is for and the extra that installs it."""
 
 REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "trame-rca",
-            "ipywidgets", "anywidget", "pooch", "pillow")
+            "ipywidgets", "anywidget", "pooch", "pillow", "tifffile", "imagecodecs")
 
 
 def doctor() -> list[Check]:

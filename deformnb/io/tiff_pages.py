@@ -19,6 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.errors import MissingPackageError
 from deformnb.io.codecs import unpack_bytes, unpack_picture
 from deformnb.io.headers import fail, shown, volume_shape
 from deformnb.volume.volume import optional_package
@@ -140,6 +141,8 @@ class Page:
             if self.compression in _FAX:
                 return self._fax(data, rows)
             return self._numbers(unpack_bytes(_BYTES[self.compression], data, expected), rows)
+        except MissingPackageError as error:
+            raise MissingPackageError(f"{shown(self.path.name)}: {error}") from error
         except (ValueError, RuntimeError) as error:
             raise fail(self.path, f"a part of a page should have {expected} bytes but {shown(error).rstrip('.')}: the "
                                   "file is cut short or damaged.") from error
@@ -193,8 +196,7 @@ class Page:
 
 
 def _codec(name: str) -> Any:
-    """A codec of imagecodecs, or of those that tifffile brings itself."""
-    return getattr(optional_package("tifffile").tifffile.imagecodecs, name)
+    return getattr(optional_package("imagecodecs"), name)
 
 
 def directories(path: Path, file: BinaryIO) -> Iterator[tuple[str, Tags]]:

@@ -17,7 +17,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import VolumeFileError
+from deformnb.errors import MissingPackageError, VolumeFileError
 from deformnb.io.codecs import unpack_bytes
 from deformnb.io.headers import fail, integers, shown
 from deformnb.io.streams import Pieces, Stream, take
@@ -277,6 +277,8 @@ class StoredArray:
             data = sections.read(int(count)) if count <= 2 * expected + _CHUNK else b""
             try:
                 yield unpack_bytes(codec, data, expected)
+            except MissingPackageError:
+                raise
             except ValueError as error:
                 raise fail(self.file.path, f"block {index} of an array should unpack to {expected} bytes: it is cut "
                                            "short or damaged.") from error
