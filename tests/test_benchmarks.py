@@ -145,14 +145,11 @@ DRAW = """async () => {
 
 @pytest.mark.needs_browser
 def test_the_hooks_see_what_changes_the_screen() -> None:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
     from browser.live_page import ARGUMENTS
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=path, args=ARGUMENTS)
+        browser = p.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
         page = browser.new_page()
         page.set_content(PAGE)
         page.evaluate(HOOKS.read_text())

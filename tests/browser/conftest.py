@@ -10,6 +10,7 @@ from browser.app_tab import app_of_a_cube
 from browser.editor_page import EditorOnPage, five_points, smooth_picture
 from browser.hosts import Lab, running
 from browser.live_page import ARGUMENTS, LivePage
+from browser_start import why_no_browser
 from running_app import RunningApp
 from scripts import chromium
 
@@ -27,13 +28,12 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    path = chromium()
-    if path is None:
-        pytest.skip("no Chromium with Playwright: apt-get install chromium, pip install playwright")
+    if why_no_browser():  # asked by a test without the marker
+        pytest.skip(why_no_browser())
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as p:
-        started = p.chromium.launch(executable_path=path, headless=True, args=ARGUMENTS)
+        started = p.chromium.launch(executable_path=chromium(), headless=True, args=ARGUMENTS)
         yield started
         started.close()
 
