@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
@@ -19,6 +20,21 @@ from deformnb.app.launch import app_server
 from deformnb.session.session import Session
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.web.server import PageServer
+
+# Python alone: neither env nor a shell gives an ignored signal its default back on each system.
+_DEFAULT_SIGNALS = """
+import os, signal, sys
+for name in ("SIGHUP", "SIGINT"):
+    signal.signal(getattr(signal, name), signal.SIG_DFL)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+
+def in_a_terminal(command: list[str]) -> list[str]:
+    """The command with the signals of a terminal at their defaults: under nohup, and in the background of a shell, they
+    are ignored, and each child inherits that.
+    """
+    return [sys.executable, "-I", "-S", "-c", _DEFAULT_SIGNALS, *command]
 
 
 class RunningApp:

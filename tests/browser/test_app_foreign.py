@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from browser.app_tab import PATIENCE, Tab
 from browser.foreign_page import ask_for_sockets, blank_pages
-from running_app import RunningApp
+from running_app import RunningApp, in_a_terminal
 
 pytestmark = pytest.mark.needs_browser
 
@@ -37,7 +37,7 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
 @pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 def test_the_command_ends_at_once_although_a_foreign_page_was_there(browser: Any, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "deformnb", "app", "--no-browser"]
+    command = in_a_terminal([sys.executable, "-m", "deformnb", "app", "--no-browser"])
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=tmp_path)
     page = browser.new_page()
     try:

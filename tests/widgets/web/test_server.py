@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from running_app import HANDSHAKE, RunningApp, connected, connection_with, request_of
+from running_app import HANDSHAKE, RunningApp, connected, connection_with, in_a_terminal, request_of
 from waiting import PATIENCE
 
 from deformnb.app.application import Application
@@ -76,7 +76,8 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
 
 
 def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder)
+    process = subprocess.Popen(in_a_terminal(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                               cwd=folder)
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     assert url.startswith("http://127.0.0.1:"), url
@@ -96,10 +97,15 @@ def _volume(folder: Path) -> str:
 @pytest.mark.parametrize("name", ["SIGHUP", "SIGINT"])  # the other one is in the next test too
 def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"]
-    process, url = _started(command, tmp_path)
+    number = getattr(signal, name)
+    before = signal.signal(number, signal.SIG_IGN)  # as under nohup and in a shell's background: children inherit it
+    try:
+        process, url = _started(command, tmp_path)
+    finally:
+        signal.signal(number, before)
     port = int(url.split(":")[2].split("/")[0])
     assert _is_open(port)
-    process.send_signal(getattr(signal, name))
+    process.send_signal(number)
     rest, _ = process.communicate(timeout=PATIENCE)
     assert (process.returncode, rest) == (0, "")  # the address is printed once
     assert not _is_open(port)
