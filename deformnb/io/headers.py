@@ -368,6 +368,67 @@ def detached_file(header: Path, name: str) -> Path:
     return regular_file(target)
 
 
+# Real sets have a file for each slice.
+_MOST_FILES = 50_000
+_PATTERN = re.compile(r"(.*%0?[0-9]{0,2}d\S*)\s+(-?[0-9]{1,9})\s+(-?[0-9]{1,9})(?:\s+(-?[0-9]{1,9}))?(?:\s+([0-9]+))?")
+
+
+def numbered_names(header: Path, pattern: str) -> tuple[list[str], int | None]:
+    """The names of a set of files that a header gives as a pattern: ``slice%03d.raw first last step``.
+
+    Returns
+    -------
+    tuple
+        Names in their order, and the number of axes that each file has, where the header states it behind the step.
+
+    Raises
+    ------
+    VolumeFileError
+        If it is no such pattern, or one of too many files.
+
+    Examples
+    --------
+    >>> numbered_names(Path("a.nhdr"), "s%02d.raw 8 12 2")
+    (['s08.raw', 's10.raw', 's12.raw'], None)
+    """
+    found = _PATTERN.fullmatch(pattern.strip())
+    name = found[1] if found else ""
+    if found is None or name.count("%") != 1:
+        raise fail(header, f"its data file '{shown(pattern)}' should be a name, or a pattern of names with the first "
+                           "and the last number and a step, such as slice%03d.raw 1 20 1.")
+    first, last, step = int(found[2]), int(found[3]), int(found[4] or 1)
+    numbers = range(first, last + (1 if step > 0 else -1), step) if step else range(0)
+    if not 1 <= len(numbers) <= _MOST_FILES:
+        raise fail(header, f"its data files from {first} to {last} by {step} are {len(numbers)}; 1 to {_MOST_FILES} "
+                           "can be read.")
+    return [name % number for number in numbers], int(found[5]) if found[5] else None
+
+
+def listed_names(header: Path, text: str) -> list[str]:
+    """The names of a set of files that a header lists, one a line up to its end."""
+    names = [line.strip() for line in text.splitlines() if line.strip()]
+    if not 1 <= len(names) <= _MOST_FILES:
+        raise fail(header, f"its list of data files has {len(names)} names; 1 to {_MOST_FILES} can be read.")
+    if len(set(names)) < len(names):
+        raise fail(header, "its list of data files names a file twice.")
+    return names
+
+
+def check_share(header: Path, sizes: list[int], files: int, axes: int | None) -> None:
+    """Refuse a set of files that are not as many as the sizes of the header require.
+
+    Parameters
+    ----------
+    sizes : along all axes of the file, the one that changes fastest first.
+    axes : how many of these each file has; by default all but the last.
+    """
+    inner = len(sizes) - 1 if axes is None else axes
+    wanted = math.prod(sizes[inner:])
+    fits = files == wanted if inner < len(sizes) else sizes[-1] % files == 0
+    if not 1 <= inner <= len(sizes) or not fits:
+        raise fail(header, f"its sizes {sizes} need {wanted} data files of {inner} axes, and it names {files}.")
+
+
 def detached_name(header: Path, crc: int) -> str:
     """Name of the file of voxels that goes with a header we write; it cannot clash with another format's file.
 

@@ -7,6 +7,7 @@ SimpleITK reads and writes.
 from __future__ import annotations
 
 import math
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from deformnb.io.headers import (
     SINGLE,
     Header,
     Layout,
+    check_share,
     checked_layout,
     described_layout,
     detached_file,
@@ -27,11 +29,21 @@ from deformnb.io.headers import (
     floats,
     integers,
     layout_description,
+    listed_names,
+    numbered_names,
     proven_crc,
     shown,
     volume_shape,
 )
-from deformnb.io.streams import Source, checked_blocks, layout_blocks, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import (
+    SeveralSources,
+    Source,
+    checked_blocks,
+    layout_blocks,
+    stored_dtype,
+    write_packed,
+    write_pair,
+)
 from deformnb.volume.volume import Matrix3, Volume
 
 _TYPES = {
@@ -73,9 +85,15 @@ def _fields(path: Path) -> tuple[dict[str, str], int]:
 
 
 def data_file(path: Path) -> Path:
-    """The file with the voxels: this one, or the one that its header names, which must lie beside it."""
-    name = _fields(path)[0]["elementdatafile"]
-    return path if name.upper() == "LOCAL" else detached_file(path, name)
+    """The file with the voxels: this one, or the one that its header names, which must lie beside it; of a set the
+    first.
+    """
+    fields, end = _fields(path)
+    name = fields["elementdatafile"]
+    if name.upper() == "LOCAL":
+        return path
+    names, _ = _names(path, name, end)
+    return detached_file(path, names[0] if names else name)
 
 
 def _flag(path: Path, fields: dict[str, str], name: str, missing: bool) -> bool:
@@ -108,7 +126,7 @@ def read_header(path: Path) -> Header:
     layout = checked_layout(path, Layout((*sizes[3:4], 1)[0], channels, interleaved=channels > 1,
                                          duration=duration if math.isfinite(duration) else 0.0))
     layout = described_layout(layout, comment.partition(_CHANNELS)[2])
-    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize * layout.frames * channels)
+    source = _source(path, fields, end, sizes, dtype.itemsize * channels, dtype)
     labels = True if comment.split(";")[0] == _LABELS else None
     spacing, origin, direction = _geometry(path, fields, dimension)
     crc = proven_crc(comment, fields["elementdatafile"])
@@ -120,28 +138,51 @@ def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
     name = fields["elementtype"].upper()
     if name not in _TYPES:
         raise fail(path, f"the ElementType '{shown(name)}' is not supported; save one number per voxel.")
-    if not _flag(path, fields, "BinaryData", True):
-        raise fail(path, "its voxels are written as text (BinaryData = False); save them as binary.")
     big = _flag(path, fields, "BinaryDataByteOrderMSB", _flag(path, fields, "ElementByteOrderMSB", False))
     return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
 
 
-def _source(path: Path, fields: dict[str, str], end: int, expected: int) -> Source:
-    name = fields["elementdatafile"]
-    target, offset = path, end
-    if name.upper().startswith("LIST") or "%" in name:
-        raise fail(path, "its voxels are spread over several files; join them into one .mha first.")
-    if name.upper() != "LOCAL":
-        target, offset = detached_file(path, name), 0
+def _source(path: Path, fields: dict[str, str], end: int, sizes: list[int], pixel: int,
+            dtype: np.dtype[Any]) -> Source | SeveralSources:
+    """The source of the voxels.
+
+    Parameters
+    ----------
+    pixel : bytes of all channels of a voxel.
+    """
+    name, total = fields["elementdatafile"], math.prod(sizes) * pixel
+    if name.upper() == "LOCAL":
+        return _part(path, fields, path, end, total, dtype)
+    names, axes = _names(path, name, end)
+    if names is None:
+        return _part(path, fields, detached_file(path, name), 0, total, dtype)
+    check_share(path, sizes, len(names), axes)
+    return SeveralSources(path, tuple(_part(path, fields, detached_file(path, one), 0, total // len(names), dtype)
+                                      for one in names))
+
+
+def _names(path: Path, name: str, end: int) -> tuple[list[str] | None, int | None]:
+    """The data files of a set and the axes that each one has; None for one file."""
+    found = re.fullmatch(r"LIST(?:\s+([0-9])D?)?", name.strip(), re.IGNORECASE)
+    if found is None:
+        return numbered_names(path, name) if "%" in name else (None, None)
+    with path.open("rb") as file:
+        file.seek(end)
+        text = file.read(HEADER_BYTES).decode("utf-8", "replace")
+    return listed_names(path, text), int(found[1]) if found[1] else None
+
+
+def _part(path: Path, fields: dict[str, str], target: Path, offset: int, expected: int, dtype: np.dtype[Any]) -> Source:
+    """The voxels in one file; the bytes to skip are those of each file of a set."""
     skip = integers(path, "HeaderSize", fields.get("headersize", "0"), 1)[0]
-    packed = _flag(path, fields, "CompressedData", False)
-    if not -1 <= skip <= _MOST_SKIPPED or (packed and skip):
+    packed, is_text = _flag(path, fields, "CompressedData", False), not _flag(path, fields, "BinaryData", True)
+    if not -1 <= skip <= _MOST_SKIPPED or ((packed or is_text) and skip) or (packed and is_text):
         raise fail(path, f"the field 'HeaderSize' is {skip}, which is not usable here.")
     if skip == -1:  # the voxels are the last bytes of the file
         offset = max(offset, target.stat().st_size - expected)
     else:
         offset += skip
-    return Source(target, offset, "gzip" if packed else "raw")
+    return Source(target, offset, "gzip" if packed else "text" if is_text else "raw", 0, dtype if is_text else None)
 
 
 def _geometry(path: Path, fields: dict[str, str], dimension: int) -> tuple[Float3, Float3, Matrix3]:

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress
+from deformnb.errors import VolumeFileError
 from deformnb.io.headers import SINGLE, Header, Layout, checked_layout, fail, triple, volume_shape
 from deformnb.io.streams import Source, layout_blocks, take, write_packed
-from deformnb.volume.volume import Grid, Matrix3, Volume
+from deformnb.volume.volume import IDENTITY, Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
@@ -57,6 +58,7 @@ class _Fields:
     intent_name: bytes
     units: int
     order: str
+    bits: int
 
 
 def _fields(path: Path, data: bytes) -> _Fields:
@@ -70,13 +72,14 @@ def _fields(path: Path, data: bytes) -> _Fields:
             if data[344:347] == b"ni1":
                 raise fail(path, "this is the header of a pair .hdr and .img; save both as one .nii file.")
             return _Fields(at("8h", 40), at("8f", 76), at("h", 70)[0], at("f", 108)[0], at("2f", 112), at("2h", 252),
-                           at("6f", 256), at("12f", 280), at("h", 68)[0], _name(data, 328), data[123], order)
+                           at("6f", 256), at("12f", 280), at("h", 68)[0], _name(data, 328), data[123], order,
+                           at("h", 72)[0])
         if size == 540 and len(data) >= 544:
             if data[4:7] != b"n+2":
                 raise fail(path, "this is a damaged NIfTI-2 file or the header of a pair (no n+2 mark at byte 4).")
             return _Fields(at("8q", 16), at("8d", 104), at("h", 12)[0], float(at("q", 168)[0]), at("2d", 176),
                            at("2i", 344), at("6d", 352), at("12d", 400), at("i", 504)[0], _name(data, 508),
-                           at("i", 500)[0] & 255, order)
+                           at("i", 500)[0] & 255, order, at("h", 14)[0])
     raise fail(path, f"this is not a NIfTI file: it has {len(data)} bytes where a header should be, or the header's "
                      "own size is neither 348 nor 540.")
 
@@ -105,19 +108,34 @@ def read_header(path: Path) -> Header:
     axes = fields.dim[0]
     if not 1 <= axes <= 7:
         raise fail(path, f"the field 'dim' starts with {axes} axes; a volume has 3.")
-    layout = _layout(path, list(fields.dim[1:1 + axes]), colours, fields)
-    shape, notes = volume_shape(path, list(fields.dim[1:1 + min(axes, 3)]), dtype.itemsize)
+    sizes, notes = _sizes(list(fields.dim[1:1 + axes]))
+    layout = _layout(path, sizes, colours, fields)
+    shape, more = volume_shape(path, sizes[:3], dtype.itemsize)
+    notes += more
     offset = _offset(path, fields.vox_offset)
     source = Source(path, skip=offset, encoding="gzip") if packed else Source(path, offset)
-    slope, intercept = _scaling(path, fields.scaling)
+    slope, intercept, scale_notes = _scaling(path, fields.scaling)
+    bits = 8 * dtype.itemsize * (len(colours) if colours else 1)
+    if fields.bits not in (0, bits):
+        notes += (f"bitpix is {fields.bits}, and voxels of this datatype have {bits} bits, which counts",)
     affine, place_notes = _affine(path, fields)
-    spacing, direction, origin = (triple(list(fields.pixdim[1:4])), *_qform(path, fields))
+    spacing = triple(list(fields.pixdim[1:4]))
+    direction, origin = _qform(path, fields) if affine is None else (IDENTITY, (0.0, 0.0, 0.0))
     units = _UNITS.get(fields.units & 7)
     if units:
         notes += (f"lengths of the file are in {units} and stay so",)
     blocks = layout_blocks(source, shape, dtype, layout)
     return Header(path, shape, dtype, blocks, spacing, origin, direction, affine, slope, intercept,
-                  is_labels=True if fields.intent == _LABEL_INTENT else None, notes=notes + place_notes, layout=layout)
+                  is_labels=True if fields.intent == _LABEL_INTENT else None,
+                  notes=notes + scale_notes + place_notes, layout=layout)
+
+
+def _sizes(sizes: list[int]) -> tuple[list[int], tuple[str, ...]]:
+    """The sizes of the axes; a 0 behind those of a volume means that there is no such axis."""
+    last = next((k for k in range(3, len(sizes)) if sizes[k] == 0), len(sizes))
+    if last < len(sizes) and not any(sizes[last:]):
+        return sizes[:last], (f"the header counts {len(sizes)} axes, of which the last have size 0; {last} were read",)
+    return sizes, ()
 
 
 def _layout(path: Path, sizes: list[int], colours: str | None, fields: _Fields) -> Layout:
@@ -138,34 +156,56 @@ def _offset(path: Path, offset: float) -> int:
     return int(offset)
 
 
-def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float]:
+def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float, tuple[str, ...]]:
+    """Slope and intercept of the values, and a remark where they are not used."""
     slope, intercept = scaling
     if slope == 0 or math.isnan(slope):  # "not scaled" in the standard, and in nibabel
-        return 1.0, 0.0
+        unused = not (intercept == 0 or math.isnan(intercept))
+        note = f"scl_slope is {slope:g}, so the values are not scaled and scl_inter {intercept:g} is not used"
+        return 1.0, 0.0, (note,) if unused else ()
     if not (math.isfinite(slope) and math.isfinite(intercept)):
         raise fail(path, f"the fields 'scl_slope' and 'scl_inter' are {slope} and {intercept}; they must be finite.")
-    return slope, intercept
+    return slope, intercept, ()
 
 
 def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
     """The sform as an LPS affine if it counts, and remarks on where the volume lies."""
     qform_code, sform_code = fields.codes
+    notes = tuple(f"the {name}_code {code} is none that NIfTI defines; it counts as a place all the same"
+                  for name, code in zip(("qform", "sform"), fields.codes, strict=True) if code > 5)
     if sform_code <= 0:
         if qform_code > 0:
-            return None, ()
-        return None, ("the file states no place of the volume: its axes were taken as right, anterior, superior",)
+            return None, notes
+        unplaced = "the file states no place of the volume: its axes were taken as right, anterior, superior"
+        return None, (*notes, unplaced)
     affine = np.vstack([np.reshape(fields.srow, (3, 4)), [0, 0, 0, 1]]).astype(np.float64)
     if not np.isfinite(affine).all():
         raise fail(path, f"the sform (srow_x, srow_y, srow_z) is not finite: {affine[:3].tolist()}.")
-    notes: tuple[str, ...] = ()
-    if qform_code > 0:
+    if not affine[:3, :3].any() and qform_code > 0:  # programs that know no sform leave zeros under a code
+        return None, (*notes, "the sform is all zeros; the qform is used")
+    differs = _difference(path, fields, affine)
+    return _RAS @ affine, (*notes, differs) if differs else notes
+
+
+def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str:
+    """A remark on what the file says of the place beside its sform, if that is something else."""
+    if fields.codes[0] <= 0:
+        same = np.allclose(np.linalg.norm(affine[:3, :3], axis=0), np.abs(fields.pixdim[1:4]), rtol=1e-3)
+        sizes = _listed(fields.pixdim[1:4])
+        return "" if same else f"the voxel sizes {sizes} are not those of the sform, which is used"
+    try:
         direction, origin = _qform(path, fields)
-        matrix = np.asarray(direction) * np.asarray(fields.pixdim[1:4])
-        both = _RAS @ np.column_stack([np.vstack([matrix, [0, 0, 0]]), [*origin, 1]])
-        # float32 numbers and quaternions with four digits differ by this much without meaning anything else
-        if not np.allclose(both, affine, rtol=1e-3, atol=1e-2 * float(np.abs(affine[:3, :3]).max())):
-            notes = ("the file holds two different places (qform and sform); the sform is used",)
-    return _RAS @ affine, notes
+    except VolumeFileError:
+        return "the qform is damaged; the sform is used"
+    matrix = np.asarray(direction) * np.asarray(fields.pixdim[1:4])
+    both = _RAS @ np.column_stack([np.vstack([matrix, [0, 0, 0]]), [*origin, 1]])
+    # float32 numbers and quaternions with four digits differ by this much without meaning anything else
+    same = np.allclose(both, affine, rtol=1e-3, atol=1e-2 * float(np.abs(affine[:3, :3]).max()))
+    return "" if same else "the file holds two different places (qform and sform); the sform is used"
+
+
+def _listed(numbers: tuple[float, ...]) -> str:
+    return ", ".join(f"{number:g}" for number in numbers)
 
 
 def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
@@ -176,6 +216,8 @@ def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
     length = math.sqrt(b * b + c * c + d * d)
     if not math.isfinite(length):
         raise fail(path, f"the qform's quaternion is not finite: {fields.quatern[:3]}.")
+    if length > 1.001:
+        raise fail(path, f"the qform's quaternion has the length {length:g}, and that of a rotation is at most 1.")
     if length > 1:  # rounding of a turn by 180 degrees; the standard scales it back too
         b, c, d = b / length, c / length, d / length
     a = math.sqrt(max(0.0, 1 - (b * b + c * c + d * d)))

@@ -23,6 +23,7 @@ from deformnb.io.headers import (
     SINGLE,
     Header,
     Layout,
+    check_share,
     checked_layout,
     described_layout,
     detached_file,
@@ -31,12 +32,22 @@ from deformnb.io.headers import (
     floats,
     integers,
     layout_description,
+    listed_names,
+    numbered_names,
     proven_crc,
     shown,
     triple,
     volume_shape,
 )
-from deformnb.io.streams import Source, checked_blocks, layout_blocks, stored_dtype, write_packed, write_pair
+from deformnb.io.streams import (
+    SeveralSources,
+    Source,
+    checked_blocks,
+    layout_blocks,
+    stored_dtype,
+    write_packed,
+    write_pair,
+)
 from deformnb.volume.volume import Volume
 
 _TYPES = {
@@ -53,7 +64,8 @@ _TYPES = {
 }
 _DTYPES = {name: dtype for dtype, names in _TYPES.items() for name in names}
 _NAMES = {"i1": "int8", "u1": "uint8", "i2": "int16", "u2": "uint16", "i4": "int32", "f4": "float", "f8": "double"}
-_ENCODINGS = {"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2"}
+_ENCODINGS = {"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2", "ascii": "text",
+              "text": "text", "txt": "text", "hex": "hex"}
 
 # What turns each space into left-posterior-superior; the spaces that name no patient are taken as they are.
 _SPACES = {
@@ -73,12 +85,13 @@ _MOST_SKIPPED = 2**26
 
 
 class _Text(NamedTuple):
-    """A header: fields, key/value pairs, comments, and where it ends."""
+    """A header: fields, key/value pairs, comments, where it ends, and the list of data files at its end."""
 
     fields: dict[str, str]
     keys: dict[str, str]
     comments: str
     end: int
+    files: str
 
 
 def _fields(path: Path) -> _Text:
@@ -90,6 +103,7 @@ def _fields(path: Path) -> _Text:
     if end is None and (len(data) == HEADER_BYTES or path.suffix.lower() != ".nhdr"):
         raise fail(path, "its header has no end (an empty line); it is cut short or damaged.")
     text = data[:end.start() if end else len(data)].decode("utf-8", "replace")
+    text, files = _listed(text)
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
     comments: list[str] = []
@@ -108,18 +122,30 @@ def _fields(path: Path) -> _Text:
             why = "appears twice" if colon else "is neither 'field: value' nor 'key:=value'"
             raise fail(path, f"the header's line '{shown(line)}' {why}.")
         fields[name] = value.strip()
-    return _Text(fields, keys, "\n".join(comments), end.end() if end else len(data))
+    return _Text(fields, keys, "\n".join(comments), end.end() if end else len(data), files)
+
+
+def _listed(text: str) -> tuple[str, str]:
+    """A header up to a list of data files, and the list."""
+    found = re.search(r"^data ?file:\s*LIST\b[^\n]*\n?", text, re.MULTILINE | re.IGNORECASE)
+    return (text[:found.end()], text[found.end():]) if found else (text, "")
 
 
 def data_file(path: Path) -> Path:
-    """The file with the voxels: this one, or the one that its header names, which must lie beside it."""
-    name = _fields(path).fields.get("datafile")
-    return path if name is None else detached_file(path, name)
+    """The file with the voxels: this one, or the one that its header names, which must lie beside it; of a set the
+    first.
+    """
+    header = _fields(path)
+    name = header.fields.get("datafile")
+    if name is None:
+        return path
+    names, _ = _names(path, name, header.files)
+    return detached_file(path, names[0] if names else name)
 
 
 def read_header(path: Path) -> Header:
     """Geometry, type and place of the voxels of a NRRD file."""
-    fields, keys, comments, end = _fields(path)
+    fields, keys, comments, end, files = _fields(path)
     for name in ("dimension", "type", "sizes", "encoding"):
         if name not in fields:
             raise fail(path, f"its header lacks the field '{name}'.")
@@ -131,7 +157,7 @@ def read_header(path: Path) -> Header:
     axes, layout = _places(path, fields, sizes)
     layout = checked_layout(path, described_layout(layout, keys.get(_CHANNELS_KEY, "")))
     shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
-    source = _source(path, fields, end, math.prod(shape) * dtype.itemsize * layout.frames * layout.channels)
+    source = _source(path, fields, end, files, sizes, dtype)
     affine = _affine(path, fields, axes, dimension)
     # What 3D Slicer saves as a segmentation holds the numbers of segments, although no field of NRRD says so.
     labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
@@ -166,7 +192,8 @@ def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
         raise fail(path, f"the voxel type '{shown(fields['type'])}' is not supported; save one number per voxel.")
     dtype = np.dtype(_DTYPES[name])
     endian = fields.get("endian", "").lower()
-    if dtype.itemsize > 1 and endian not in ("little", "big"):
+    is_text = _ENCODINGS.get(fields["encoding"].lower()) == "text"
+    if dtype.itemsize > 1 and not is_text and endian not in ("little", "big"):
         raise fail(path, f"the field 'endian' is '{shown(endian)}' but must be little or big for {dtype.name} voxels.")
     return dtype.newbyteorder(">" if endian == "big" else "<")
 
@@ -212,26 +239,45 @@ def _vectors(path: Path, field: str, text: str) -> list[list[float] | None]:
     return [None if word[0] != "(" else floats(path, field, word[1:-1].replace(",", " ")) for word in words]
 
 
-def _source(path: Path, fields: dict[str, str], end: int, expected: int) -> Source:
+def _source(path: Path, fields: dict[str, str], end: int, files: str, sizes: list[int],
+            dtype: np.dtype[Any]) -> Source | SeveralSources:
     encoding = _ENCODINGS.get(fields["encoding"].lower())
     if encoding is None:
         raise fail(path, f"the encoding '{shown(fields['encoding'])}' is not supported; save it as raw or gzip.")
-    name = fields.get("datafile")
-    target, offset = path, end
-    if name is not None:
-        if name.split()[0:1] in (["LIST"], ["LIST:"]) or "%" in name:
-            raise fail(path, "its voxels are spread over several files; join them into one .nrrd first.")
-        target, offset = detached_file(path, name), 0
-    elif path.suffix.lower() == ".nhdr":
-        raise fail(path, "its header names no data file.")
     lines = integers(path, "line skip", fields.get("lineskip", "0"), 1)[0]
     skip = integers(path, "byte skip", fields.get("byteskip", "0"), 1)[0]
     if not (0 <= lines <= HEADER_BYTES and -1 <= skip <= _MOST_SKIPPED) or (skip == -1 and encoding != "raw"):
         raise fail(path, f"the fields 'line skip' ({lines}) and 'byte skip' ({skip}) are not usable.")
+    total, name = math.prod(sizes) * dtype.itemsize, fields.get("datafile")
+    if name is None:
+        if path.suffix.lower() == ".nhdr":
+            raise fail(path, "its header names no data file.")
+        return _part(path, path, end, encoding, lines, skip, total, dtype)
+    names, axes = _names(path, name, files)
+    if names is None:
+        return _part(path, detached_file(path, name), 0, encoding, lines, skip, total, dtype)
+    check_share(path, sizes, len(names), axes)
+    return SeveralSources(path, tuple(_part(path, detached_file(path, one), 0, encoding, lines, skip,
+                                            total // len(names), dtype) for one in names))
+
+
+def _names(path: Path, name: str, files: str) -> tuple[list[str] | None, int | None]:
+    """The data files of a set and the axes that each one has; None for one file."""
+    words = name.split()
+    if words[:1] == ["LIST"]:
+        return listed_names(path, files), integers(path, "data file", words[1], 1)[0] if len(words) > 1 else None
+    return numbered_names(path, name) if "%" in name else (None, None)
+
+
+def _part(path: Path, target: Path, offset: int, encoding: str, lines: int, skip: int, expected: int,
+          dtype: np.dtype[Any]) -> Source:
+    """The voxels in one file; lines and bytes to skip are those of each file of a set."""
     offset += _skipped_lines(path, target, offset, lines)
     if skip == -1:  # the voxels are the last bytes of the file
         offset, skip = max(offset, target.stat().st_size - expected), 0
-    return Source(target, offset, encoding, skip)
+    if encoding in ("text", "hex"):
+        offset, skip = offset + skip, 0
+    return Source(target, offset, encoding, skip, dtype if encoding == "text" else None)
 
 
 def _skipped_lines(path: Path, target: Path, offset: int, lines: int) -> int:

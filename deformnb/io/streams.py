@@ -5,7 +5,9 @@ Voxels are written slab by slab: compressed or plain, with progress, never with 
 
 from __future__ import annotations
 
+import binascii
 import bz2
+import itertools
 import math
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -31,6 +33,8 @@ _BLOCK = 2**20
 
 # Deflate cannot pack more than 1032 bytes into one; a header that claims more is lying or the file is cut short.
 _DEFLATE_MOST = 1032
+
+_LONGEST_WORD = 64  # of numbers written as text: a float64 has at most 24 characters
 
 
 class Stream(Protocol):
@@ -114,8 +118,62 @@ class _Bzip2:
         self._file.close()
 
 
-ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {"raw": _plain, "gzip": Inflate, "bzip2": _Bzip2}
-"""Encodings of the bytes of voxels."""
+def _chunks(file: BinaryIO) -> Iterator[bytes]:
+    while chunk := file.read(_CHUNK):
+        yield chunk
+
+
+def _hexadecimal(file: BinaryIO) -> Stream:
+    return Pieces(_from_hexadecimal(_chunks(file)), file.close)
+
+
+def _from_hexadecimal(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    rest = b""
+    for chunk in chunks:
+        digits = rest + b"".join(chunk.split())
+        whole = len(digits) // 2 * 2
+        rest = digits[whole:]
+        if whole:
+            yield binascii.unhexlify(digits[:whole])
+    if rest:
+        raise ValueError("the last byte in hexadecimal digits has one digit")
+
+
+def from_text(chunks: Iterator[bytes], dtype: np.dtype[Any]) -> Iterator[bytes]:
+    """Numbers written as text, in the bytes of a type; white space and commas part them.
+
+    Raises
+    ------
+    ValueError
+        For a word that is no number of this type.
+    """
+    rest = b""
+    for chunk in itertools.chain(chunks, [b" "]):  # the last number may end the text
+        text = rest + chunk.replace(b",", b" ")
+        end = max(text.rfind(space) for space in (b" ", b"\n", b"\t", b"\r")) + 1
+        words, rest = text[:end].split(), text[end:]
+        if max(map(len, words), default=0) > _LONGEST_WORD or len(rest) > _LONGEST_WORD:
+            raise ValueError("a word of the text is too long for a number")
+        if words:
+            yield _numbers(words, dtype).tobytes()
+
+
+def _numbers(words: list[bytes], dtype: np.dtype[Any]) -> NDArray[Any]:
+    try:
+        if dtype.kind == "f":
+            return np.array(words, dtype=np.bytes_).astype(dtype)
+        found = np.array([int(word) for word in words], dtype=object)
+        limits = np.iinfo(dtype)
+        if min(found) < limits.min or max(found) > limits.max:
+            raise ValueError
+        return found.astype(dtype)
+    except (ValueError, OverflowError):
+        raise ValueError(f"the text of numbers of type {dtype.name} holds something else") from None
+
+
+ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {"raw": _plain, "gzip": Inflate, "bzip2": _Bzip2,
+                                                      "hex": _hexadecimal}
+"""Encodings of the bytes of voxels; beside them there is "text", which must know the type."""
 
 
 def take(stream: Stream, size: int) -> bytes:
@@ -138,19 +196,23 @@ class Source:
     ----------
     path : the file.
     offset : where in it the (packed) bytes begin.
-    encoding : a key of :data:`ENCODINGS`.
+    encoding : a key of :data:`ENCODINGS`, or "text".
     skip : bytes to drop after unpacking.
+    dtype : of numbers that are text.
     """
 
     path: Path
     offset: int = 0
     encoding: str = "raw"
     skip: int = 0
+    dtype: np.dtype[Any] | None = None
 
     def open(self) -> Stream:
         """The unpacked bytes."""
         file = self.path.open("rb")
         file.seek(self.offset)
+        if self.dtype is not None:
+            return Pieces(from_text(_chunks(file), self.dtype), file.close)
         stream = ENCODINGS[self.encoding](file)
         try:
             left = self.skip
@@ -177,15 +239,54 @@ class Source:
         if self.encoding == "raw" and present != expected:
             counts = " x ".join(map(str, shape[::-1]))
             raise fail(self.path, f"the header needs {expected} bytes of voxels ({counts} of {dtype.name}) but "
-                                  f" the file has {max(0, present)}: it is cut short or damaged.")
+                                  f"the file has {max(0, present)}: it is cut short or damaged.")
         if self.encoding == "gzip" and expected > _DEFLATE_MOST * max(0, present) + _CHUNK:
             raise fail(self.path, f"the header needs {expected} bytes of voxels, more than the {max(0, present)} "
                                   "compressed bytes of the file can hold: it is cut short or damaged.")
         return lambda: stream_blocks(self.path, self.open, shape, dtype)
 
 
-def layout_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[Any], layout: Layout,
-                  check: Callable[[Source, tuple[int, int, int]], Blocks] | None = None) -> Blocks:
+@dataclass(frozen=True)
+class SeveralSources:
+    """The bytes of the voxels in several files, one after the other, with as many in each.
+
+    Parameters
+    ----------
+    path : of the header that names them.
+    parts : of the files.
+    """
+
+    path: Path
+    parts: tuple[Source, ...]
+
+    def blocks(self, shape: tuple[int, int, int], dtype: np.dtype[Any]) -> Callable[[], Iterator[NDArray[Any]]]:
+        """As :meth:`Source.blocks`; every file must hold its share of the voxels and no more."""
+        share, rest = divmod(math.prod(shape), len(self.parts))
+        if rest:
+            raise fail(self.path, f"its {math.prod(shape)} voxels cannot lie in {len(self.parts)} files of equal size; "
+                                  "the sizes or the list of files in its header are wrong.")
+        for part in self.parts:
+            part.blocks((1, 1, share), dtype)
+        size = share * dtype.itemsize
+        return lambda: stream_blocks(self.path, lambda: Pieces(self._joined(size), lambda: None), shape, dtype)
+
+    def _joined(self, size: int) -> Iterator[bytes]:
+        for part in self.parts:
+            with closing(part.open()) as stream:
+                left = size
+                while left:
+                    data = stream.read(min(left, _BLOCK))
+                    if not data:
+                        raise fail(part.path, f"its share of the voxels is {size} bytes but it has {size - left}: "
+                                              "it is cut short or damaged.")
+                    left -= len(data)
+                    yield data
+                if stream.read(1):
+                    raise fail(part.path, f"its share of the voxels is {size} bytes but it has more.")
+
+
+def layout_blocks(source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any], layout: Layout,
+                  check: Callable[[Any, tuple[int, int, int]], Blocks] | None = None) -> Blocks:
     """The blocks of a file of channels and moments in its own order, with the checks of :meth:`Source.blocks`.
 
     Parameters
@@ -234,8 +335,8 @@ def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exceptio
     return checked
 
 
-def checked_blocks(source: Source, shape: tuple[int, int, int], dtype: np.dtype[Any], crc32: int | None,
-                   header: Path) -> Blocks:
+def checked_blocks(source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any],
+                   crc32: int | None, header: Path) -> Blocks:
     """The blocks of a detached data file, which must have the checksum in its header, if there is one."""
     blocks = source.blocks(shape, dtype)
     if crc32 is None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from deformnb.errors import MissingPackageError, VolumeFileError
 from deformnb.io.codecs import unpack_bytes
 from deformnb.io.headers import fail, integers, shown
-from deformnb.io.streams import Pieces, Stream, take
+from deformnb.io.streams import Pieces, Stream, from_text, take
 
 TYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
          "UInt64": "u8", "Float32": "f4", "Float64": "f8"}
@@ -32,7 +32,6 @@ _DEEPEST = 20
 _CHUNK = 2**16
 _READ = 2**20
 _MOST_BLOCK = 2**31
-_LONGEST_WORD = 64  # of an array written as text: a float64 has at most 24 characters
 
 
 @dataclass
@@ -229,20 +228,17 @@ class StoredArray:
         return encoding == "raw", start + mark + 1 + offset, size
 
     def _from_text(self, file: BinaryIO) -> Iterator[bytes]:
-        file.seek(self.tag.begin)
-        left, rest = self.tag.end - self.tag.begin, b""
-        while left > 0 and (chunk := file.read(min(_CHUNK, left))):
-            left -= len(chunk)
-            text = rest + chunk
-            end = len(text) if left <= 0 else max(text.rfind(space) for space in (b" ", b"\n", b"\t", b"\r")) + 1
-            words, rest = text[:end].split(), text[end:]
-            try:
-                if max(map(len, words), default=0) > _LONGEST_WORD or len(rest) > _LONGEST_WORD:
-                    raise ValueError
-                yield np.array(words, dtype=np.bytes_).astype(self.dtype).tobytes()
-            except (ValueError, OverflowError):
-                why = f"an array of numbers of type {self.dtype.name} holds something else."
-                raise fail(self.file.path, why) from None
+        def chunks() -> Iterator[bytes]:
+            file.seek(self.tag.begin)
+            left = self.tag.end - self.tag.begin
+            while left > 0 and (chunk := file.read(min(_CHUNK, left))):
+                left -= len(chunk)
+                yield chunk
+
+        try:
+            yield from from_text(chunks(), self.dtype)
+        except ValueError:
+            raise fail(self.file.path, f"an array of numbers of type {self.dtype.name} holds something else.") from None
 
     def _counts(self, sections: _Sections, number: np.dtype[Any], count: int) -> NDArray[Any]:
         data = sections.read(count * number.itemsize)
