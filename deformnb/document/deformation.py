@@ -28,7 +28,7 @@ from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.slits import TipBlend, check_slits
-from deformnb.rbf.stages import Fit, check_stages
+from deformnb.rbf.stages import Fit, check_parts_of_direction, check_stages
 from deformnb.rbf.support import lone_support
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
@@ -145,6 +145,7 @@ class Step(AbstractFitSettings):
                     raise DeformError(f"the {what} of this step need regions of dimension {dim}, as its points have; "
                                       f"one has {shape.region.dim}: {way}.")
         check_stages(self.stages, self.parts)
+        check_parts_of_direction(self.direction, self.parts)
         if len(self.cuts) > MOST_CUTS:
             raise DeformError(f"a step has at most {MOST_CUTS} cuts, got {len(self.cuts)}.")
         check_slits(self.cut_regions, self.cut_rule)

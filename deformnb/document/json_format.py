@@ -239,11 +239,11 @@ def motion_from_data(data: Any, where: str = "motion") -> RigidMotion:
 
 
 FORMAT = "deformnb-deformation"
-VERSION = (2, 1)
+VERSION = (2, 2)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
 result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, pivots of
-rigid parts, and the trend "affine" shrinks across thin directions; 2.1: lines whose cut stops inside the body. Each is
-left out where a document has none."""
+rigid parts, and the trend "affine" shrinks across thin directions; 2.1: lines whose cut stops inside the body; 2.2: the
+direction of a fit. Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may request; what there is no memory for is refused when it is made."""

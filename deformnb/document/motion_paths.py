@@ -479,7 +479,8 @@ def _extent(points: ControlPoints, places: Places) -> float | None:
 
 def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
-    return fit_points(points, parts, stages=step.stages, **step.settings.arguments(points, _extent(points, places)))
+    return fit_points(points, parts, stages=step.stages, direction=step.direction,
+                      **step.settings.arguments(points, _extent(points, places)))
 
 
 def _forward(field: AbstractField, places: Places, points: ControlPoints) -> Places:

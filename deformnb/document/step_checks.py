@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +29,7 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
+from deformnb.rbf.forward import ForwardFit, fit_forward, oriented
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidInterpolant, fit_rigid, scaled_points
@@ -271,7 +273,8 @@ def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     """Goodness of fit of a step's control points; see :class:`~deformnb.analysis.quality.FitQuality`.
 
     Beside cuts every region counts on its own, as it is fitted; beside rigid parts with the weight of the parts
-    held, and points that a part holds are left out. Several stages count as one.
+    held, and points that a part holds are left out. Several stages count as one. Of a fit forward the errors are those
+    of where sources come to, in the result.
 
     Parameters
     ----------
@@ -343,7 +346,7 @@ def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
     if not len(plain):
         nothing = np.zeros((0, points.dim))
         return FitQuality((), nothing, nothing, nothing[:, 0], (), 0.0, float("nan"), 1.0, nothing)
-    found = fit_quality(plain, **settings)  # type: ignore[arg-type]
+    found = fit_quality(oriented(plain, step.direction), **settings)  # type: ignore[arg-type]
     if fit is None:
         return found
     share, non_affine = affine_split(points.take([points.index(i) for i in plain.ids]))
@@ -363,6 +366,25 @@ def _mean_scale(scales: list[float]) -> float:
 
 
 @dataclass(frozen=True, eq=False)
+class _InResult:
+    """The uncertainty of a fit forward, at places of the result.
+
+    An error e of the place that x comes to is one of ``(1 + dF/dx)^-1 e`` of the source: its root mean square over the
+    directions of e is ``sigma ||J|| / sqrt(dim)``. Where no source is certain it is as large as the points reach.
+    """
+
+    known: Uncertainty
+    fit: ForwardFit
+
+    def at(self, points: Floats) -> Floats:
+        """Standard deviations (n) of the sources of places (n, dim)."""
+        slope = np.eye(self.fit.dim) + self.fit.jacobian(points)
+        stretch = np.sqrt((slope**2).sum(axis=(-1, -2)) / self.fit.dim)
+        sigma = self.known.at(points + self.fit.displacement(points))
+        return np.where(self.fit.found(points), sigma * stretch, self.fit.size)
+
+
+@dataclass(frozen=True, eq=False)
 class StepUncertainty:
     """Standard deviation of the map of a step on its plane, or in space; zero where nothing is estimated.
 
@@ -375,7 +397,7 @@ class StepUncertainty:
 
     dim: int
     regions: tuple[AbstractRegion, ...]
-    groups: tuple[tuple[Sides, Uncertainty, RigidInterpolant | None], ...]
+    groups: tuple[tuple[Sides, Uncertainty | _InResult, RigidInterpolant | None], ...]
 
     def at(self, points: ArrayLike) -> Floats:
         """Standard deviations (...) at places (..., dim) of the result, in the unit of the volume."""
@@ -425,13 +447,19 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     for sides, some in _groups(step, points):
         plain, settings, _, fit = _beside_parts(step, some, step.settings.arguments(some, lone_support(grid)))
         if len(plain):
-            clear = replace(plain, radius=np.full(len(plain), np.nan))
+            clear = oriented(replace(plain, radius=np.full(len(plain), np.nan)), step.direction)
             kept.append((sides, clear, settings, fit))
             scales.append(process_scale(fit_system(clear, **settings)))  # type: ignore[arg-type]
     if not kept:
         raise DeformError("no active control point moves freely, so nothing is estimated; add or switch on some.")
     mean = _mean_scale(scales)
     known = [None if np.isnan(mean) else mean if np.isnan(s) else s for s in scales]  # None: raises below
+    def of_group(plain: ControlPoints, settings: dict[str, Any], sigma: float | None) -> Uncertainty | _InResult:
+        found = uncertainty(plain, sigma=sigma, **settings)
+        if step.direction == "backward":
+            return found
+        return _InResult(found, fit_forward(oriented(plain, step.direction), **settings))
+
     return StepUncertainty(points.dim, step.cut_regions, tuple(
-        (sides, uncertainty(plain, sigma=s, **settings), fit)  # type: ignore[arg-type]
+        (sides, of_group(plain, settings, s), fit)
         for (sides, plain, settings, fit), s in zip(kept, known, strict=True)))

@@ -14,6 +14,9 @@ from .fields import as_field as as_field
 from .fields import blend as blend
 from .fields import compose as compose
 from .fitting import fit_rbf as fit_rbf
+from .forward import DIRECTIONS as DIRECTIONS
+from .forward import ForwardFit as ForwardFit
+from .forward import fit_forward as fit_forward
 from .interpolant import RBFInterpolant as RBFInterpolant
 from .kernels import KERNELS as KERNELS
 from .kernels import AbstractKernel as AbstractKernel

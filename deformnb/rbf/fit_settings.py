@@ -15,6 +15,7 @@ from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.forward import check_direction, oriented
 from deformnb.rbf.kernels import AbstractKernel, kernel_named
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
@@ -41,6 +42,9 @@ class AbstractFitSettings:
     strength : factor of the displacement of the points and the rigid parts: 0 not at all, 1 as they are, -1 the
         opposite way.
     stages : number of equal parts of the points' way, one map after the other; see :mod:`deformnb.rbf.stages`.
+    direction : a name of :data:`~deformnb.rbf.forward.DIRECTIONS`: "backward" fits the sources as a function of the
+        targets, "forward" the targets as a function of the sources, which is then inverted; its support lies in the
+        input.
     chosen_support : what :func:`~deformnb.rbf.support.choose_support` found while ``support`` is None, and for
         which kernel; that of another kernel is dropped.
 
@@ -56,6 +60,7 @@ class AbstractFitSettings:
     smoothing: float = 0.0
     strength: float = 1.0
     stages: int = 1
+    direction: str = "backward"
     chosen_support: ChosenSupport | None = None
 
     def __post_init__(self) -> None:
@@ -71,6 +76,7 @@ class AbstractFitSettings:
         if not (is_finite(self.smoothing) and self.smoothing >= 0):
             raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
         check_stages(self.stages, ())
+        check_direction(self.direction)
         if self.chosen_support is not None:
             object.__setattr__(self, "chosen_support", self._kept_support(self.chosen_support))
 
@@ -87,6 +93,7 @@ class AbstractFitSettings:
         """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
         chosen, or the usual one. None for points at one place, which do not determine it.
         """
+        points = oriented(points, self.direction)
         if isinstance(self.support, str):
             return SUPPORT_RULES[self.support](points)
         chosen = self.chosen_support and self.chosen_support.radius
@@ -137,7 +144,8 @@ class FitSettings(AbstractFitSettings):
         """
         if self.support is not None:
             return self
-        radius = choose_support(sets, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
+        fitted = [oriented(points, self.direction) for points in sets]
+        radius = choose_support(fitted, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
         return replace(self, chosen_support=None if radius is None else ChosenSupport(radius, self.kernel))
 
     def arguments(self, points: ControlPoints, lone: float | None = None) -> dict[str, Any]:
@@ -174,7 +182,8 @@ class FitSettings(AbstractFitSettings):
 
         def fit(_sides: Sides, own: ControlPoints, last: Any) -> Fit:
             dragged = scaled_points(own, parts, self.strength)
-            return fit_points(dragged, moved, stages=self.stages, previous=last, **self.arguments(own, lone))
+            return fit_points(dragged, moved, stages=self.stages, direction=self.direction, previous=last,
+                              **self.arguments(own, lone))
 
         if any(map(is_slit, cuts)):
             return dict(fits_beside_slits(points, cuts, fit, before))

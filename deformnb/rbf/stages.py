@@ -21,6 +21,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.forward import ForwardFit, check_direction, fit_forward, oriented
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
@@ -101,13 +102,13 @@ class Staged(AbstractField):
         return np.asarray(total - one)
 
 
-Fit = RBFInterpolant | LocalFits | RigidInterpolant | Staged
+Fit = RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant | Staged
 """Fit of a set of control points; all have notes, ids and a trend."""
 
 
 def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages: int = 1, kernel: str = "wendland_c2",
                support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
-               previous: Fit | None = None) -> Fit:
+               direction: str = "backward", previous: Fit | None = None) -> Fit:
     """Fit control points, beside rigid parts if there are some, in one go or in stages.
 
     Parameters
@@ -115,12 +116,14 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
     points, kernel, support, trend, smoothing : as for :func:`fit_rbf`; every stage has the same support.
     parts : as for :func:`~deformnb.rbf.rigid.fit_rigid`; in several stages none of them may move.
     stages : from 1 to :data:`MOST_STAGES`.
+    direction : a name of :data:`~deformnb.rbf.forward.DIRECTIONS`; forward none of the parts may be switched on.
     previous : the fit before this one; where the points leave an angle open, its trend is kept.
 
     Raises
     ------
     DeformError
-        As those functions do; if a part moves in several stages; if points meet on their way.
+        As those functions do; if a part moves in several stages, or stands beside a fit forward; if points meet on
+        their way.
 
     Examples
     --------
@@ -132,14 +135,18 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
     """
     points = as_control_points(points)
     check_stages(stages, parts)
+    check_parts_of_direction(direction, parts)
     settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
     if stages == 1:
+        if direction == "forward":
+            return fit_forward(points, support=support, previous=previous if isinstance(previous, ForwardFit) else None,
+                               **settings)
         if any(part.enabled for part in parts):
             return fit_rigid(points, parts, support=support, **settings)
         kept = previous if isinstance(previous, RBFInterpolant | LocalFits) else None
         return fit_rbf(points, support=support, previous=kept, **settings)
-    settings["support"] = support or choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
-    return Staged(tuple(_fit_stage(_part_of_way(points, j, stages), parts, settings, j, stages)
+    settings["support"] = support or choose_support([oriented(points, direction)], **settings)
+    return Staged(tuple(_fit_stage(_part_of_way(points, j, stages), parts, direction, settings, j, stages)
                         for j in range(1, stages + 1)))
 
 
@@ -154,15 +161,26 @@ def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
                           "it off, or set the stages of the step back to 1.")
 
 
+def check_parts_of_direction(direction: str, parts: Sequence[RigidPart]) -> None:
+    """Refuse an unknown direction, and a rigid part beside a fit forward, which has no weight that vanishes at it."""
+    check_direction(direction)
+    part = next((p for p in parts if p.enabled), None)
+    if direction == "forward" and part is not None:
+        raise DeformError(f"{part.label} cannot be held beside a fit forward; set the direction of the step to "
+                          "backward, or switch the part off.")
+
+
 def _part_of_way(points: ControlPoints, j: int, stages: int) -> ControlPoints:
     way = points.target - points.source
     last = points.target if j == stages else points.source + j / stages * way
     return replace(points, source=points.source + (j - 1) / stages * way, target=last.copy())
 
 
-def _fit_stage(points: ControlPoints, parts: Sequence[RigidPart], settings: dict[str, Any], j: int,
-               stages: int) -> RBFInterpolant | LocalFits | RigidInterpolant:
+def _fit_stage(points: ControlPoints, parts: Sequence[RigidPart], direction: str, settings: dict[str, Any], j: int,
+               stages: int) -> RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant:
     try:
+        if direction == "forward":
+            return fit_forward(points, **settings)
         return fit_rigid(points, parts, **settings)
     except DeformError as error:
         raise DeformError(f"in stage {j} of {stages}, on the straight ways of the points: {error}") from None

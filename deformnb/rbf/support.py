@@ -42,7 +42,7 @@ class ChosenSupport(NamedTuple):
     kernel: str
 
 
-CHOOSE_SUPPORT = frozenset({"kernel", "trend", "smoothing", "support"})
+CHOOSE_SUPPORT = frozenset({"kernel", "trend", "smoothing", "support", "direction"})
 """Settings that the chosen support depends on, besides the points."""
 
 

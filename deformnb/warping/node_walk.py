@@ -20,6 +20,7 @@ from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled, Sides
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
+from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant, alike, moved_back
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
@@ -69,6 +70,8 @@ def smoothness_of(field: AbstractField) -> int | None:
             return 3
         case RBFInterpolant():
             return _SMOOTHNESS.get(field.kernel)
+        case ForwardFit():  # the inverse of a function has as many derivatives
+            return smoothness_of(field.forward)
         case RigidInterpolant():  # distances bend where two borders are equally near
             return None if smoothness_of(field.base) is None else 1
         case Composed():
@@ -129,6 +132,8 @@ class Walk:
                 return self._stages(field.fits[::-1], x) - x
             case RBFInterpolant():
                 return self._fits((field,), x) - x
+            case ForwardFit():
+                return self._inverted(field, x)
             case RigidInterpolant():
                 return self._beside_parts(field, x)
             case Extrusion():
@@ -160,6 +165,16 @@ class Walk:
             np.maximum(self.widths, max(widths), out=self.widths)
             x = ends.reshape(x.shape)
         return x
+
+    def _inverted(self, field: ForwardFit, x: Floats) -> Floats:
+        """The inverse jumps where a place has no source, and bends as the fit does in the input."""
+        last = np.moveaxis(x, 0, -1)
+        d = np.moveaxis(field.displacement(last), -1, 0)
+        if isinstance(field.forward, RBFInterpolant):
+            width = max(_diagonal(x + d), _diagonal(x)) * _largest_scale(field.forward) / field.support
+            np.maximum(self.widths, width, out=self.widths)
+        self._mark(~field.found(last), BENT)
+        return d
 
     def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
         back = [_turned(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]

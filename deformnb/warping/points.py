@@ -8,7 +8,6 @@ Landmarks are named places that follow a deformation; pairs of landmarks define 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,12 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import adjugate, determinant, one_plus
+from deformnb._jax import determinant, one_plus
 from deformnb.checks import real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.rbf.forward import ForwardFit
+from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, searched
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, Volume
 
@@ -36,12 +37,6 @@ _POINT_TOLERANCE = 1e-6
 
 # Coordinates themselves are rounded to 1e-16 of their size, and a sum of many terms to some more.
 _ROUNDING = 1e-14
-
-# A Newton step halved this far without gain leads nowhere.
-_SHORTEST_STEP = 1e-4
-
-# Below this share of the product of a matrix's rows its determinant counts as none, and the step is damped instead.
-_SINGULAR = 1e-9
 
 # Nodes at which the map is sampled to find a start where the usual ones lead nowhere: per axis, by dimension; and how
 # many of the nearest are tried.
@@ -136,6 +131,8 @@ def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int 
     """
     if isinstance(field, Decoupled):
         return _beside_cuts(x, field, tolerance, max_iterations)
+    if isinstance(field, ForwardFit):
+        return field.ends_of(x, tolerance)
     if start is None and len(field.steps) > 1:
         y, found = x, np.ones(len(x), dtype=bool)
         for step in field.steps:
@@ -147,7 +144,7 @@ def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int 
     if isinstance(field, Extrusion) and _is_exact(field):
         y, error = _in_the_plane(x, field, tolerance, max_iterations, start)
     else:
-        y, error = _searched(x, _of_field(field), tolerance, max_iterations, start)
+        y, error = searched(x, map_of(field), tolerance, max_iterations, start)
     left = np.flatnonzero(~(error <= tolerance))
     if len(left) and thorough:
         y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
@@ -188,18 +185,6 @@ def _beside_cuts(x: Array, field: Decoupled, tolerance: float,
 # ---- the search ------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Map:
-    """D (n, dim) and its derivative (n, dim, dim), of places (n, dim) and the numbers (n) of their points."""
-
-    displacement: Callable[[Array, NDArray[np.intp]], Array]
-    jacobian: Callable[[Array, NDArray[np.intp]], Array]
-
-
-def _of_field(field: AbstractField) -> _Map:
-    return _Map(lambda y, _: field.displacement(y), lambda y, _: field.jacobian(y))
-
-
 def _is_exact(field: Extrusion) -> bool:
     """Check whether the plane's frame is orthonormal to rounding, so that lengths on the plane are those in space."""
     frame = field.plane.frame
@@ -216,37 +201,17 @@ def _in_the_plane(x: Array, field: Extrusion, tolerance: float, max_iterations: 
     if field.is_plain:
         only = field.maps[0]
         y, _ = moved(ab, only, tolerance, max_iterations, start=first, thorough=False)
-        error = _errors(y + only.displacement(y) - ab)
+        error = lengths_of(y + only.displacement(y) - ab)
     else:
         parts = list(zip(field.maps, weights, strict=True))
-        total = _Map(lambda y, k: _sum(w[k, None] * m.displacement(y) for m, w in parts),
+        total = BackwardMap(lambda y, k: _sum(w[k, None] * m.displacement(y) for m, w in parts),
                      lambda y, k: _sum(w[k, None, None] * m.jacobian(y) for m, w in parts))
-        y, error = _searched(ab, total, tolerance, max_iterations, first)
+        y, error = searched(ab, total, tolerance, max_iterations, first)
     return x + (y - ab) @ plane.frame[:2], error
 
 
 def _sum(parts: Any) -> Array:
     return np.asarray(sum(parts))
-
-
-def _searched(x: Array, at: _Map, tolerance: float, max_iterations: int, start: Array | None) -> tuple[Array, Array]:
-    """The best places found for points x (N, dim), and their errors, from two or three starts."""
-    d = at.displacement(x, np.arange(len(x)))
-    starts = (start, np.where(np.isfinite(d), x - d, x), x)
-    y, error = x.copy(), np.full(len(x), np.inf)
-    for first in starts:
-        if first is None:
-            continue
-        left = np.flatnonzero(~(error <= tolerance))
-        if not len(left):
-            break
-        _keep_better(y, error, left, *_newton(first[left], x[left], left, at, tolerance, max_iterations))
-    return y, error
-
-
-def _keep_better(y: Array, error: Array, k: NDArray[np.intp], y_new: Array, error_new: Array) -> None:
-    better = error_new < error[k]
-    y[k[better]], error[k[better]] = y_new[better], error_new[better]
 
 
 def _from_seeds(x: Array, y: Array, error: Array, field: AbstractField, tolerance: float,
@@ -263,60 +228,13 @@ def _from_seeds(x: Array, y: Array, error: Array, field: AbstractField, toleranc
         return y, error
     nodes, tree = nodes[finite], scipy.spatial.cKDTree(brought[finite])
     nearest = tree.query(x, min(_TRIED, len(nodes)))[1].reshape(len(x), -1)
-    y, error, at = y.copy(), error.copy(), _of_field(field)
+    y, error, at = y.copy(), error.copy(), map_of(field)
     for column in nearest.T:
         left = np.flatnonzero(~(error <= tolerance))
         if not len(left):
             break
-        _keep_better(y, error, left, *_newton(nodes[column[left]], x[left], left, at, tolerance, max_iterations))
+        keep_better(y, error, left, *newton(nodes[column[left]], x[left], left, at, tolerance, max_iterations))
     return y, error
-
-
-def _errors(r: Array) -> Array:
-    with np.errstate(invalid="ignore", over="ignore"):
-        error = np.sqrt(np.einsum("nk,nk->n", r, r))
-    return np.where(np.isfinite(error), error, np.inf)
-
-
-def _newton(start: Array, x: Array, numbers: NDArray[np.intp], at: _Map, tolerance: float,
-            max_iterations: int) -> tuple[Array, Array]:
-    """The best places y found from ``start`` and their errors |y + D(y) - x|."""
-    y = start.copy()
-    r = y + at.displacement(y, numbers) - x
-    error = _errors(r)
-    active = np.flatnonzero(np.isfinite(error) & (error > tolerance))
-    for _ in range(max_iterations):
-        if not len(active):
-            break
-        step = _newton_step(at.jacobian(y[active], numbers[active]), r[active])
-        t, left = 1.0, np.arange(len(active))
-        while len(left) and t > _SHORTEST_STEP:
-            k = active[left]
-            trial = y[k] + t * step[left]
-            r_trial = trial + at.displacement(trial, numbers[k]) - x[k]
-            error_trial = _errors(r_trial)
-            good = error_trial < error[k]
-            y[k[good]], r[k[good]], error[k[good]] = trial[good], r_trial[good], error_trial[good]
-            t, left = t / 2, left[~good]
-        active = np.delete(active, left)  # those are stuck
-        active = active[error[active] > tolerance]
-    return y, error
-
-
-def _newton_step(jacobian: Array, r: Array) -> Array:
-    """Minus the inverse of 1 + dD/dx (n, dim, dim), times the residual; finite also where there is no inverse."""
-    a = one_plus(np.moveaxis(jacobian, 0, -1))
-    det = determinant(a)
-    size = np.sqrt(np.einsum("mkn,mkn->mn", a, a)).prod(axis=0)
-    singular = ~(np.abs(det) > _SINGULAR * size)
-    step = -np.einsum("mkn,nk->nm", adjugate(a), r) / np.where(singular, 1.0, det)[:, None]
-    if singular.any():
-        b = np.moveaxis(a[:, :, singular], -1, 0)
-        normal = np.einsum("nki,nkj->nij", b, b)
-        damping = 1e-12 * np.trace(normal, axis1=1, axis2=2) + 1e-300  # a trace of it: Newton's speed is kept
-        normal += damping[:, None, None] * np.eye(b.shape[1])
-        step[singular] = -np.linalg.solve(normal, np.einsum("nki,nk->ni", b, r[singular])[..., None])[..., 0]
-    return step
 
 
 @dataclass(frozen=True, eq=False)

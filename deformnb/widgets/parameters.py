@@ -16,6 +16,7 @@ from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.cuts import CUT_RULES
 from deformnb.rbf.extrusion import EXTRUSIONS
 from deformnb.rbf.fit_settings import SETTINGS
+from deformnb.rbf.forward import DIRECTIONS
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.stages import MOST_STAGES
 from deformnb.rbf.trends import TRENDS
@@ -155,6 +156,8 @@ PARAMETERS: dict[str, AbstractParameter] = {
                        "way", -1.0, 3.0, 0.01),
     "stages": Number(_label("stages"), "Small maps done one after the other; more fold later and take longer", 1,
                      MOST_STAGES, 1, digits=0),
+    "direction": Choice(_label("direction"), "Backward fits where the result comes from; forward fits where the points "
+                        "go, and that map is inverted", DIRECTIONS),
     "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
     # In space
     "extrusion": Choice(_label("extrusion"), "What the displacement of the picture becomes in the depth", EXTRUSIONS,

@@ -113,6 +113,7 @@ export interface FitSettings {
   strength?: number;
   lone_support?: number | null;
   stages?: number | null;
+  direction?: string;
   cuts?: CutData[];
   parts?: PartData[];
   cut_rule?: string;
@@ -199,11 +200,15 @@ export interface TipBlend {
   openings: NonNullable<Region["opening"]>[];
 }
 
-/** Any fit: a plain one, one beside rigid parts (`base` and `rigid`), one in stages, or one blended at tips of cuts. */
+/**
+ * Any fit: a plain one, one beside rigid parts (`base` and `rigid`), the inverse of one `forward`, one in stages, or one
+ * blended at tips of cuts.
+ */
 export interface Fit extends RbfFit {
   base?: RbfFit;
   rigid?: ReadyPart[];
   stages?: Fit[];
+  forward?: RbfFit;
   blend?: TipBlend;
   /** While something moves: the displacements that stand for those of the fit. */
   sampled?: Sampled;

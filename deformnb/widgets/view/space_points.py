@@ -15,6 +15,7 @@ from deformnb._jax import jax
 from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid
@@ -99,7 +100,7 @@ def plain_fit(field: AbstractField | None, editor: Any) -> ControlPoints | None:
     """The points of an editor in space if a field is their fit and nothing else, so that a front end can make it; else
     None: beside rigid parts, cuts or stages, after another deformation, and of more than :data:`MOST_FITTED` points.
     """
-    if editor is None or not isinstance(field, RBFInterpolant) or len(field.ids) > MOST_FITTED:
+    if editor is None or not isinstance(field, RBFInterpolant | ForwardFit) or len(field.ids) > MOST_FITTED:
         return None
     step = editor.step()
     try:

@@ -94,7 +94,7 @@ function fitsBesideSlits(points, regions, before, fitOf) {
     });
     const some = fits.filter((fit) => fit !== null), main = some[some.length - 1];
     if (!main) continue;
-    made.push({ key, fit: { ...main, base: undefined, rigid: undefined, stages: undefined, blend: { fits, openings },
+    made.push({ key, fit: { ...main, base: undefined, rigid: undefined, stages: undefined, forward: undefined, blend: { fits, openings },
       count: some.reduce((sum, { count }) => sum + count, 0), notes: [...new Set(some.flatMap(({ notes }) => notes))],
       doubts: [...new Set(some.flatMap(({ doubts }) => doubts))] } });
   }

@@ -4,6 +4,7 @@
 
 import { NEARLY_FOLDED } from "./constants.js";
 import { placeOf } from "./cuts.js";
+import { forwardTargets } from "./forward_fit.js";
 import { RBF_KERNELS, rbfLinearAt } from "./rbf.js";
 import { fieldWithSlope } from "./warp_map.js";
 
@@ -42,7 +43,7 @@ function detAt(layered, a, b) {
 export function detsOnRaster(layered, raster, out = null) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
-  if (one && !one.rigid && !one.stages && !one.sampled) return rbfDetsOnRaster(one, raster, dets);
+  if (one && !one.rigid && !one.stages && !one.forward && !one.sampled) return rbfDetsOnRaster(one, raster, dets);
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n++) dets[n] = detAt(layered, a0 + j * du, b0 + i * dv);
   }
@@ -95,7 +96,7 @@ export function probesOf(layered, most = 2e5) {
   const found = [];
   for (const { fit } of layered.fits) {
     const one = fit.blend?.fits.findLast(Boolean) ?? fit, last = one.stages ? one.stages[one.stages.length - 1] : one;
-    const { count: n, centers: x, support: r, origin } = last;
+    const { count: n, support: r, origin } = last, x = last.forward ? forwardTargets(last.forward) : last.centers;
     /** @type {(p: number, q: number) => void} */
     const look = (p, q) => {
       const a = origin[0] + p * r, b = origin[1] + q * r;

@@ -2,6 +2,7 @@
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
 import { MOST_STAGES, SAME_MOTION } from "./constants.js";
+import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.js";
 import {
   rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfKernelOf, rbfLabel, rbfOnRaster, rbfSupport,
 } from "./rbf.js";
@@ -260,6 +261,7 @@ export function fieldAt(fit, a, b) {
   if (fit.sampled) return sampledAt(fit.sampled, a, b) ?? fieldAt(fit.sampled.fit, a, b);
   if (fit.blend) return blendAt(fit.blend, a, b);
   if (fit.stages) return stagedAt(fit.stages, a, b);
+  if (fit.forward) return forwardAt(fit.forward, a, b);
   const { base, rigid } = fit;
   if (!base || !rigid) return rbfAt(fit, a, b);
   const [da, db, w] = partsAt(rigid, a, b, PARTS_WORK);
@@ -281,6 +283,7 @@ export function fieldOnRaster(fit, raster, out = null) {
   if (sampled) return sampledOnRaster(sampled, raster, map, (a, b) => fieldAt(sampled.fit, a, b));
   if (fit.blend) return blendOnRaster(fit.blend, raster, map);
   if (fit.stages) return stagedOnRaster(fit.stages, raster, map);
+  if (fit.forward) return forwardOnRaster(fit.forward, raster, map);
   if (fit.rigid && plain.count === 0) map.fill(0, 0, nv * nu * 2);
   else rbfOnRaster(plain, raster, map);
   if (!fit.rigid) return map;
@@ -309,19 +312,42 @@ export function fieldOnRaster(fit, raster, out = null) {
  */
 export function stagedFit(points, parts, settings = {}) {
   const count = settings.stages ?? 1;
-  if (count === 1) return rigidFit(points, parts, settings);
+  checkDirection(settings.direction ?? "backward", parts);
+  if (count === 1) return directedFit(points, parts, settings);
   checkStages(count, parts);
   rbfCheckSettings(rbfKernelOf(settings), settings.trend ?? "affine", settings.smoothing ?? 0,
     settings.strength ?? 1, settings.support ?? null);
   rbfCheckPoints(points);
   // The same for all stages: that of the points as dragged, at full strength.
-  const support = rbfSupport(points, settings);
+  const support = rbfSupport(settings.direction === "forward" ? turnedPoints(points) : points, settings);
   const dragged = draggedPoints(points, settings.strength ?? 1);
   const stages = Array.from({ length: count }, (_, k) => stageFit(partOfWay(dragged, k + 1, count), parts,
     { ...settings, strength: 1, support, previous: null }, k + 1, count));
   return { ...stages[count - 1], stages, count: stages.reduce((sum, fit) => sum + fit.count, 0),
     notes: [...new Set(stages.flatMap((fit) => fit.notes))],
     doubts: [...new Set(stages.flatMap((fit) => fit.doubts))] };
+}
+
+/**
+ * The fit in the direction of the settings, in one stage.
+ * @param {Point[]} points
+ * @param {PartData[] | undefined} parts
+ * @param {FitSettings & { previous?: Fit | null }} settings
+ */
+function directedFit(points, parts, settings) {
+  return settings.direction === "forward" ? forwardFit(points, settings) : rigidFit(points, parts, settings);
+}
+
+/** @param {string} direction @param {PartData[] | undefined} parts */
+function checkDirection(direction, parts) {
+  if (direction !== "backward" && direction !== "forward") {
+    throw new RbfError(`unknown direction '${direction}' of a fit; choose one of backward, forward.`);
+  }
+  const part = direction === "forward" ? (parts ?? []).find((one) => one.enabled !== false) : null;
+  if (part) {
+    throw new RbfError(`${partLabel(part)} cannot be held beside a fit forward; set the direction of the step to ` +
+      "backward, or switch the part off.");
+  }
 }
 
 /** @param {number} count @param {PartData[] | undefined} parts */
@@ -355,7 +381,7 @@ function partOfWay(points, j, count) {
  */
 function stageFit(points, parts, settings, j, count) {
   try {
-    return rigidFit(points, parts, settings);
+    return directedFit(points, parts, settings);
   } catch (error) {
     if (!(error instanceof RbfError)) throw error;
     throw new RbfError(`in stage ${j} of ${count}, on the straight ways of the points: ${error.message}`);

@@ -1,6 +1,7 @@
 // A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
 import { marginOf, regionKey } from "./cuts.js";
+import { forwardEnd, forwardWithSlope } from "./forward_fit.js";
 import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.js";
 import { fieldAt, partsAt } from "./rigid_stages.js";
 import { sampledWithSlope } from "./sampled_fit.js";
@@ -25,6 +26,7 @@ export function fieldWithSlope(fit, a, b, out) {
   if (fit.sampled) return sampledWithSlope(fit.sampled, a, b, out) ? out : fieldWithSlope(fit.sampled.fit, a, b, out);
   if (fit.blend) return blendWithSlope(fit.blend, a, b, out);
   if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
+  if (fit.forward) return forwardWithSlope(fit.forward, a, b, out);
   const { rigid, base } = fit;
   if (!rigid || !base) return mapWithSlope(fit, a, b, out);
   const h = 1e-5 * base.support, [at, east, west, south, north] = PARTS_AROUND, d = 1 / (2 * h);
@@ -145,6 +147,11 @@ function mapWithSlope(fit, a, b, out) {
  * @param {Float64Array} [work]  gets the last result of fieldWithSlope
  */
 export function mapInverse(fit, a, b, at, tolerance, work) {
+  if (fit.forward && !fit.sampled && !fit.blend && !fit.stages) {
+    const isFound = forwardEnd(fit.forward, a, b, at);
+    if (isFound && work) forwardWithSlope(fit.forward, at[0], at[1], work);
+    return isFound;
+  }
   if (newtonInverse(fit, a, b, at, tolerance, work)) return true;
   if (!fit.stages || fit.sampled) return false;
   at[0] = a;

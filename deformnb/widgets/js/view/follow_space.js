@@ -2,13 +2,14 @@
 // maths/rbf.js at as many nodes as Python would, and no displacement comes from Python. At rest Python's field is shown,
 // which has more nodes. Where Python's field is not the fit of these points alone it says so, and makes all of them.
 
+import { forwardFit, forwardOnLattice } from "../maths/forward_fit.js";
 import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.js";
 import { fitInFrame } from "../maths/space.js";
 import { FollowedModel, settingsOf } from "../sync/bus.js";
 import { senderOf } from "../sync/edits.js";
 import { pointsKey } from "./follow_editor.js";
 
-/** @import { Bus, Model, Point, PointsDetail, Vector3 } from "../types.d.ts" */
+/** @import { Bus, Model, Point, PointsDetail, RbfFit, Vector3 } from "../types.d.ts" */
 /** @import { SpaceField } from "../webgl/types.d.ts" */
 /** @import { VolumeInfo } from "./types.d.ts" */
 
@@ -112,9 +113,11 @@ export class SpaceLink {
     /** @type {Vector3} */
     const spacing = [along(0), along(1), along(2)];
     try {
-      const fit = fitInFrame(rbfFit(points, settings, 3), info.to_frame, info.origin);
+      const isForward = settings.direction === "forward", lattice = { shape, spacing, origin };
+      const found = isForward ? forwardFit(points, settings, 3).forward : rbfFit(points, settings, 3);
+      const fit = fitInFrame(/** @type {RbfFit} */ (found), info.to_frame, info.origin);
       this.count += 1;
-      return { shape, spacing, origin, values: rbfOnLattice(fit, { shape, spacing, origin }) };
+      return { ...lattice, values: isForward ? forwardOnLattice(fit, lattice) : rbfOnLattice(fit, lattice) };
     } catch (error) {
       if (!(error instanceof RbfError)) throw error; // the editor shows what is wrong
       return null;

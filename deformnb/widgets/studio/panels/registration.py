@@ -344,6 +344,8 @@ class FitPanel(Panel):
             raise DeformError("choose a target first: a volume, or the session file of another result.")
         if step.strength != 1:
             raise DeformError("points are fitted as they are dragged: set Strength to 1 first.")
+        if step.direction != "backward":
+            raise DeformError("points are fitted backward: set the direction of the step to Backward first.")
         editor = self._editors.current
         options = step.settings.arguments(session.points, lone_support(session.grid))
         settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": step.stages}
