@@ -239,7 +239,8 @@ class Damage:
         if isinstance(error, MemoryError):
             raise fail(self._path, f"there is not enough memory for it; {self._advice}.") from error
         if isinstance(error, _DAMAGE) and not isinstance(error, DeformError):
-            why = shown(error).rstrip(".") or type(error).__name__
+            why = ("its text is not UTF-8" if isinstance(error, UnicodeError) else
+                   shown(error).rstrip(".") or type(error).__name__)
             raise fail(self._path, f"it cannot be read: {why}.") from error
         if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
             raise fail(self._path, str(error)) from error

@@ -11,10 +11,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from deformnb._typing import Progress
+from deformnb.errors import VolumeFileError
 from deformnb.io import nrrd
 from deformnb.io.atomic import check_target
 from deformnb.io.headers import as_path, fail
 from deformnb.io.nrrd import segment_keys, segment_names
+from deformnb.io.texts import decoded
 from deformnb.volume.volume import Volume
 
 LABEL_TABLES = (".csv", ".tsv", ".ctbl", ".txt", ".label")
@@ -25,8 +27,9 @@ _LONGEST = 1 << 20  # bytes: some ten thousand labels
 _NUMBERS = frozenset({"label", "value", "index", "id", "idx", "labelvalue", "integer_label", "key"})
 _NAMES = frozenset({"name", "structure", "text", "label_name", "labelname", "anatomy", "region"})
 _PLACES = frozenset({"x", "y", "z", "source_a", "source_x"})  # columns of landmarks and points, which are named too
-_ITK_SNAP = re.compile(r'\s*(\d+)(?:\s+[\d.]+){3,6}\s+"([^"]*)"')
-_COLOUR_TABLE = re.compile(r"\s*(\d+)\s+(\S+)((?:\s+[\d.]+){3,4})\s*$")
+_LABEL = re.compile(r"\d{1,19}")
+_ITK_SNAP = re.compile(r'\s*(\d{1,19})(?:\s+[\d.]+){3,6}\s+"([^"]*)"')
+_COLOUR_TABLE = re.compile(r"\s*(\d{1,19})\s+(\S+)((?:\s+[\d.]+){3,4})\s*$")
 
 
 def read_label_names(path: str | Path) -> dict[int, str]:
@@ -81,7 +84,10 @@ def read_label_table(path: str | Path) -> dict[int, str]:
     path = as_path(path)
     if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
         return {}
-    return _table(path.read_text(encoding="utf-8-sig", errors="replace"))
+    try:
+        return _table(decoded(path, path.read_bytes())[0])
+    except (VolumeFileError, csv.Error):
+        return {}
 def is_segmentation_file(path: str | Path) -> bool:
     """Check whether a file is a segmentation of 3D Slicer, whose segments have names and colours."""
     path = as_path(path)
@@ -146,4 +152,4 @@ def _columns(rows: list[list[str]]) -> dict[int, str]:
     if number is None or name is None or _PLACES.intersection(head):
         return {}
     return {int(row[number]): row[name].strip() for row in rows[1:]
-            if len(row) > max(number, name) and row[number].strip().isdecimal()}
+            if len(row) > max(number, name) and _LABEL.fullmatch(row[number].strip())}

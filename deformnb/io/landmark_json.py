@@ -7,7 +7,6 @@ place that is not set yet is infinite. Source: Slicer's markups schema 1.0.3; th
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from deformnb.errors import VolumeFileError
 from deformnb.io.headers import fail, shown
-from deformnb.io.landmark_texts import coordinates
+from deformnb.io.landmark_places import coordinates, without_missing
 from deformnb.warping.points import Landmarks
 
 _RAS = {"RAS": True, "LPS": False, "0": True, "1": False}  # the numbers are those of old versions of Slicer
@@ -81,31 +80,17 @@ def _read_bigwarp(path: Path, data: dict[str, Any]) -> Landmarks:
     count = next((len(place) for place in moving if isinstance(place, list)), 0)
     if count not in (2, 3):
         raise fail(path, "there is no landmark of two or three coordinates in it.")
-    places = np.array([[_unset_as_nan(path, place, count, f"landmark {k}, {which}")
+    places = np.array([[_coordinates(path, place, count, f"landmark {k}, {which}")
                         for k, place in enumerate(every, 1)]
                        for which, every in (("moving", moving), ("fixed", fixed))]).reshape(2, -1, count)
-    return pairs(path, [str(name) for name in names], [on is True for on in active], places[0], places[1])
+    return without_missing(path, places[0], places[1], [str(name) for name in names], [on is True for on in active],
+                           has_open=True)
 
 
-def _unset_as_nan(path: Path, place: Any, count: int, which: str) -> list[float]:
+def _coordinates(path: Path, place: Any, count: int, which: str) -> list[float]:
     if not isinstance(place, list) or len(place) != count:
         raise fail(path, f"{which}: a place must be a list of {count} numbers.")
-    try:
-        values = [float(number) for number in place]
-    except (TypeError, ValueError, OverflowError):
-        raise fail(path, f"{which}: {shown(place, 60)} holds something that is no number.") from None
-    return [value if math.isfinite(value) else math.nan for value in values]
-
-
-def pairs(path: Path, names: list[str], active: list[bool], moving: Any, fixed: Any) -> Landmarks:
-    """Landmarks of rows some of which are set on one side only; those without a moving place are left out."""
-    there = np.isfinite(moving).all(axis=1)
-    if not there.any():
-        raise fail(path, "there is no landmark in it that has a moving place.")
-    skipped = int((~there).sum())
-    notes = (f"{skipped} landmarks without a moving place were left out",) if skipped else ()
-    return Landmarks(moving[there], tuple(name for name, on in zip(names, there, strict=True) if on), fixed[there],
-                     np.array(active)[there], notes)
+    return coordinates(path, place, which)
 
 
 def write_bigwarp_json(landmarks: Landmarks) -> str:
@@ -132,10 +117,8 @@ def is_ras(path: Path, word: Any) -> bool:
 def from_slicer(path: Path, names: list[str], places: list[list[float]], active: list[bool],
                 ras: list[bool]) -> Landmarks:
     """Landmarks of places each of which is RAS or LPS."""
-    if not places:
-        raise fail(path, "there is no landmark in it.")
-    points = np.array(places) * np.where(np.array(ras)[:, None], _TO_LPS, 1.0)
-    return Landmarks(points, tuple(names), active=np.array(active))
+    points = np.array(places).reshape(-1, 3) * np.where(np.array(ras, dtype=bool)[:, None], _TO_LPS, 1.0)
+    return without_missing(path, points, names=names, active=active)
 
 
 def _read_markups(path: Path, lists: list[Any]) -> Landmarks:
@@ -149,9 +132,9 @@ def _read_markups(path: Path, lists: list[Any]) -> Landmarks:
             which = f"landmark {len(names) + 1}"
             if not isinstance(point, dict):
                 raise fail(path, f"{which} is not an object with a position.")
-            if point.get("positionStatus", "defined") != "defined":  # a template's place that was never set
-                continue
             position = point.get("position")
+            if point.get("positionStatus", "defined") != "defined":  # a template's place that was never set
+                position = [None] * 3
             if not isinstance(position, list) or len(position) != 3:
                 raise fail(path, f"{which} has no position of three numbers.")
             places.append([scale * value for value in coordinates(path, position, which)])

@@ -11,15 +11,14 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from deformnb.io.headers import fail, shown
-from deformnb.io.landmark_json import UNITS, pairs
-from deformnb.io.landmark_texts import coordinates
+from deformnb.io.landmark_json import UNITS
+from deformnb.io.landmark_places import coordinates, is_comment, is_missing, without_missing
 from deformnb.warping.points import Landmarks
 
 Rows = list[tuple[int, list[str]]]
@@ -34,6 +33,7 @@ _NAMES = ("name", "label", "landmark", "landmarks", "point", "points", "title", 
 _ACTIVE = ("active", "selected", "enabled", "use")
 _VOXELS = {"px", "pixel", "pixels", "vx", "voxel", "voxels", "index"}
 _FALSE = ("false", "0", "no", "off")
+_START = 1 << 12  # characters in which a line of names and the first rows stand
 
 
 def read_csv(path: Path, text: str) -> Landmarks:
@@ -52,13 +52,26 @@ def _rows(text: str) -> Rows:
     """The rows that are not empty, with the numbers of their lines; columns end at tabs, semicolons or commas."""
     first = text.lstrip("\n ").split("\n", 1)[0]
     delimiter = next((d for d in "\t;" if d in first), ",")
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, skipinitialspace=True)
     rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    kept = [(number, row) for number, row in rows if any(row) and not row[0].startswith("#")]
+    kept = [(number, row) for number, row in rows if any(row) and not is_comment(row[0])]
     if delimiter != ",":  # where a comma is no column it is a decimal point, in spreadsheets of half the world
-        kept = [(number, [cell.replace(",", ".") if _is_number(cell.replace(",", ".")) else cell for cell in row])
-                for number, row in kept]
+        has_thousands = any(map(_THOUSANDS.fullmatch, (cell for _, row in kept for cell in row)))
+        kept = [(number, [_with_point(cell, has_thousands) for cell in row]) for number, row in kept]
     return kept
+
+
+# A dot that parts thousands, where a comma is the decimal point; 1.234 alone is a small number.
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d+")
+_GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d+)?")
+
+
+def _with_point(cell: str, has_thousands: bool) -> str:
+    """A number with a decimal point instead of a comma; anything else as it is."""
+    if has_thousands and _GROUPED.fullmatch(cell):
+        cell = cell.replace(".", "")
+    dotted = cell.replace(",", ".")
+    return dotted if _is_number(dotted) else cell
 
 
 def _is_number(word: str) -> bool:
@@ -70,8 +83,8 @@ def _is_number(word: str) -> bool:
 
 
 def _is_heading(row: list[str]) -> bool:
-    """True where not even the last two columns are numbers, or nothing."""
-    return not any(_is_number(cell) for cell in row[-2:])
+    """True where not even the last two columns are numbers, or missing ones."""
+    return not any(_is_number(cell) or (cell and is_missing(cell)) for cell in row[-2:])
 
 
 # ---- BigWarp ---------------------------------------------------------------------------------------------------------
@@ -91,15 +104,9 @@ def _read_bigwarp(path: Path, rows: Rows) -> Landmarks:
                              "false.")
         names.append(row[0])
         active.append(row[1].lower() == "true")
-        places.append(_unset_as_nan(path, row[-2 * half:], number, width - 2 * half + 1))
+        places.append(coordinates(path, row[-2 * half:], f"line {number}", width - 2 * half + 1))
     both = np.array(places)
-    return pairs(path, names, active, both[:, :half], both[:, half:])
-
-
-def _unset_as_nan(path: Path, words: Sequence[str], line: int, column: int) -> list[float]:
-    """Numbers of a row, nan for those that are empty or infinite."""
-    return [math.nan if not word or (_is_number(word) and not math.isfinite(float(word))) else
-            coordinates(path, [word], f"line {line}", column + k)[0] for k, word in enumerate(words)]
+    return without_missing(path, both[:, :half], both[:, half:], names, active, has_open=True)
 
 
 def write_bigwarp(landmarks: Landmarks) -> str:
@@ -141,16 +148,16 @@ def _read_named(path: Path, rows: Rows) -> Landmarks:
     names, active, moving, fixed = list[str](), list[bool](), list[list[float]](), list[list[float]]()
     for number, row in rows[1:]:
         cells = [*row, *[""] * (len(rows[0][1]) - len(row))]
-        both = [[sign * _unset_as_nan(path, [cells[at]], number, at + 1)[0]
+        both = [[sign * coordinates(path, [cells[at]], f"line {number}", at + 1)[0]
                  for at, sign in (places[axis] for axis in range(dim))] if places else [math.nan] * dim
                 for places in (columns.moving, columns.fixed)]
         moving.append(both[0])
         fixed.append(both[1])
         names.append("" if columns.name is None else cells[columns.name])
         active.append(columns.active is None or cells[columns.active].lower() not in _FALSE)
-    found = pairs(path, names, active, np.array(moving).reshape(-1, dim), np.array(fixed).reshape(-1, dim))
-    return Landmarks(found.points, found.names, found.fixed if columns.fixed else None, found.active,
-                     (*found.notes, *columns.notes))
+    return without_missing(path, np.array(moving).reshape(-1, dim),
+                           np.array(fixed).reshape(-1, dim) if columns.fixed else None, names, active, columns.notes,
+                           has_open=True)
 
 
 def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
@@ -219,16 +226,29 @@ def _read_nameless(path: Path, rows: Rows) -> Landmarks:
         places.append(coordinates(path, row[named:], f"line {number}", 1 + named))
     both = np.array(places)
     half = count if count < 4 else count // 2
-    return Landmarks(both[:, :half], tuple(names), both[:, half:] if count > 3 else None)
+    return without_missing(path, both[:, :half], both[:, half:] if count > 3 else None, names, has_open=True)
 
 
-def write_table(landmarks: Landmarks) -> str:
+def write_tabs(landmarks: Landmarks) -> str:
+    """As :func:`write_table`, with tabs between the columns."""
+    return write_table(landmarks, "\t")
+
+
+def write_table(landmarks: Landmarks, delimiter: str = ",") -> str:
     """A line of names and one of each landmark: its name, its place, and its fixed place where there are some."""
     axes = "xyz"[:landmarks.points.shape[1]]
     out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
+    writer = csv.writer(out, delimiter=delimiter, lineterminator="\n")
     writer.writerow(["name", *axes, *([] if landmarks.fixed is None else [f"fixed_{axis}" for axis in axes])])
     for k, (name, place) in enumerate(zip(landmarks.names, landmarks.points.tolist(), strict=True)):
         fixed = [] if landmarks.fixed is None else landmarks.fixed[k].tolist()
         writer.writerow([name, *map(repr, place), *(repr(c) if math.isfinite(c) else "" for c in fixed)])
     return out.getvalue()
+
+
+def is_table(text: str) -> bool:
+    """Check for a text that begins with a line of names of columns, among which are coordinates."""
+    rows = _rows(text[:_START].rsplit("\n", 1)[0])
+    if not rows or len(rows[0][1]) < 2 or not _is_heading(rows[0][1]):
+        return False
+    return len({word for cell in rows[0][1] for word in re.split(r"[\s_\-.()\[\]]+", cell.lower())} & set(_AXES)) > 1

@@ -10,47 +10,24 @@ Lists of points: vtkSimplePointsReader, one place to a line; vtkParticleReader, 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.headers import fail, shown
+from deformnb.io.landmark_places import coordinates, finite_number, is_comment, is_missing, without_missing
 from deformnb.warping.points import Landmarks
 
 
-def coordinates(path: Path, words: Sequence[Any], which: str, column: int | None = None) -> list[float]:
-    """Finite numbers of words; VolumeFileError that names the landmark or the line otherwise.
-
-    Parameters
-    ----------
-    which : what the words are of, such as "line 3".
-    column : the number of the first word's column, from 1 on; without it no column is named.
-    """
-    values = list[float]()
-    for k, word in enumerate(words):
-        where = which if column is None else f"{which}, column {column + k}"
-        try:
-            values.append(float(word))
-        except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
-            what = "nothing" if word is None else repr(shown(word, 20))
-            raise fail(path, f"{where}: {what} stands where a number is expected.") from None
-        if not math.isfinite(values[-1]):
-            raise fail(path, f"{where}: {shown(word, 20)} is not finite.")
-    return values
-
-
 def _pair(path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str],
-          names: Sequence[str] = ()) -> Landmarks:
+          notes: tuple[str, ...] = ()) -> Landmarks:
     """The first specimen; with one more that is its fixed counterpart."""
-    if not specimens or not len(specimens[0]):
+    if not specimens:
         raise fail(path, "there is no landmark in it.")
     first, fixed = specimens[0], None
-    notes: tuple[str, ...] = ()
     if len(specimens) == 2:
         fixed = specimens[1]
         if fixed.shape != first.shape:
@@ -58,8 +35,8 @@ def _pair(path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str
                              f"{fixed.shape[1]} coordinates; they must be the same ones.")
     elif len(specimens) > 2:
         title = f", {shown(titles[0], 40)}" if titles[0] else ""
-        notes = (f"the first of {len(specimens)} specimens was read{title}; two of them would be read as pairs",)
-    return Landmarks(first, tuple(names), fixed, notes=notes)
+        notes = (f"the first of {len(specimens)} specimens was read{title}; two of them would be read as pairs", *notes)
+    return without_missing(path, first, fixed, notes=notes)
 
 
 def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[int] = (2, 3)) -> NDArray[np.float64]:
@@ -67,11 +44,17 @@ def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[i
     places = list[list[float]]()
     for number, row in rows:
         words = re.split(r"[,\s]+", row.strip().strip(","))
+        if len(words) not in counts and all(map(_DECIMAL_COMMA.fullmatch, row.split())):
+            words = [word.replace(",", ".") for word in row.split()]
         if len(words) not in counts or (places and len(words) != len(places[0])):
             raise fail(path, f"line {number} has {len(words)} numbers where a place of "
                              f"{' or '.join(map(str, counts if not places else [len(places[0])]))} is expected.")
         places.append(coordinates(path, words, f"line {number}", 1))
     return np.array(places).reshape(len(places), len(places[0]) if places else counts[-1])
+
+
+# As programs write it where a comma is the decimal point: whole numbers among them have none.
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 
 
 def _numbered(text: str) -> list[tuple[int, str]]:
@@ -83,8 +66,11 @@ def _numbered(text: str) -> list[tuple[int, str]]:
 
 
 def read_tps(path: Path, text: str) -> Landmarks:
-    """Landmarks of a TPS file; SCALE multiplies, curves and outlines are left out with a note."""
-    lines = text.split("\n")
+    """Landmarks of a TPS file; SCALE multiplies, curves and outlines are left out with a note.
+
+    A landmark at -1 -1 is missing, as tpsDig writes it, where no other coordinate is negative.
+    """
+    lines, notes = text.split("\n"), dict[str, None]()
     specimens, titles, curves, at = list[NDArray[np.float64]](), list[str](), 0, 0
     while at < len(lines):
         key, sign, value = (part.strip() for part in lines[at].partition("="))
@@ -102,25 +88,50 @@ def read_tps(path: Path, text: str) -> Landmarks:
             places = _number_rows(path, list(enumerate(rows, at + 1)), (3,) if name.endswith("3") else (2, 3))
             at += count
             if name.startswith("LM"):
-                specimens.append(places)
+                specimens.append(_without_marks(places, notes))
                 titles.append("")
             else:
                 curves += 1
         elif name in ("ID", "IMAGE") and titles:
             titles[-1] = value if name == "ID" else titles[-1] or value
         elif name == "SCALE" and specimens:
-            specimens[-1] = specimens[-1] * coordinates(path, [value], f"line {at}, the scale")[0]
-    found = _pair(path, specimens, titles)
+            specimens[-1] = specimens[-1] * _scale(path, value, at, notes)
     if curves:
-        left = f"{curves} curves were left out; only landmarks are read"
-        return Landmarks(found.points, found.names, found.fixed, notes=(*found.notes, left))
-    return found
+        if not any(map(len, specimens)):
+            raise fail(path, f"it holds {curves} curves or outlines and no landmark.")
+        notes[f"{curves} curves were left out; only landmarks are read"] = None
+    return _pair(path, specimens, titles, tuple(notes))
+
+
+def _without_marks(places: NDArray[np.float64], notes: dict[str, None]) -> NDArray[np.float64]:
+    """Places with NaN where tpsDig marks a landmark as missing by -1 -1; not among coordinates that are negative."""
+    is_marked = (places == -1).all(axis=1)
+    if is_marked.any() and (places[~is_marked] < 0).any():
+        notes["landmarks at -1 -1 were taken as places, for other coordinates are negative too"] = None
+        return places
+    return np.where(is_marked[:, None], np.nan, places)
+
+
+def _scale(path: Path, value: str, line: int, notes: dict[str, None]) -> float:
+    """Lengths of a unit of the coordinates; 1 with a note where none is given."""
+    if is_missing(value):
+        notes["the scale is empty: coordinates were taken as they are"] = None
+        return 1.0
+    scale = finite_number(path, value.replace(",", "."), f"line {line}, the scale")
+    if not scale > 0:
+        raise fail(path, f"line {line}, the scale: {shown(value, 20)} is not above 0.")
+    return scale
 
 
 def write_tps(landmarks: Landmarks) -> str:
-    """One specimen, or two where there are fixed places."""
+    """One specimen, or two where there are fixed places; doubled and with a scale where one lies at -1 -1."""
     key = "LM3" if landmarks.points.shape[1] == 3 else "LM"
-    return "".join(f"{key}={len(places)}\n{_rows(places)}ID={title}\n" for title, places in _titled(landmarks))
+    factor = 1.0
+    while any((factor * places == -1).all(axis=1).any() for _, places in _titled(landmarks)):
+        factor *= 2  # a power of two, so that no digit changes
+    scale = "" if factor == 1 else f"SCALE={1 / factor!r}\n"
+    return "".join(f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}"
+                   for title, places in _titled(landmarks))
 
 
 def _count(path: Path, word: str, line: int) -> int:
@@ -160,11 +171,8 @@ def read_nts(path: Path, text: str) -> Landmarks:
     if len(words) != count * numbers or numbers % dim:
         raise fail(path, f"its first line announces {count} specimens of {numbers} numbers, and {len(words)} follow.")
     values = np.array([coordinates(path, [word], where)[0] for word, where in words]).reshape(count, -1, dim)
-    if found[5] != "0" and found[6]:
-        missing = np.argwhere((values == coordinates(path, [found[6]], "its first line")[0]).any(axis=2))
-        if len(missing):
-            raise fail(path, f"landmark {missing[0][1] + 1} of specimen {missing[0][0] + 1} is missing ({found[6]}); "
-                             "remove that landmark from all specimens.")
+    if found[5] != "0" and found[6] and not is_missing(found[6]):
+        values[values == finite_number(path, found[6], "its first line")] = np.nan
     return _pair(path, list(values), titles or [""])
 
 
@@ -258,11 +266,10 @@ def write_txt(landmarks: Landmarks) -> str:
 
 def read_xyz(path: Path, text: str) -> Landmarks:
     """Places in space, one to a line; a fourth number, as of particles, is left out with a note."""
-    rows = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith("#")]
+    rows = [(number, line) for number, line in _numbered(text) if not is_comment(line)]
     values = _number_rows(path, rows, (3, 4))
-    found = _pair(path, [values[:, :3]], [""])
     notes = ("the fourth number of each line was left out",) if values.shape[1] == 4 else ()
-    return Landmarks(found.points, notes=notes)
+    return _pair(path, [values[:, :3]], [""], notes)
 
 
 def write_xyz(landmarks: Landmarks) -> str:
@@ -281,7 +288,7 @@ def read_prm(path: Path, text: str) -> Landmarks:
     key = ""
     for number, line in _numbered(text):
         name, sign, rest = line.partition(":")
-        if line.lstrip().startswith(("#", "[")):
+        if is_comment(line) or line.lstrip().startswith("["):
             continue
         if sign:
             key = name.strip().lower()
@@ -291,7 +298,7 @@ def read_prm(path: Path, text: str) -> Landmarks:
     before, after = (_number_rows(path, found[name], (3,)) for name in _PRM_KEYS)
     if len(before) != len(after):
         raise fail(path, f"it has {len(before)} original and {len(after)} deformed control points.")
-    return Landmarks(before, fixed=after)
+    return without_missing(path, before, after)
 
 
 def write_prm(landmarks: Landmarks) -> str:

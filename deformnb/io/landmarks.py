@@ -31,9 +31,9 @@ from deformnb.io.landmark_json import (
     write_bigwarp_json,
     write_markups,
 )
-from deformnb.io.landmark_tables import read_csv, write_bigwarp, write_table
+from deformnb.io.landmark_places import coordinates
+from deformnb.io.landmark_tables import is_table, read_csv, write_bigwarp, write_table, write_tabs
 from deformnb.io.landmark_texts import (
-    coordinates,
     read_nts,
     read_prm,
     read_tps,
@@ -46,6 +46,7 @@ from deformnb.io.landmark_texts import (
     write_txt,
     write_xyz,
 )
+from deformnb.io.texts import decoded
 from deformnb.rbf.points import ControlPoints
 from deformnb.warping.points import Landmarks
 
@@ -113,9 +114,9 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     with Damage(place, "leave out what is no landmark"):
         if place.stat().st_size > _LONGEST:
             raise fail(place, "it is far too large for a file of landmarks.")
-        text = place.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
-        text = text.replace("\r", " " if "\n" in text else "\n")  # within a line Slicer leaves some of other programs
-        return row.read(place, text)
+        text, notes = decoded(place, place.read_bytes())
+        found = row.read(place, text)
+        return replace(found, notes=(*found.notes, *notes)) if notes else found
 
 
 def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -174,6 +175,11 @@ def _row(path: Path) -> LandmarkFormat | None:
     return found
 
 
+def _read_text(path: Path, text: str) -> Landmarks:
+    """A table with a line of names, or what :func:`read_txt` knows."""
+    return read_csv(path, text) if is_table(text) else read_txt(path, text)
+
+
 # ---- 3D Slicer -------------------------------------------------------------------------------------------------------
 
 
@@ -192,12 +198,18 @@ def _read_fcsv(path: Path, text: str) -> Landmarks:
                 columns = [value.strip(), *(c.strip() for c in row[1:])]
             continue
         found = dict(zip(columns, row, strict=False))
-        numbers = [columns.index(axis) + 1 if axis in columns else None for axis in "xyz"]
-        places.append([coordinates(path, [found.get(axis)], f"line {reader.line_num}", number)[0]
-                       for axis, number in zip("xyz", numbers, strict=True)])
+        places.append([_fcsv_coordinate(path, found, axis, reader.line_num, columns) for axis in "xyz"])
         names.append(found.get("label", ""))
         active.append(found.get("sel", "1").strip() != "0")
     return from_slicer(path, names, places, active, [ras] * len(names))
+
+
+def _fcsv_coordinate(path: Path, found: dict[str, str], axis: str, line: int, columns: list[str]) -> float:
+    number = columns.index(axis) + 1 if axis in columns else None
+    if axis not in found:
+        where = f"line {line}" if number is None else f"line {line}, column {number}"
+        raise fail(path, f"{where}: nothing stands where {axis} is expected.")
+    return coordinates(path, [found[axis]], f"line {line}", number)[0]
 
 
 def _write_fcsv(landmarks: Landmarks) -> str:
@@ -219,12 +231,15 @@ LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
                             (2, 3), has_names=True, has_fixed=True, has_open=True),
     "bigwarp": LandmarkFormat(".csv", read_csv, write_bigwarp, "file of BigWarp's landmarks, or a table", (2, 3),
                               has_names=True, has_fixed=True, has_open=True),
+    "tab table": LandmarkFormat(".tsv", read_csv, write_tabs, "table with tabs between its columns", (2, 3),
+                                has_names=True, has_fixed=True, has_open=True),
     "points": LandmarkFormat(".xyz", read_xyz, write_xyz, "list of points of vedo or VTK"),
     "tps": LandmarkFormat(".tps", read_tps, write_tps, "TPS file", (2, 3), has_fixed=True),
     "nts": LandmarkFormat(".nts", read_nts, write_nts, "NTS file", (2, 3), has_fixed=True),
     "morphologika": LandmarkFormat(".morphologika.txt", read_txt, write_morphologika, "Morphologika file", (2, 3),
                                    has_fixed=True),
-    "elastix": LandmarkFormat(".txt", read_txt, write_txt, "list of points of elastix, or Morphologika's", (2, 3)),
+    "elastix": LandmarkFormat(".txt", _read_text, write_txt, "list of points of elastix, Morphologika's, or a table",
+                              (2, 3)),
     "pygem": LandmarkFormat(".prm", read_prm, write_prm, "parameter file of PyGeM", has_fixed=True),
 }
 """All kinds of landmark files by name."""

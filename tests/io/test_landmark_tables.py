@@ -51,7 +51,7 @@ def test_what_a_table_lacks_is_left_out_or_has_no_pair(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("name,active,x,y,x_fixed,y_fixed\na,no,1,2,,\nb,yes,,,5,6\n")
     found = read_landmarks(tmp_path / "a.csv")
     assert (found.names, found.points.tolist(), found.notes) == (
-        ("a",), [[1.0, 2.0]], ("1 landmarks without a moving place were left out",))
+        ("a",), [[1.0, 2.0]], ("1 landmark is missing and left out: 2", "1 landmark is without a fixed place: 1"))
     assert found.active is not None
     assert found.active.tolist() == [False]
     assert len(found.control_points()) == 0
@@ -67,7 +67,7 @@ def test_a_table_is_written_with_names_of_columns(tmp_path: Path) -> None:
     ("x,y,z\n1,2,3\n1,b,3\n", "line 3, column 2: 'b'"), ("x;y;z\n1;2;q\n", "line 2, column 3: 'q'"),
     ("1,2,3\n\n1,2\n", "line 3 has 2 columns"), ("x [px],y [px]\n1,2\n", "line 1, column 1: .*in voxels"),
     ("left,right\n1,2\n", "names no columns"), ("1\n", "line 1 has 1 columns"), ("# only\n", "no landmark"),
-    ("x,y,z\n", "no landmark"), ("1,2,inf\n", "line 1, column 3: inf is not finite"),
+    ("x,y,z\n", "no landmark"), ("1,2,inf\n", "all 1 are missing"),
 ])
 def test_mistakes_in_tables_are_named_by_line_and_column(text: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(text)

@@ -74,9 +74,11 @@ def test_points_of_elastix(tmp_path: Path) -> None:
 BAD = {
     "a.tps": [("LM=2\n1 2\n", "announces 2"), ("LM=1\n1 2 3 4\n", "line 2 has 4"), ("LM=x\n", "'x'"),
               ("LM=2\n1 2 3\n1 2\n", "line 3 has 2"), ("hello\n", "a key"),
-              ("LM=1\n1 nan\n", "not finite"), ("ID=1\n", "no landmark"), ("LM=1\n1 2\nLM=2\n1 2\n3 4\n", "1 and 2")],
+              ("LM=1\n1 nan\n", "all 1 are missing"), ("LM=1\n1 2\nSCALE=-1\n", "not above 0"),
+              ("LM=0\nOUTLINES=1\nPOINTS=1\n1 2\n", "1 curves or outlines and no landmark"),
+              ("ID=1\n", "no landmark"), ("LM=1\n1 2\nLM=2\n1 2\n3 4\n", "1 and 2")],
     "a.nts": [("1 2 6 0\n", "first line"), ("1 1 6 0 dim=3\n1 2 3\n", "and 3 follow"),
-              ("1 1 6 1 9999 dim=3\n1 2 3\n9999 9999 9999\n", "landmark 2 of specimen 1 is missing"),
+              ("1 1 6 1 9999 dim=3\n9999 2 3\n9999 9999 9999\n", "all 2 are missing"),
               ("", "first line")],
     "a.txt": [("index\n1\n1 2 3\n", "indices of voxels"), ("point\n2\n1 2 3\n", "announces 2"), ("words\n", "neither"),
               ("[individuals]\n1\n[landmarks]\n2\n[dimensions]\n2\n[rawpoints]\n1 2\n", "1 places follow")],

@@ -42,7 +42,7 @@ def test_pairs_of_bigwarp(tmp_path: Path) -> None:
                     '"Pt-2","true","Infinity","Infinity","Infinity","1","1","1"\n')
     marks = read_landmarks(path)
     assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
-    assert marks.notes == ("1 landmarks without a moving place were left out",)
+    assert marks.notes == ("1 landmark is missing and left out: 3", "1 landmark is without a fixed place: 2")
     pairs = marks.control_points()
     assert (pairs.source.tolist(), pairs.target.tolist(), pairs.names) == ([[1, 2, 3]], [[4, 5, 6]], ("Pt-0",))
     write_landmarks(marks, path)
@@ -66,7 +66,8 @@ def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
     assert is_landmarks(tmp_path / name)
     marks = read_landmarks(tmp_path / name)
     assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
-    assert (marks.names, marks.notes) == (("Pt-0", "Pt-1"), ("1 landmarks without a moving place were left out",))
+    assert (marks.names, marks.notes) == (("Pt-0", "Pt-1"), (
+        "1 landmark is missing and left out: 3", "1 landmark is without a fixed place: 2"))
     pairs = marks.control_points()
     assert (pairs.source.tolist(), pairs.target.tolist()) == ([[1, 2, 3]], [[4, 5, 6]])
 
@@ -108,11 +109,12 @@ MARKUP = '{"markups": [{"coordinateSystem": "LPS", "controlPoints": [%s]}]}'
     ("a.csv", "p,yes,1,2,3,4,5,6\n", "line 1, column 2: 'yes'"),
     ("a.csv", "p,true,1,2,x,4,5,6\n", "line 1, column 5: 'x'"),
     ("a.fcsv", "", "no landmark"), ("a.fcsv", "# CoordinateSystem = XYZ\n1,1,2,3\n", "neither LPS nor RAS"),
-    ("a.fcsv", "1,1,2,inf\n", "line 1, column 4: inf is not"), ("a.fcsv", "1,1,2\n", "line 1, column 4: nothing"),
+    ("a.fcsv", "1,1,2,inf\n", "all 1 are missing"), ("a.fcsv", "1,1,2\n", "line 1, column 4: nothing"),
     ("a.mrk.json", "{", "cannot be read"), ("a.mrk.json", "[]", "with a list markups"),
     ("a.mrk.json", '{"markups": [3]}', "no list controlPoints"), ("a.mrk.json", MARKUP % "3", "not an object"),
     ("a.mrk.json", MARKUP % '{"position": [1, 2]}', "landmark 1 has no position"),
-    ("a.mrk.json", MARKUP % '{"position": [1, 2, NaN]}', "not finite"), ("a.mrk.json", MARKUP % "", "no landmark"),
+    ("a.mrk.json", MARKUP % '{"position": [1, 2, NaN]}', "all 1 are missing"),
+    ("a.mrk.json", MARKUP % "", "no landmark"),
     ("a.mrk.json", "[" * 100000, "cannot be read"), ("a.odt", "", "no kind of landmark file"),
 ])
 def test_mistakes_are_one_sentence(name: str, text: str, match: str, tmp_path: Path) -> None:
