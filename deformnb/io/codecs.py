@@ -133,7 +133,8 @@ def _check_jpegxr(data: bytes) -> None:
 
 
 _SIZES: dict[str, Callable[[bytes], tuple[int, int, int]]] = {
-    "jpeg8": _jpeg_size, "jpegls": _jpeg_size, "jpeg2k": _jpeg2000_size}
+    "jpeg8": _jpeg_size, "jpegls": _jpeg_size, "jpeg2k": _jpeg2000_size,
+    "htj2k": _jpeg2000_size}
 
 
 def unpack_picture(name: str, data: bytes, shape: tuple[int, ...], dtype: np.dtype[Any],

@@ -174,11 +174,12 @@ def located(path: str | os.PathLike[str]) -> Path:
     return place
 
 
-def read_any_header(path: Path, series: str | int | None = None) -> tuple[str, Header]:
+def read_any_header(path: Path, series: str | int | None = None,
+                    uneven_slices: str = "refuse") -> tuple[str, Header]:
     """Name of the format, and the header, of a file or a folder that is there."""
     if path.is_dir():
         if dicom.dicom_files(path):
-            return "dicom", dicom.read_header(path, series)
+            return "dicom", dicom.read_header(path, series, uneven_slices)
         if ome_zarr.is_zarr(path):
             return "zarr", ome_zarr.read_header(path)
         if any(file.suffix.lower() in tiff.SUFFIXES for file in path.iterdir()):
@@ -186,12 +187,13 @@ def read_any_header(path: Path, series: str | int | None = None) -> tuple[str, H
         raise fail(path, "this folder holds neither a DICOM series nor TIFF slices nor Zarr arrays; name a file.")
     name, entry = format_of(path)
     regular_file(path)
-    return name, dicom.read_header(path, series) if name == "dicom" else entry.header(path)
+    return name, dicom.read_header(path, series, uneven_slices) if name == "dicom" else entry.header(path)
 
 
 def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
                 spacing: Float3 | None = None, is_labels: bool | None = None, stride: int = 1,
-                max_bytes: int | None = None, level: int | None = None, progress: Progress | None = None) -> Volume:
+                max_bytes: int | None = None, level: int | None = None, uneven_slices: str = "refuse",
+                progress: Progress | None = None) -> Volume:
     """Read a volume file or a folder of slices.
 
     Parameters
@@ -208,6 +210,8 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included. Of a
         pyramid (OME-Zarr) the finest level that takes no more is read, and a note names it.
     level : the level of a pyramid to be read, 0 for the finest; by default the finest that fits.
+    uneven_slices : of a DICOM series: "refuse" one with missing or unevenly spaced slices or a tilted gantry, or
+        "resample" it linearly onto a straight, even grid, with a note.
     progress : receives the share done, 0 to 1; may raise Cancelled.
 
     Raises
@@ -229,7 +233,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     step = _checked_stride(stride)
     _check_spacing(spacing)
     with Damage(place, _LESS):
-        kind, header = read_any_header(place, series)
+        kind, header = read_any_header(place, series, uneven_slices)
         if header.layout.frames == 1 and header.layout.kind != "channels":
             header = grey_header(header)
         if not header.layout.is_single:
