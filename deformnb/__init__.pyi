@@ -20,6 +20,7 @@ from .document.deformation import Step as Step
 from .document.json_format import REGIONS as REGIONS
 from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
+from .errors import DeformWarning as DeformWarning
 from .imaging.drawing import draw_pictures as draw_pictures
 from .imaging.movie_frames import write_movie as write_movie
 from .imaging.projection import PROJECTIONS as PROJECTIONS

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import os
+import sys
+import warnings
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.errors import DeformError
+from deformnb.errors import DeformError, DeformWarning
+from deformnb.words import translate
+
+_PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
 LARGEST_COORDINATE = 1e15
 """Beyond this a coordinate squared loses all digits of its neighbours, and LAPACK routines were seen to hang on inf."""
@@ -124,3 +133,30 @@ def checked_window(window: object) -> tuple[float, float]:
     if not low < high:
         raise DeformError(f"a window must be two rising numbers, got {shown_value(window)}.")
     return low, high
+
+
+_IS_REPORTED = ContextVar("is_reported", default=False)
+
+
+@contextmanager
+def notes_reported() -> Iterator[None]:
+    """A context that shows the notes of results itself, as commands and widgets do: :func:`warn` does nothing in it."""
+    token = _IS_REPORTED.set(True)
+    try:
+        yield
+    finally:
+        _IS_REPORTED.reset(token)
+
+
+def warn(notes: Iterable[str]) -> None:
+    """Issue each note once as a :class:`~deformnb.errors.DeformWarning`, in the language that was chosen.
+
+    The line that it names is the one that called the package.
+    """
+    if _IS_REPORTED.get():
+        return
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        frame, level = frame.f_back, level + 1
+    for note in dict.fromkeys(notes):
+        warnings.warn(translate(note), DeformWarning, stacklevel=level)

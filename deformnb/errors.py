@@ -101,5 +101,13 @@ class MissingPackageError(DeformError, ImportError):
     """An optional package is not installed; the message names it and the extra that brings it."""
 
 
+class DeformWarning(UserWarning):
+    """A result that is computed but probably not what was meant: folds, tissue that is cut off, shapes that contradict
+    each other. The same sentence stands in the ``notes`` of the result.
+
+    ``warnings.simplefilter("error", dn.DeformWarning)`` makes errors of them, ``"ignore"`` silences them.
+    """
+
+
 class Cancelled(_ShortInNotebooks, Exception):
     """Work was stopped on request (not an error: nothing is wrong with the input)."""

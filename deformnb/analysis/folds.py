@@ -22,6 +22,7 @@ from deformnb.rbf.extrusion import Extrusion, unchanging_axes
 from deformnb.rbf.fields import AbstractField, HasField, as_field, grid_lines, raster_lines
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.warping.foreground import IsTissue
 from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points
 
 NEARLY_FOLDED = 0.05
@@ -57,9 +58,6 @@ class Folds:
     share: float
     air: float = 0.0
 
-
-IsTissue = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
-"""Whether tissue is at points (n, dim) of the input, such as of :func:`deformnb.analysis.extent.tissue_test`."""
 
 
 def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume | Raster | Landmarks | ArrayLike, *,

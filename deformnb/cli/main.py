@@ -40,7 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from deformnb.devices import use_device
 
             use_device(options.device)
-        options.run(options)
+        from deformnb.checks import notes_reported
+
+        with notes_reported():
+            options.run(options)
         if sys.stdout is not None:
             sys.stdout.flush()  # here, where a reader that has gone is caught
     except (KeyboardInterrupt, Cancelled):

@@ -243,11 +243,12 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
     if options.volumes and not volume.is_labels:
         raise DeformError(f"--volumes is for labels, and {Path(options.input).name} does not say that it holds any; "
                           "add --labels if it does.")
-    note(*_difference(document, volume))
+    differs = tuple(_difference(document, volume))
+    note(*differs)
     output = _output_grid(document, volume, options)
     given = {} if output is None else {"output": output}
     warped = document.apply(volume, fill=options.fill, method=options.method, progress=stage("deform"), **given)
-    note(*(text for text in warped.notes if text not in volume.notes))
+    note(*(text for text in warped.notes if text not in (*volume.notes, *differs)))
     progress = stage(f"write {target.name}")
     if is_segmentation_file(options.input) and target.suffix.lower() == ".nrrd":
         write_segmentation(warped, target, options.input, progress=progress)

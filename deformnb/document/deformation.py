@@ -18,22 +18,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import shown_value
+from deformnb.checks import shown_value, warn
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides
+from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
 from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
+from deformnb.rbf.interpolant import FOLDS
+from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
-from deformnb.rbf.rigid import RigidPart
+from deformnb.rbf.rigid import RigidPart, part_conflicts
 from deformnb.rbf.slits import TipBlend, check_slits
 from deformnb.rbf.stages import Fit, check_parts_of_direction, check_stages
 from deformnb.rbf.support import lone_support
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid, Matrix3, Volume, as_finest_grid, as_volume, voxel_checksum
+from deformnb.volume.volume import Grid, Matrix3, Volume, as_finest_grid, as_grid, as_volume, voxel_checksum
 from deformnb.warping.inverse import Inverse, invert
+from deformnb.warping.map_checks import map_notes
 from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import warp_all
 
@@ -199,6 +202,30 @@ class Step(AbstractFitSettings):
             known = (grid, fits)
             self.__dict__["_solved"] = known  # in one assignment, for threads
         return known[1]
+
+    def cautions(self, grid: Grid) -> tuple[str, ...]:
+        """Sentences on what is probably a mistake of a step on a volume's grid: a support radius below a voxel, cuts
+        that cross nothing, and rigid parts that contradict each other.
+        """
+        corners = grid.corners(centres=False)
+        corners = corners if self.plane is None else self.plane.to_plane(corners)[:, :2]
+        parts = [part.scaled(self.strength) for part in self.parts]
+        return (*self._narrow_supports(grid), *part_conflicts(parts),
+                *cuts_outside(self.cuts, corners.min(axis=0), corners.max(axis=0)))
+
+    def _narrow_supports(self, grid: Grid) -> tuple[str, ...]:
+        if not kernel_named(self.kernel).compact:
+            return ()
+        across = [k for k, axis in enumerate(np.asarray(grid.direction).T)
+                  if self.plane is None or abs(axis @ self.plane.frame[2]) < 1 - 1e-6]
+        voxel = min(grid.spacing[k] for k in across)
+        radii = [self.support_for(points) or lone_support(grid) for points in self.maps]
+        radii += [float(r) for points in self.maps for r in points.radius[points.active] if np.isfinite(r)]
+        if min(radii) >= voxel:
+            return ()
+        note = (f"the support radius {min(radii):.3g} is smaller than a voxel ({voxel:.3g}): between the control "
+                "points nothing follows them. Choose a larger one.")
+        return (note,)
 
     @property
     def cut_regions(self) -> tuple[AbstractRegion, ...]:
@@ -549,6 +576,16 @@ class Deformation:
         found = self._fit_notes(self.own_grid(grid))
         return found if known is None else (known.older_note, *found)
 
+    def cautions(self, grid: Grid) -> tuple[str, ...]:
+        """Sentences on what is probably a mistake of this document on a volume's grid, each once.
+
+        They are about another volume than the one it was made on, and those of :meth:`Step.cautions`.
+        """
+        own = self.own_grid(grid)
+        differs = "" if self.older_spacing(grid) else self.difference(grid)
+        found = (caution for step in self.steps if step.enabled for caution in step.cautions(own))
+        return tuple(dict.fromkeys([*([differs] if differs else []), *found]))
+
     def older_spacing(self, grid: Grid) -> KnownSpacing | None:
         """The volume, if this was made on a known one with the wrong spacing of its file and ``grid`` has the true one.
 
@@ -610,7 +647,9 @@ class Deformation:
             raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
                               f"studio on this volume and save it anew, or read the volume with "
                               f"spacing={known.header_spacing}.")
-        field, notes = self.field(grid), self._fit_notes(grid)
+        field = self.field(grid)
+        notes = tuple(note for note in self._fit_notes(grid) if note != FOLDS)  # of the fits; the map is checked below
+        cautions = (*self.cautions(own), *map_notes(volumes[0], field, as_grid(options.get("output") or output)))
         if known is None:
             box = None if self.output is None else volumes[0].at_own_resolution(self.output)
             warped = warp_all(volumes, field, **{"output": box, **options})
@@ -620,5 +659,7 @@ class Deformation:
             warped = [replace(done, grid=corrected)
                       for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
+        warn(cautions)
+        notes = (*notes, *cautions)
         return [replace(done, notes=tuple(dict.fromkeys((*volume.notes, *notes))))
                 for done, volume in zip(warped, volumes, strict=True)]

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.analysis.folds import (
     NEARLY_FOLDED,
     Folds,
-    IsTissue,
     air_nodes,
     folds_of,
     jacobian_determinant,
@@ -37,6 +36,7 @@ from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
+from deformnb.warping.foreground import IsTissue
 
 Floats = NDArray[np.float64]
 

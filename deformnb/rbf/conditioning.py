@@ -302,7 +302,8 @@ def crossing_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], i
     """Ids of neighbouring points that the fit pulls past one another; ``linear`` is T's trend (dim, dim).
 
     Beside the trend the displacement changes by more than the distance. Head on the map must fold between them; four
-    points turned by 90 degrees within a fixed ring also come here, and may not fold (det J down to 0.18 was seen).
+    points turned by 90 degrees within a fixed ring also come here, and need not fold (det J down to 0.18 was seen): the
+    determinant between them decides.
     The worst come first to be named: two points piled on one place bend the trend until others seem to cross as well.
     """
     x, y = targets @ linear.T, sources

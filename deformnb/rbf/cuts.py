@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,43 @@ class Cut:
 def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np.bool_]:
     """Test points (..., dim) for lying inside each of the regions: shape (..., number of regions)."""
     return np.stack([r.signed_distance(points) < 0 for r in regions], axis=-1)
+
+
+# Nodes along each side of a box at which the sides of a cut are compared.
+_BOX_NODES = 33
+
+
+def cuts_outside(cuts: Sequence[Cut], low: ArrayLike, high: ArrayLike) -> tuple[str, ...]:
+    """Sentences on the cuts that are switched on and do not cross a box, so that they part nothing.
+
+    Parameters
+    ----------
+    low, high : corners (dim,) of the box, in the coordinates of the cuts.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Line
+    >>> cuts_outside([Cut(Line([(50, 0), (50, 9)])), Cut(Line([(5, 0), (5, 9)]))], (0, 0), (20, 20))
+    ('cut 1 lies outside of the volume and parts nothing; move it onto the picture.',)
+    """
+    low, high = (np.asarray(corner, dtype=np.float64) for corner in (low, high))
+    lines = [np.linspace(a, b, _BOX_NODES if b > a else 1) for a, b in zip(low, high, strict=True)]
+    nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(low))
+    cell = float(np.linalg.norm(high - low)) / (_BOX_NODES - 1)
+    return tuple(f"cut {cut.name or k + 1} lies outside of the volume and parts nothing; move it onto the picture."
+                 for k, cut in enumerate(cuts) if cut.enabled and not _crosses(cut.region, nodes, cell, low, high))
+
+
+def _crosses(region: AbstractRegion, nodes: NDArray[np.float64], cell: float, low: NDArray[np.float64],
+             high: NDArray[np.float64]) -> bool:
+    """Whether the boundary of a region, or the drawn part of a line that stops, lies in a box."""
+    if any(getattr(region, "stops", ())):
+        v = np.asarray(region.vertices)  # type: ignore[attr-defined]
+        t = np.linspace(0.0, 1.0, _BOX_NODES)[:, None]
+        drawn = np.concatenate([a + t * (b - a) for a, b in pairwise(v)])
+        return bool(((drawn >= low) & (drawn <= high)).all(axis=1).any())
+    distance = region.signed_distance(nodes)
+    return bool(distance.min() < 0 < distance.max() or np.abs(distance).min() < cell)
 
 
 def points_of_regions(points: ControlPoints, regions: Sequence[AbstractRegion]) -> dict[Sides, ControlPoints]:

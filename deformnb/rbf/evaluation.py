@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -83,6 +84,14 @@ def profile_of(square: NDArray[np.float64], kernel: type[AbstractKernel]) -> NDA
     padded[: len(square)] = square
     with float64():
         return np.asarray(_profile(padded, kernel=kernel))[: len(square)]
+
+
+@cache
+def steepest_distance(kernel: type[AbstractKernel]) -> float:
+    """The relative distance within the support at which the profile of a kernel is steepest: 1/4 for Wendland's C2."""
+    rho = np.linspace(0.0, 1.0, 129)
+    steepest = int(np.abs(np.diff(profile_of(rho**2, kernel))).argmax())
+    return float(rho[steepest : steepest + 2].mean())
 
 
 _profile = compiled(lambda s, kernel: kernel.profile(s), static_argnames="kernel")

@@ -44,6 +44,7 @@ from deformnb.rbf.evaluation import (
     local_sums,
     profile_of,
     stacked,
+    steepest_distance,
 )
 from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_values, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
@@ -172,16 +173,29 @@ class RBFInterpolant(AbstractField):
             np.asarray(self.nugget)[:n, None] * np.asarray(self.coefficients)[:n])
 
     def folds_between_points(self) -> bool:
-        """Check for ``det(1 + dD/dx) <= 0`` at a control point or between them.
+        """Check for ``det(1 + dD/dx) <= 0`` at a control point, beside it or between them.
 
-        Looked at are the points, three places on each edge of their Delaunay triangulation and the middles of its
-        simplices; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
+        Looked at are :meth:`steep_places`; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
         """
         if not np.asarray(self.coefficients).any() and self.quadratic is None:
             return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.linear) / self.support) <= 0)
-        x = np.asarray(self.centers, dtype=np.float64)[: int(self.count)]
-        jacobians = np.eye(self.dim) + self.jacobian(self.origin + self.support * _places_between(x))
-        return bool((np.linalg.det(jacobians) <= 0).any())
+        return bool((np.linalg.det(np.eye(self.dim) + self.jacobian(self.steep_places())) <= 0).any())
+
+    def steep_places(self) -> NDArray[np.float64]:
+        """Places (n, dim) at which the map changes most.
+
+        They are the control points, three places on each edge of their Delaunay triangulation and the middles of its
+        simplices, and for each control point the places beside it, along its coefficient alpha_i, where the kernel's
+        profile is steepest.
+        """
+        n = int(self.count)
+        x, alpha = (np.asarray(a, dtype=np.float64)[:n] for a in (self.centers, self.coefficients))
+        if not n:
+            return x
+        size = np.linalg.norm(alpha, axis=1, keepdims=True)
+        way = steepest_distance(self.kernel) * np.divide(alpha, size, out=np.zeros_like(alpha), where=size > 0)
+        way = way if self.scales is None else way / np.asarray(self.scales)[:n, None]
+        return np.asarray(self.origin + self.support * np.concatenate([_places_between(x), x - way, x + way]))
 
     def _predicts_poorly(self) -> bool:
         """Check whether points predict each other worse than the affine trend alone does, by leave-one-out.
@@ -529,10 +543,11 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     targets, displacements = fit._dragged()
     sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
     torn = torn_pairs(targets, sources, fit.ids)
-    crossed = [pair for pair in crossing_pairs(targets, sources, fit.ids, map_linear) if pair not in torn]
+    crossed = [pair for pair in crossing_pairs(targets, sources, fit.ids, map_linear)
+               if pair not in torn and _folds_between(fit, *(targets[fit.ids.index(i)] for i in pair))]
     notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"
              for i, j in torn]
-    notes += [f"control points {i} and {j} are pulled past each other: the map may fold there" for i, j in crossed]
+    notes += [f"control points {i} and {j} are pulled past each other: the map folds there" for i, j in crossed]
     is_plain = fit.trend == "affine_exact" or (fit.trend in ("affine", "quadratic") and fit.kernel.order >= 2)
     if is_plain and np.linalg.norm(map_linear, 2) > STEEP:
         notes.append(
@@ -546,6 +561,16 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
         notes.append("the sources lie on one line or in one plane and the targets do not: the affine trend presses "
                      "everything flat")
     return tuple(notes)
+
+
+# Places on the way from one point to another at which the determinant is computed.
+_BETWEEN = (np.arange(16) + 0.5) / 16
+
+
+def _folds_between(fit: RBFInterpolant, first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Check for ``det(1 + dD/dx) <= 0`` on the straight way between two places."""
+    places = first + _BETWEEN[:, None] * (second - first)
+    return bool((np.linalg.det(np.eye(fit.dim) + fit.jacobian(places)) <= 0).any())
 
 
 def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:

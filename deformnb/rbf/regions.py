@@ -62,6 +62,25 @@ class AbstractRegion(ABC):
         """What gives the same distances in pure JAX, a pytree of arrays of few shapes: each compiles anew."""
         return self
 
+    def samples(self, count: int) -> NDArray[np.float64]:
+        """Places (n, dim) inside, about ``count`` along the longest side; none of a region without an end.
+
+        Examples
+        --------
+        >>> Polygon([(0, 0), (4, 0), (4, 4), (0, 4)]).samples(3).tolist()
+        [[2.0, 2.0]]
+        """
+        return np.zeros((0, self.dim))
+
+
+def _inside(region: AbstractRegion, low: NDArray[np.float64], high: NDArray[np.float64],
+            count: int) -> NDArray[np.float64]:
+    """The nodes of a lattice over a box that lie inside a region."""
+    step = max(float((high - low).max()) / max(count - 1, 1), 1e-300)
+    lines = [np.linspace(a, b, int(np.ceil((b - a) / step)) + 1) for a, b in zip(low, high, strict=True)]
+    x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, region.dim)
+    return x[region.signed_distance(x) < 0]
+
 
 def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDArray[np.float64]:
     try:
@@ -268,6 +287,10 @@ class Polygon(_Outline):
         v = _array_of(self.vertices, "corners of a polygon", 3, (2,))
         object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
         _refuse_crossing(v, "polygon", is_closed=True)
+
+    def samples(self, count: int) -> NDArray[np.float64]:
+        v = np.asarray(self.vertices)
+        return _inside(self, v.min(axis=0), v.max(axis=0), count)
 
 
 @pytree_node
@@ -492,6 +515,13 @@ class Mask(AbstractRegion):
     @property
     def dim(self) -> int:
         return 2 if isinstance(self.lattice, Raster) else 3
+
+    def samples(self, count: int) -> NDArray[np.float64]:
+        index = np.argwhere(self.values)[:, ::-1].astype(np.float64)
+        index = index[:: max(1, len(index) // count**self.dim)]
+        if isinstance(self.lattice, Grid):
+            return self.lattice.index_to_point(index)
+        return np.asarray(self.lattice.origin) + index * np.asarray(self.lattice.spacing)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Mask):

@@ -306,6 +306,9 @@ def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np
 # A point inside a part that requires what the part does anyway may miss it by this share of the box of all points.
 SAME_MOTION = 1e-6
 
+# Parts that touch, as bones in a joint do, may overlap by this share of their size: shapes are drawn by hand.
+_CONTACT = 0.02
+
 
 @dataclass(frozen=True)
 class RigidPart:
@@ -525,6 +528,55 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
                    support=support, trend="none" if raw else trend, smoothing=smoothing)
     return RigidInterpolant(base, tuple(p.region for p in chosen), np.stack(back), np.stack(shifts), scales, weights,
                             (*notes, *base.remarks))
+
+
+# Samples along each side of the box of a part, to find what two parts have in common.
+_SAMPLES = 24
+
+
+def part_conflicts(parts: Sequence[RigidPart]) -> tuple[str, ...]:
+    """Sentences on rigid parts that contradict each other: of the same tissue in two motions, or pushed together.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.regions import Polygon
+    >>> bone = Polygon([(0, 0), (9, 0), (9, 9), (0, 9)])
+    >>> for angle in (0, 20):
+    ...     print(part_conflicts([RigidPart(bone, RigidMotion.turn(0, (0, 0))),
+    ...                           RigidPart(bone, RigidMotion.turn(angle, (4, 4)))]))
+    ()
+    ('rigid parts 1 and 2 hold the same tissue and move it to different places: their motions are blended there. \
+Separate the parts, or give them one motion.',)
+    """
+    chosen = [(str(k + 1) if not part.name else part.name, part) for k, part in enumerate(parts) if part.enabled]
+    found = []
+    for k, (name, part) in enumerate(chosen):
+        for other_name, other in chosen[k + 1 :]:
+            overlap, contact = _in_common(part, other)
+            if overlap:
+                found.append(f"rigid parts {name} and {other_name} hold the same tissue and move it to different "
+                             "places: their motions are blended there. Separate the parts, or give them one motion.")
+            elif contact:
+                found.append(f"rigid parts {name} and {other_name} are pushed into each other: tissue of both is "
+                             "lost there. Move them apart.")
+    return tuple(found)
+
+
+def _in_common(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
+    """Whether two parts claim the same tissue with different motions, and whether they overlap after their motions."""
+    overlap = contact = False
+    for one, two in ((part, other), (other, part)):
+        x = one.region.samples(_SAMPLES)
+        if not len(x):
+            continue
+        here, there = (x if p.motion is None else p.motion(x) for p in (one, two))
+        size = float(np.linalg.norm(np.ptp(x, axis=0)))
+        before = two.region.signed_distance(x)
+        shared = before < -SAME_MOTION * size
+        overlap |= bool((shared & (np.linalg.norm(here - there, axis=1) > SAME_MOTION * size)).any())
+        back = here if two.motion is None else two.motion.inverse(here)
+        contact |= bool(((two.region.signed_distance(back) < -_CONTACT * size) & (before >= 0)).any())
+    return overlap, contact
 
 
 HELD = ("refuse", "carry", "switch off")

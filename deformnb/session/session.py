@@ -51,7 +51,7 @@ from deformnb.volume.plane import SIDES, VIEWS, Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, levels, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
-from deformnb.warping.warper import warp, warp_all
+from deformnb.warping.warper import warp_all
 
 
 class _State(NamedTuple):
@@ -720,7 +720,7 @@ class Session(traitlets.HasTraits):
             return self.volume
         kept = self._base
         if kept is None or kept[0] != earlier:
-            kept = self._base = (earlier, warp(self.volume, earlier.field(self.grid)))
+            kept = self._base = (earlier, *warp_all([self.volume], earlier.field(self.grid)))
         return kept[1]
 
     def before(self) -> AbstractField | None:
@@ -921,10 +921,7 @@ class Session(traitlets.HasTraits):
 
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
         """The deformed volume on :attr:`result_grid`, warped with the document of this moment."""
-        with self._lock:
-            field, output = self.field(), self.result_grid
-        check_room(self.volume, output)
-        return warp(self.volume, field, output=output, progress=progress)
+        return self._deformed([self.volume], progress)[0]
 
     def result_channels(self, progress: Callable[[float], None] | None = None) -> Channels:
         """The deformed channels, all by one map, on :attr:`result_grid`.
@@ -936,10 +933,13 @@ class Session(traitlets.HasTraits):
         """
         if self.channels is None:
             raise DeformError("this volume has no channels; result() is the deformed volume.")
+        return self.channels.with_volumes(self._deformed(self.channels.volumes, progress))
+
+    def _deformed(self, volumes: Sequence[Volume], progress: Callable[[float], None] | None) -> list[Volume]:
         with self._lock:
-            field, output = self.field(), self.result_grid
+            deformation, output = self.deformation, self.result_grid
         check_room(self.volume, output)
-        return self.channels.with_volumes(warp_all(self.channels.volumes, field, output=output, progress=progress))
+        return deformation.apply_all(volumes, output=output, progress=progress)
 
     def document(self) -> Deformation:
         """The deformation, its view state, and the checksum of its volume, as it is saved."""

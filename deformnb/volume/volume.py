@@ -147,11 +147,15 @@ def _extended_target(array: NDArray[Any]) -> np.dtype[Any]:
     return np.dtype(np.float64)
 
 
+NOTHING_TO_SEE = "there is nothing to see in this volume"
+"""The last words of the notes on volumes without any contrast."""
+
+
 def value_notes(array: NDArray[Any]) -> tuple[str, ...]:
     """Notes on voxels that are NaN or infinite, and on an array [z, y, x] that holds one value only."""
     first = array[0, 0, 0]
     if (array[0] == first).all() and all((slab == first).all() for slab in slabs(array)):
-        return (f"every voxel has the value {float(first):g}: there is nothing to see in this volume",)
+        return (f"every voxel has the value {float(first):g}: {NOTHING_TO_SEE}",)
     return _not_finite_note(array)
 
 
@@ -161,6 +165,8 @@ def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     bad = sum(int(slab.size - np.count_nonzero(np.isfinite(slab))) for slab in slabs(array))
     if not bad:
         return ()
+    if bad == array.size:
+        return (f"no voxel is a finite number: {NOTHING_TO_SEE}",)
     many = f"{bad:,}".replace(",", " ")
     return (f"{many} voxels are not finite, shown as background" if bad > 1
             else "1 voxel is not finite, shown as background",)

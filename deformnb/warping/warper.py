@@ -12,6 +12,7 @@ The paper's transparency map A is applied to voxels too: those that a cut hides 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from deformnb import devices
 from deformnb._jax import as_numpy, jax, jnp
 from deformnb._typing import Progress
-from deformnb.checks import shown_value
+from deformnb.checks import shown_value, warn
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
@@ -31,6 +32,7 @@ from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
+from deformnb.warping.map_checks import map_notes
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
 from deformnb.warping.node_table import Displacements, Replacement
 
@@ -147,7 +149,11 @@ def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
     if callable(apply_all) and not isinstance(field, AbstractField | type):
         done: list[Volume] = apply_all(volumes, **options)
         return done
-    return warp_all(volumes, field, **options)
+    first, output = volumes[0], options.get("output")
+    results = warp_all(volumes, field, **options)
+    cautions = map_notes(first, as_field(field, first), first.grid if output is None else as_grid(output))
+    warn(cautions)
+    return [replace(result, notes=tuple(dict.fromkeys((*result.notes, *cautions)))) for result in results]
 
 
 class Warper:

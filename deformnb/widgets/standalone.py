@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.analysis.extent import cut_off_text, foreground_level, leaving_voxels, side_names
 from deformnb.document.deformation import Deformation, Step, VolumeReference
 from deformnb.document.edits import untouched_step
 from deformnb.document.json_format import to_json
@@ -38,6 +37,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.known_spacings import known_spacings
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor

@@ -20,6 +20,7 @@ from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from deformnb._jax import ENDING
+from deformnb.checks import notes_reported
 from deformnb.errors import DeformError
 
 _LOG = logging.getLogger(__name__)
@@ -210,7 +211,8 @@ def _work(queue: _Queue, before: threading.Thread | None) -> None:
         before = None
     while (work := queue.take()) is not None:
         try:
-            work()
+            with notes_reported():  # by the widgets
+                work()
         except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
             if not ENDING.is_set():  # which cancels what a job computes
                 _LOG.exception("a job of a worker failed")

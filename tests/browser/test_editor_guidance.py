@@ -167,7 +167,7 @@ def test_a_fold_that_the_fit_suspects_is_not_told_where_the_page_finds_none(open
     editor.points = ControlPoints.from_arrays([*corners, [40, 20], [90, 25]], [*corners, [90.5, 25], [90, 25]])
     page.settled()
     assert page.js(f"{PAGE}.folds.least") < 0
-    assert notes(page) == "control points 4 and 5 are pulled past each other: the map may fold there"
+    assert notes(page) == "control points 4 and 5 are pulled past each other: the map folds there"
     line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
     editor.points = ControlPoints.from_arrays(line, line + np.array([[0, 0], [3, 2], [0, 0]]))
     page.settled()

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from deformnb.analysis.extent import cut_off_text, exceeded_sides, foreground_of, reached_places
+from deformnb.analysis.extent import exceeded_sides, foreground_of, reached_places
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json
 from deformnb.imaging.projection import project
@@ -25,6 +25,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import cut_off_text
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.standalone import write_standalone

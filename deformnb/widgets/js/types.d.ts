@@ -175,8 +175,6 @@ export interface RbfFit {
   ids: number[];
   /** Remarks for the user. */
   notes: string[];
-  /** The notes that report that the map may fold. */
-  doubts: string[];
 }
 
 /** A rigid part made ready for evaluation. The last three fields are scratch values of the place evaluated last. */
@@ -232,7 +230,6 @@ export interface LayeredFit {
   /** The index in `fits` of each key. */
   byKey: Map<number, number>;
   notes: string[];
-  doubts: string[];
   count: number;
   /** Whether there are regions without points. */
   hasRest: boolean;

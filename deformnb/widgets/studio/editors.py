@@ -15,13 +15,13 @@ import ipywidgets as ipw
 import numpy as np
 
 from deformnb._weak import weakly
-from deformnb.analysis.extent import foreground_level
 from deformnb.document.deformation import Step
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
+from deformnb.warping.foreground import foreground_level
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.analysis.extent import tissue_test
-from deformnb.analysis.folds import Folds, IsTissue
+from deformnb.analysis.folds import Folds
 from deformnb.analysis.quality import FitQuality, bending_energy
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.step_checks import (
@@ -34,6 +33,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import IsTissue, tissue_test
 from deformnb.warping.inverse import RoundTrip, round_trip
 from deformnb.widgets.packed_volume import unit_of
 

@@ -68,9 +68,7 @@ export class StatusLine {
     setAttributes(this.facts, { title: facts }); // where it is cut off
     const folds = this.editor.folds ?? { least: 1, share: 0, air: 0 };
     this.#updateFolds(folds);
-    // The fit only suspects a fold; the editor has measured it.
-    const remarks = this.#isUntouched ? [] : (layered?.notes ?? []).filter((note) => (
-      folds.least <= 0 || !layered?.doubts.includes(note)));
+    const remarks = this.#isUntouched ? [] : layered?.notes ?? [];
     const notes = error || foldStop.note || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     setAttributes(this.notes, { title: notes });

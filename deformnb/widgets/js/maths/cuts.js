@@ -31,7 +31,6 @@ export function layeredFit(points, settings = {}) {
   }).map(({ key, fit }) => ({ key, sides: regions.map((_, k) => Boolean(key & (1 << k))), fit }));
   return { fits, regions, rule: settings.cut_rule ?? "source", fit: regions.length ? null : fits[0].fit,
     byKey: new Map(fits.map(({ key }, k) => [key, k])), notes: [...new Set(fits.flatMap(({ fit }) => fit.notes))],
-    doubts: [...new Set(fits.flatMap(({ fit }) => fit.doubts))],
     count: fits.reduce((sum, { fit }) => sum + fit.count, 0),
     hasRest: regions.length > 0 && fits.length < 2 ** regions.length };
 }
@@ -94,9 +93,9 @@ function fitsBesideSlits(points, regions, before, fitOf) {
     });
     const some = fits.filter((fit) => fit !== null), main = some[some.length - 1];
     if (!main) continue;
-    made.push({ key, fit: { ...main, base: undefined, rigid: undefined, stages: undefined, forward: undefined, blend: { fits, openings },
-      count: some.reduce((sum, { count }) => sum + count, 0), notes: [...new Set(some.flatMap(({ notes }) => notes))],
-      doubts: [...new Set(some.flatMap(({ doubts }) => doubts))] } });
+    made.push({ key, fit: { ...main, base: undefined, rigid: undefined, stages: undefined, forward: undefined,
+      blend: { fits, openings }, count: some.reduce((sum, { count }) => sum + count, 0),
+      notes: [...new Set(some.flatMap(({ notes }) => notes))] } });
   }
   return made;
 }

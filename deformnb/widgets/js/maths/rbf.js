@@ -1219,7 +1219,7 @@ function rbfIdentity(ready, kernel, trend, support) {
   const scales = isOwn ? Float64Array.from(radii, (r) => ready.radius / r) : null;
   return { count: ready.n, scales, centers, coefficients: new Float64Array(dim * ready.n),
     linear: rbfMatrix(dim, () => 0), constant: new Array(dim).fill(0), quadratic: null, origin: ready.origin, support, kernel, trend, ids: ready.ids,
-    notes: ready.notes, doubts: [] };
+    notes: ready.notes };
 }
 
 /**
@@ -1259,12 +1259,40 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
   const crossed = torn.map(
     ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`);
-  crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair)).map(
-    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map may fold there`));
-  return { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
-    constant: constant.map((value) => value * r), doubts: crossed,
-    quadratic: quadratic?.map((m) => m.map((row) => row.map((value) => value * r))) ?? null,
-    notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)] };
+  const solved = { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
+    constant: constant.map((value) => value * r),
+    quadratic: quadratic?.map((m) => m.map((row) => row.map((value) => value * r))) ?? null };
+  crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair) && rbfFoldsBetween(solved, pair)).map(
+    ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map folds there`));
+  return { ...solved, notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)] };
+}
+
+/** Places on the way from one point to another at which the determinant is computed, as in deformnb.rbf.interpolant. */
+const BETWEEN = Array.from({ length: 16 }, (_, k) => (k + 0.5) / 16);
+
+/** Whether det(1 + dD/dx) <= 0 somewhere on the straight way between two points. @param {RbfFit} fit @param {number[]} pair  ids */
+function rbfFoldsBetween(fit, pair) {
+  const dim = fit.constant.length;
+  const [p, q] = pair.map((id) => { const k = fit.ids.indexOf(id); return [...fit.centers.subarray(dim * k, dim * (k + 1))]; });
+  return BETWEEN.some((t) => !(rbfDeterminant(rbfMapDerivative(fit, p.map((value, k) => value + t * (q[k] - value)))) > 0));
+}
+
+/** 1 + dD/dx at a place in relative coordinates, in a plane or in space. @param {RbfFit} fit @param {number[]} place */
+function rbfMapDerivative(fit, place) {
+  const { centers: x, coefficients: alpha, count, scales, linear, quadratic, support } = fit, dim = place.length;
+  const slope = RBF_KERNELS[fit.kernel].slope;
+  const out = rbfMatrix(dim, (m, k) => linear[m][k] + (quadratic ? 2 * rbfDot(quadratic[m][k], place) : 0));
+  for (let c = 0, j = 0; c < count; c++, j += dim) {
+    const away = place.map((value, k) => value - x[j + k]), w = scales ? scales[c] * scales[c] : 1;
+    const g = 2 * w * slope(rbfDot(away, away) * w);
+    for (let m = 0; m < dim; m++) for (let k = 0; k < dim; k++) out[m][k] += alpha[j + m] * g * away[k];
+  }
+  return rbfMatrix(dim, (m, k) => Number(m === k) + out[m][k] / support);
+}
+
+/** The determinant of a matrix of 2 or 3 rows. @param {number[][]} m */
+function rbfDeterminant([a, b, c]) {
+  return c ? rbfDot(a, rbfCross(b, c)) : a[0] * b[1] - a[1] * b[0];
 }
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------

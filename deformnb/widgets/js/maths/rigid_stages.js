@@ -324,8 +324,7 @@ export function stagedFit(points, parts, settings = {}) {
   const stages = Array.from({ length: count }, (_, k) => stageFit(partOfWay(dragged, k + 1, count), parts,
     { ...settings, strength: 1, support, previous: null }, k + 1, count));
   return { ...stages[count - 1], stages, count: stages.reduce((sum, fit) => sum + fit.count, 0),
-    notes: [...new Set(stages.flatMap((fit) => fit.notes))],
-    doubts: [...new Set(stages.flatMap((fit) => fit.doubts))] };
+    notes: [...new Set(stages.flatMap((fit) => fit.notes))] };
 }
 
 /**

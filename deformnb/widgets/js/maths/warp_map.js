@@ -9,7 +9,7 @@ import { sampledWithSlope } from "./sampled_fit.js";
 /** @import { Fit, LayeredFit, RbfFit, TipBlend } from "../types.d.ts" */
 
 /** @type {LayeredFit} */
-export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [], doubts: [],
+export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [],
   count: 0, hasRest: false };
 
 const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it

@@ -24,7 +24,7 @@ import ipywidgets as ipw
 
 from deformnb._progress import time_left
 from deformnb._weak import weakly
-from deformnb.analysis.extent import cut_off_text, listed, padded
+from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
 from deformnb.document.script import VOLUME_LINE
 from deformnb.errors import Cancelled, DeformError, FileChangedError
@@ -34,6 +34,7 @@ from deformnb.io.headers import human_bytes
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
+from deformnb.warping.foreground import cut_off_text, listed
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.standalone import CONTROLS
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, fill, menu, raising, row

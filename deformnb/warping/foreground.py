@@ -1,0 +1,117 @@
+"""Foreground of a volume: the level above the background, and the sides at which it leaves a box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb._deferred import ndimage
+from deformnb.volume.plane import Plane
+from deformnb.volume.transfer import levels
+from deformnb.volume.volume import Grid, Volume
+
+Array = NDArray[np.float64]
+
+IsTissue = Callable[[Array], NDArray[np.bool_]]
+"""Whether tissue is at points (n, dim) of the input, such as of :func:`tissue_test`."""
+
+# Foreground leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through
+# tissue.
+_LEAVES = 0.01
+
+# With the letters that views show at their edges: in a picture from the front, left is on the right.
+_TOWARDS = (("left side (L)", "right side (R)"), ("back (P)", "front (A)"), ("top (S)", "bottom (I)"))
+
+
+def foreground_level(volume: Volume) -> float:
+    """The value above which voxels are foreground: the edge between air and tissue, the background of labels."""
+    plain = volume.is_labels or volume.dtype == np.bool_
+    return float(volume.background if plain else levels(volume)[1])
+
+
+# Voxels around tissue that count as such: a fold beside it would still be seen.
+_BESIDE_TISSUE = 2
+
+
+def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
+    """A test whether points (n, 3) lie in the foreground of a volume, or within two voxels of it.
+
+    Parameters
+    ----------
+    plane : whose depth is not looked at: what lies in front of tissue, or behind it, counts as tissue too. Only along
+        an axis of the volume; of other planes every point counts.
+
+    Examples
+    --------
+    >>> values = np.zeros((8, 8, 32), np.uint8)
+    >>> values[:, :, 10:14] = 200
+    >>> tissue_test(Volume.from_array(values))(np.array([[12.0, 4, 4], [8, 4, 4], [3, 4, 4]])).tolist()
+    [True, True, False]
+    """
+    depth = None
+    if plane is not None:
+        cosines = np.abs(np.asarray(volume.grid.direction).T @ plane.frame[2])
+        depth = int(cosines.argmax())
+        if not np.isclose(cosines[depth], 1.0, atol=1e-6):
+            return lambda x: np.ones(len(x), np.bool_)
+
+    @cache
+    def mask() -> NDArray[np.bool_]:  # at the first question: most maps are far from folding, and nothing is asked
+        there: NDArray[np.bool_] = volume.finite_values > foreground_level(volume)
+        if depth is not None:
+            there = np.asarray(there.any(axis=2 - depth, keepdims=True))
+        for axis in (axis for axis in range(3) if there.shape[axis] > 1):
+            there = ndimage.maximum_filter1d(there, 2 * _BESIDE_TISSUE + 1, axis=axis, mode="constant")
+        return there
+
+    def is_tissue(x: NDArray[np.float64]) -> NDArray[np.bool_]:
+        there = mask()
+        index = np.rint(volume.grid.point_to_index(x)).astype(np.int64)
+        if depth is not None:
+            index[:, depth] = 0
+        within = np.clip(index, 0, np.array(there.shape[::-1]) - 1)
+        i, j, k = within.T
+        return np.asarray((index == within).all(axis=1) & there[k, j, i])
+
+    return is_tissue
+
+
+def leaving_voxels(box: Grid) -> Array:
+    """Voxels along x, y, z beyond the sides of a box, from which on foreground counts as outside."""
+    most: Array = 1.0 + _LEAVES * np.array(box.shape[::-1])
+    return most
+
+
+def side_names(box: Grid) -> tuple[str, ...]:
+    """The six sides of a box in words: where x is lowest and highest, then y, then z.
+
+    Examples
+    --------
+    >>> side_names(Grid((4, 4, 4)))[:2]
+    ('right side (R)', 'left side (L)')
+    """
+    names = []
+    for axis in np.asarray(box.direction).T:
+        for towards in (-axis, axis):
+            world = int(np.abs(towards).argmax())
+            names.append(_TOWARDS[world][int(towards[world] < 0)])
+    return tuple(names)
+
+
+def cut_off_text(sides: tuple[str, ...]) -> str:
+    """A warning of what is cut off at these sides of the box; empty for none.
+
+    Examples
+    --------
+    >>> cut_off_text(("left side (L)", "top (S)"))
+    'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
+    """
+    return f"Tissue leaves the box at the {listed(sides)}, and is cut off there." if sides else ""
+
+
+def listed(sides: tuple[str, ...]) -> str:
+    """Names of sides in a sentence, with commas and an "and"."""
+    return " and ".join([", ".join(sides[:-1]), sides[-1]]) if len(sides) > 1 else sides[0]

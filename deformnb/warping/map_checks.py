@@ -1,0 +1,213 @@
+"""Checks of the map that is applied to a volume: whether it folds, and whether it moves tissue out of the box.
+
+Both are found from displacements at a few thousand places, beside a warp of millions of voxels. A map that is done in
+several steps folds where one of its steps does, for determinants multiply along a composition:
+``det J(x) = det J_1(x + D_2(x)) det J_2(x)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import fields as dataclass_fields
+from dataclasses import is_dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deformnb.rbf.extrusion import Extrusion, unchanging_axes
+from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.interpolant import RBFInterpolant
+from deformnb.volume.plane import Plane
+from deformnb.volume.volume import NOTHING_TO_SEE, Grid, Volume, value_notes
+from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names, tissue_test
+
+Array = NDArray[np.float64]
+
+# Nodes along the longest side of a box at which every determinant is computed; between them candidates of the fits and
+# a search around the smallest one find what is narrower.
+_NODES = 25
+_DEPTHS = 9
+_CANDIDATES = 4096
+
+# The smallest determinant is followed from this value on, on lattices of so many nodes a side, each finer by half that.
+_FOLLOWED, _AROUND, _FINER = 0.5, 5, 4
+
+# Nodes along each side of the box at which tissue is looked for beyond it.
+_SHELL = 48
+
+
+def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, ...]:
+    """What a user should know before using a result: nothing to see, folds in tissue, and tissue that is cut off.
+
+    Parameters
+    ----------
+    volume : that is deformed.
+    field : backward displacements in space.
+    output : the grid of the result.
+
+    Examples
+    --------
+    >>> from deformnb.rbf.fitting import fit_rbf
+    >>> from deformnb.rbf.points import ControlPoints
+    >>> volume = Volume.from_array(np.pad(np.full((10, 10, 10), 200, np.uint8), 10))
+    >>> drag = ControlPoints.from_arrays([[15, 15, 15]], [[25, 15, 15]])
+    >>> for note in map_notes(volume, fit_rbf(drag, trend="none", support=10.0), volume.grid): print(note)
+    The map folds: det J is -1.1 near (22.5, 15, 15), where tissue is shown twice. Drag less far, or use more stages or
+    a larger support radius.
+    """
+    empty = tuple(note for note in value_notes(volume.values) if note.endswith(NOTHING_TO_SEE))
+    if empty or field.is_identity:
+        return empty
+    return tuple(note for note in (fold_note(volume, field, output), cut_off_note(volume, field, output)) if note)
+
+
+# ---- folds -----------------------------------------------------------------------------------------------------------
+
+
+def fold_note(volume: Volume, field: AbstractField, box: Grid) -> str:
+    """A sentence on the worst fold of a map in tissue; empty where there is none.
+
+    Parameters
+    ----------
+    box : that is searched; of a map in several steps each is searched there.
+    """
+    worst, where = 0.0, None
+    steps = field.steps
+    for k, step in enumerate(steps):
+        places, values = _lowest(step, box)
+        if not values.size or values[0] > worst:
+            continue
+        source = places + step.displacement(places)
+        for before in reversed(steps[:k]):
+            source = source + before.displacement(source)
+        in_tissue = tissue_test(volume, _plane_of(step, box))(source)
+        if in_tissue.any() and values[in_tissue][0] <= worst:
+            worst, where = float(values[in_tissue][0]), places[in_tissue][0]
+    if where is None:
+        return ""
+    at = ", ".join(f"{value:.4g}" for value in where + 0.0)
+    return (f"The map folds: det J is {worst:.2g} near ({at}), where tissue is shown twice. Drag less far, or use more "
+            "stages or a larger support radius.")
+
+
+def _lowest(field: AbstractField, box: Grid) -> tuple[Array, Array]:
+    """The places (n, 3) in folds and their determinants (n,), the smallest first."""
+    places = np.concatenate([_nodes(field, box), _candidates(field, box)])
+    values = _determinants(field, places)
+    if (values.size and 0 < values.min() < _FOLLOWED) or (values <= 0).any():
+        places, values = _follow(field, box, places, values)
+    order = np.argsort(values)
+    order = order[values[order] <= 0]
+    return places[order], values[order]
+
+
+def _determinants(field: AbstractField, places: Array) -> Array:
+    values: Array = np.linalg.det(np.eye(3) + field.jacobian(places))
+    return np.where(np.isfinite(values), values, 1.0)
+
+
+def _nodes(field: AbstractField, box: Grid) -> Array:
+    """Nodes of a lattice that covers the box; one slice stands for all along an axis on which nothing changes."""
+    counts = np.array(box.shape[::-1])
+    lengths = np.asarray(box.spacing) * counts
+    most = np.maximum(np.ceil(_NODES * lengths / lengths.max()), 2).astype(int)
+    if isinstance(field, Extrusion) and not field.is_replication and (axis := field.axis_of(box)) is not None:
+        most[2 - axis] = _DEPTHS
+    same = unchanging_axes(field, box)
+    lines = [np.array([(n - 1) / 2]) if 2 - k in same else np.linspace(0, n - 1, min(n, m))
+             for k, (n, m) in enumerate(zip(counts.tolist(), most.tolist(), strict=True))]
+    return box.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
+
+
+def _candidates(field: AbstractField, box: Grid) -> Array:
+    """Places in the box at and between the control points of a map, where it is steepest."""
+    found = [np.zeros((0, 3))]
+    for plane, depths, fit in _fits(field, None, np.zeros(1)):
+        places = fit.steep_places()
+        if plane is not None:
+            c = np.broadcast_to(depths, (len(places), len(depths))).T.reshape(-1, 1)
+            places = plane.from_plane(np.concatenate([np.tile(places, (len(depths), 1)), c], axis=1))
+        if places.shape[-1] == 3:
+            found.append(places)
+    places = np.concatenate(found)
+    index = box.point_to_index(places)
+    places = places[(np.abs(index - (np.array(box.shape[::-1]) - 1) / 2) <= np.array(box.shape[::-1]) / 2).all(axis=1)]
+    return places[:: max(1, -(-len(places) // _CANDIDATES))]
+
+
+def _fits(field: object, plane: Plane | None, depths: Array) -> Iterator[tuple[Plane | None, Array, RBFInterpolant]]:
+    """The fits within a field, each with the plane on which it lies and the depths at which it counts most."""
+    if isinstance(field, RBFInterpolant):
+        yield plane, depths, field
+        return
+    if isinstance(field, Extrusion):
+        weights = np.abs(np.asarray(field.weights))
+        knots = np.asarray(field.knots)[np.unique(np.concatenate([weights.argmax(axis=1), [len(weights[0]) // 2]]))]
+        plane, depths = field.plane, field.depth[0] + knots * (field.depth[1] - field.depth[0])
+    if isinstance(field, AbstractField) and is_dataclass(field):
+        for one in dataclass_fields(field):
+            value = getattr(field, one.name)
+            parts = value.values() if isinstance(value, dict) else value if isinstance(value, Iterable) else (value,)
+            for part in (value,) if isinstance(value, AbstractField) else parts:
+                if isinstance(part, AbstractField):
+                    yield from _fits(part, getattr(field, "plane", None) or plane, depths)
+
+
+def _follow(field: AbstractField, box: Grid, places: Array, values: Array) -> tuple[Array, Array]:
+    """Add places around the smallest determinant, on ever finer lattices."""
+    axes, last = box.matrix.T, np.array(box.shape[::-1]) - 1
+    gap = (last / (_NODES - 1)).max()
+    for turn in range(_FINER):
+        at = box.point_to_index(places[values.argmin()])
+        sides = [np.linspace(-1, 1, _AROUND) * gap / (_AROUND / 2) ** turn if n else np.zeros(1) for n in last]
+        index = np.clip(at + np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3), 0, last)
+        near = np.asarray(box.origin) + index @ axes
+        places, values = np.concatenate([places, near]), np.concatenate([values, _determinants(field, near)])
+    return places, values
+
+
+def _plane_of(field: AbstractField, box: Grid) -> Plane | None:
+    """The plane of a map that is the same at every depth: tissue at any depth of a fold counts."""
+    same = unchanging_axes(field, box)
+    return getattr(field, "plane", None) if same else None
+
+
+# ---- tissue that leaves the box --------------------------------------------------------------------------------------
+
+
+def cut_off_note(volume: Volume, field: AbstractField, box: Grid) -> str:
+    """A sentence on the sides of a box beyond which tissue is moved; empty where all of it stays inside.
+
+    Sides that lie within the volume are left out: there tissue is cut off because that was asked for.
+    """
+    sides = [name for name, shell in zip(side_names(box), _shells(box), strict=True)
+             if _outside(volume.grid, shell) and _shows_tissue(volume, field, shell)]
+    return cut_off_text(tuple(sides))
+
+
+def _shells(box: Grid) -> Iterator[Array]:
+    """Places beyond each side of a box, in the order of :func:`side_names`."""
+    counts, beyond = np.array(box.shape[::-1]), leaving_voxels(box)
+    for axis in range(3):
+        others = [np.linspace(0, n - 1, min(int(n), _SHELL)) for n in np.delete(counts, axis)]
+        flat = np.stack(np.meshgrid(*others, indexing="ij"), axis=-1).reshape(-1, 2)
+        for at in (-0.5 - beyond[axis], counts[axis] - 0.5 + beyond[axis]):
+            yield box.index_to_point(np.insert(flat, axis, at, axis=1))
+
+
+def _index(grid: Grid, places: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The voxels (n, 3) that are nearest to places, and whether these lie in the grid."""
+    index = np.rint(np.clip(grid.point_to_index(places), -1e9, 1e9)).astype(np.int64)
+    return index, np.asarray(((index >= 0) & (index < np.array(grid.shape[::-1]))).all(axis=1))
+
+
+def _outside(grid: Grid, places: Array) -> bool:
+    return not _index(grid, places)[1].any()
+
+
+def _shows_tissue(volume: Volume, field: AbstractField, places: Array) -> bool:
+    index, inside = _index(volume.grid, places + field.displacement(places))
+    if not inside.any():
+        return False
+    x, y, z = index[inside].T
+    return bool((volume.finite_values[z, y, x] > foreground_level(volume)).any())
