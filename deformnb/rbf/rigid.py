@@ -306,8 +306,9 @@ def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np
 # A point inside a part that requires what the part does anyway may miss it by this share of the box of all points.
 SAME_MOTION = 1e-6
 
-# Parts that touch, as bones in a joint do, may overlap by this share of their size: shapes are drawn by hand.
-_CONTACT = 0.02
+# Parts that touch, as bones in a joint do, may share this much of one of them: shapes are drawn by hand, and silhouettes
+# of bones in space overlap by 1 % on a picture.
+_CONTACT = 0.03
 
 
 @dataclass(frozen=True)
@@ -572,10 +573,10 @@ def _in_common(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
         here, there = (x if p.motion is None else p.motion(x) for p in (one, two))
         size = float(np.linalg.norm(np.ptp(x, axis=0)))
         before = two.region.signed_distance(x)
-        shared = before < -SAME_MOTION * size
-        overlap |= bool((shared & (np.linalg.norm(here - there, axis=1) > SAME_MOTION * size)).any())
+        shared = (before < 0) & (np.linalg.norm(here - there, axis=1) > SAME_MOTION * size)
+        overlap |= bool(shared.mean() > _CONTACT)
         back = here if two.motion is None else two.motion.inverse(here)
-        contact |= bool(((two.region.signed_distance(back) < -_CONTACT * size) & (before >= 0)).any())
+        contact |= bool(((two.region.signed_distance(back) < 0) & (before >= 0)).mean() > _CONTACT)
     return overlap, contact
 
 
