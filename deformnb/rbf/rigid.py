@@ -306,8 +306,8 @@ def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np
 # A point inside a part that requires what the part does anyway may miss it by this share of the box of all points.
 SAME_MOTION = 1e-6
 
-# Parts that touch, as bones in a joint do, may share this much of one of them: shapes are drawn by hand, and silhouettes
-# of bones in space overlap by 1 % on a picture.
+# Parts that touch, as bones in a joint do, may share this much of one of them: shapes are drawn by hand, and
+# silhouettes of bones in space overlap by 1 % on a picture.
 _CONTACT = 0.03
 
 

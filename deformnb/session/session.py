@@ -720,7 +720,7 @@ class Session(traitlets.HasTraits):
             return self.volume
         kept = self._base
         if kept is None or kept[0] != earlier:
-            kept = self._base = (earlier, *warp_all([self.volume], earlier.field(self.grid)))
+            kept = self._base = (earlier, warp_all([self.volume], earlier.field(self.grid))[0])
         return kept[1]
 
     def before(self) -> AbstractField | None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deformnb.rbf.extrusion import Extrusion, unchanging_axes
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import NOTHING_TO_SEE, Grid, Volume, value_notes
@@ -136,7 +137,10 @@ def _candidates(field: AbstractField, box: Grid) -> Array:
 
 
 def _fits(field: object, plane: Plane | None, depths: Array) -> Iterator[tuple[Plane | None, Array, RBFInterpolant]]:
-    """The fits within a field, each with the plane on which it lies and the depths at which it counts most."""
+    """The fits within a field, each with the plane on which it lies and the depths at which it counts most.
+
+    Fits forward are left out: they are steep at places of the input.
+    """
     if isinstance(field, RBFInterpolant):
         yield plane, depths, field
         return
@@ -144,7 +148,7 @@ def _fits(field: object, plane: Plane | None, depths: Array) -> Iterator[tuple[P
         weights = np.abs(np.asarray(field.weights))
         knots = np.asarray(field.knots)[np.unique(np.concatenate([weights.argmax(axis=1), [len(weights[0]) // 2]]))]
         plane, depths = field.plane, field.depth[0] + knots * (field.depth[1] - field.depth[0])
-    if isinstance(field, AbstractField) and is_dataclass(field):
+    if isinstance(field, AbstractField) and is_dataclass(field) and not isinstance(field, ForwardFit):
         for one in dataclass_fields(field):
             value = getattr(field, one.name)
             parts = value.values() if isinstance(value, dict) else value if isinstance(value, Iterable) else (value,)

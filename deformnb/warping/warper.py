@@ -11,8 +11,8 @@ The paper's transparency map A is applied to voxels too: those that a cut hides 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
@@ -153,7 +153,7 @@ def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
     results = warp_all(volumes, field, **options)
     cautions = map_notes(first, as_field(field, first), first.grid if output is None else as_grid(output))
     warn(cautions)
-    return [replace(result, notes=tuple(dict.fromkeys((*result.notes, *cautions)))) for result in results]
+    return [dataclasses.replace(result, notes=tuple(dict.fromkeys((*result.notes, *cautions)))) for result in results]
 
 
 class Warper:

@@ -155,7 +155,8 @@ def least_determinant(field: AbstractField, box: Grid, nodes: int) -> float:
     return float(np.linalg.det(np.eye(3) + j).min())
 
 
-@given(seed=st.integers(0, 10**6), reach=st.floats(1.0, 14.0), kernel=st.sampled_from([name for name, kind in KERNELS.items() if kind.order < 3]))
+@given(seed=st.integers(0, 10**6), reach=st.floats(1.0, 14.0),
+       kernel=st.sampled_from([name for name, kind in KERNELS.items() if kind.order < 3]))
 def test_folds_are_named_where_they_are_and_only_there(seed: int, reach: float, kernel: str) -> None:
     """On a body that fills its box, with few points on a picture: the determinant is that of the picture's map."""
     rng = np.random.default_rng(seed)
