@@ -128,7 +128,7 @@ class _Zarr:
 
     @property
     def chunks(self) -> tuple[int, ...]:
-        return (1, *self.level.array.chunks)[-3:]
+        return self.level.chunks
 
     def read(self, part: Part) -> NDArray[Any]:
         return self.level.read(part)
@@ -432,7 +432,7 @@ def _reader_of(array: Any) -> Reader:
     kind = type(array).__module__.partition(".")[0]
     if kind == "zarr":
         grid = Grid((int(array.shape[0]), int(array.shape[1]), int(array.shape[2])))
-        return _Zarr(ome_zarr.Level(array, (slice(None),) * 3, grid))
+        return _Zarr(ome_zarr.Level(array, ("z", "y", "x"), grid))
     if kind == "h5py":
         return _Hdf5(array.file.filename, array.name, tuple(array.shape), np.dtype(array.dtype), array.chunks)
     return _Array(array)
@@ -474,6 +474,9 @@ def _of_zarr(path: Path, level: int) -> LargeVolume:
     pyramid = ome_zarr.open_pyramid(path)
     if not 0 <= level < len(pyramid.levels):
         raise fail(path, f"it has the levels 0 to {len(pyramid.levels) - 1}, got {shown_value(level)}.")
+    if not pyramid.layout.is_single:
+        raise fail(path, f"a volume is one channel at one moment, and this pyramid holds {pyramid.layout}; give "
+                         "deformnb.chunked one of them as a dask array.")
     chosen = pyramid.levels[level]
     _check_chunk(path, chosen.chunk_bytes)
     name = path.name[:-len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name

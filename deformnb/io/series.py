@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError
-from deformnb.io import images, metaimage, nifti, nrrd, tiff
+from deformnb.io import images, metaimage, nifti, nrrd, ome_zarr, tiff
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import format_of, located, plain_name, read_any_header, write_volume
 from deformnb.io.headers import Damage, Header, Layout, as_path, fail, human_bytes
@@ -352,7 +352,7 @@ def is_series(path: str | os.PathLike[str]) -> bool:
     True
     """
     place = located(path)
-    if place.is_dir():
+    if place.is_dir() and not ome_zarr.is_zarr(place):
         return False
     with Damage(place, "close other programs"):
         kind, header = read_any_header(place)
