@@ -34,6 +34,9 @@ Part = tuple[slice, slice, slice]
 # Types whose voxels become others where each value stays the same; what does not fit is refused when it is met.
 _CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "float32"}
 
+# Voxels along each axis that are compared when a job goes on: each unpacks a chunk, some milliseconds.
+_SAMPLES = 3
+
 # The part of a source that is read at once to find its smallest value.
 _SLAB_BYTES = 2**25
 
@@ -106,7 +109,8 @@ class _Mapped:
     chunks: None = None
 
     def read(self, part: Part) -> NDArray[Any]:
-        return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.shape, self.order)[part])
+        with unpacking(Path(self.path)):
+            return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.shape, self.order)[part])
 
     def identity(self) -> str:
         return f"{_stamp(self.path)} {self.offset} {self.order}"
@@ -134,9 +138,8 @@ class _Zarr:
         return self.level.read(part)
 
     def identity(self) -> str:
-        array = self.level.array
-        metadata = "".join(_stamp(file) for name in ome_zarr.MARKS if (file := self.level.path / name).is_file())
-        return f"{array.store_path} {metadata}"
+        root = getattr(self.level.array.store, "root", None)  # of a store that is a folder
+        return f"{self.level.array.store_path} {'' if root is None else _stamps(Path(root) / self.level.array.path)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +184,20 @@ class _Tiff:
 def _stamp(path: str | Path) -> str:
     about = os.stat(path)
     return f"{Path(path).resolve()} {about.st_size} {about.st_mtime_ns}"
+
+
+def _stamps(folder: Path) -> str:
+    """A checksum of the names, sizes and times of all files in a folder: a chunk that is written anew is another."""
+    digest, waiting = hashlib.sha256(), [str(folder)]
+    while waiting:
+        with os.scandir(waiting.pop()) as entries:
+            for entry in sorted(entries, key=lambda one: one.name):
+                about = entry.stat(follow_symlinks=False)
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(entry.path)
+                else:
+                    digest.update(f"{entry.path} {about.st_size} {about.st_mtime_ns} {about.st_ino}\n".encode())
+    return digest.hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,9 +317,18 @@ class LargeVolume:
 
     @cached_property
     def fingerprint(self) -> str:
-        """A checksum of what is known of the source without reading it (of an array in memory: of its voxels)."""
-        text = f"{self.reader.identity()} {self.grid!r} {self.dtype} {self.is_labels}"
-        return hashlib.sha256(text.encode()).hexdigest()
+        """:meth:`current_fingerprint` when it was first asked for."""
+        return self.current_fingerprint()
+
+    def current_fingerprint(self) -> str:
+        """A checksum by which a changed source is known: times and sizes of its files, and samples of its voxels; of an
+        array in memory all voxels.
+        """
+        digest = hashlib.sha256(f"{self.reader.identity()} {self.grid!r} {self.dtype} {self.is_labels}".encode())
+        for at in product(*(sorted({int(k) for k in np.linspace(0, n - 1, _SAMPLES)}) for n in self.shape)):
+            z, y, x = (slice(k, k + 1) for k in at)
+            digest.update(np.ascontiguousarray(self.reader.read((z, y, x))).tobytes())
+        return digest.hexdigest()
 
 
 class ChunkCache:

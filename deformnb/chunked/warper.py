@@ -79,7 +79,9 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     Notes
     -----
     The result gets its name when it is complete. A job that was interrupted, cancelled or killed goes on when it is
-    called again: what is done is noted in a folder beside the target, and only what was in work is computed anew.
+    called again: what is done is noted in a folder beside the target, with a checksum of each block, and only what was
+    in work, or is not any more as it was written, is computed anew. A source that was changed meanwhile is refused: of
+    files by their times, sizes and samples of the voxels, of arrays in memory by all voxels, of others by samples.
 
     Examples
     --------
@@ -119,8 +121,9 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
         return _lazy(job)
     if target is Volume:
         return _in_memory(job, at_once, client, progress)
-    _write(job, at_once, target, client, progress, overwrite=overwrite, levels=levels, version=version)
-    return open_volume(target)
+    notes = _write(job, at_once, target, client, progress, overwrite=overwrite, levels=levels, version=version)
+    result = open_volume(target)
+    return replace(result, notes=(*result.notes, *notes)) if notes else result
 
 
 def bytes_of(memory: float | str | None) -> int:
@@ -197,9 +200,7 @@ class _WarpedBlock:
     array: Any
 
     def __call__(self, number: int) -> None:
-        values = self.job(number)
-        if (values != self.array.fill_value).any():  # what is missing reads as the fill value
-            self.array[self.job.blocks.part(number)] = values
+        self.array[self.job.blocks.part(number)] = self.job(number)  # of fill values alone nothing is stored
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,8 @@ class _HalvedBlock:
 
 
 def _write(job: BlockWarp, at_once: int, target: Path, client: Any, progress: Progress | None, *, overwrite: bool,
-           levels: int | None, version: str) -> None:
+           levels: int | None, version: str) -> tuple[str, ...]:
+    """Write the pyramid; returns remarks on what an earlier run had left."""
     source = job.source
     grids = ome_zarr.level_grids(job.output, levels)
     about: dict[str, Any] = {"version": version, "levels": len(grids), "name": source.name}
@@ -235,6 +237,12 @@ def _write(job: BlockWarp, at_once: int, target: Path, client: Any, progress: Pr
                 store.finished(level, number)
                 if progress is not None:
                     progress(len(store.done) / total)
+        if source.current_fingerprint() != source.fingerprint:
+            raise DeformError(f"the source of {shown_value(target.name)} was changed while it was read, so that the "
+                              "result is a mixture and was not taken; call again, with overwrite=True.")
+        if not store.damaged:
+            return ()
+        return (f"{store.damaged} finished blocks of an earlier run were missing or damaged and were computed anew",)
 
 
 def _levels(job: BlockWarp, store: UnfinishedStore) -> Iterator[tuple[Callable[[int], None], Blocks]]:

@@ -279,11 +279,7 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
     except OSError as error:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
             raise
-        # NumPy's tofile, which tifffile uses, counts what it wrote and gives no number of an error.
-        is_short = error.errno is None and "requested and" in str(error)
-        full = is_short or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        why = "the disk (or your share of it) is full" if full else f"the system reports: {error.strerror or error}"
-        raise fail(target, f"was not written, {why}; an older file of this name is untouched.") from error
+        raise not_written(target, error, "an older file of this name is untouched") from error
     finally:
         if temporary != target.parent:
             with suppress(OSError):
@@ -324,11 +320,26 @@ def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = True,
     except OSError as error:
         if isinstance(error, ValueError):
             raise
-        raise fail(target, f"was not written, the system reports: {error.strerror or error}.") from error
+        raise not_written(target, error, "an older one of this name is untouched") from error
     finally:
         if lock is not None:
             os.close(lock)
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def not_written(target: Path, error: OSError, rest: str) -> VolumeFileError:
+    """The error that says why the system did not write a file or folder, and what is left.
+
+    Examples
+    --------
+    >>> str(not_written(Path("a.zarr"), OSError(errno.ENOSPC, "no space"), "an older one is untouched"))
+    'a.zarr: was not written, the disk (or your share of it) is full; an older one is untouched.'
+    """
+    # NumPy's tofile, which tifffile uses, counts what it wrote and gives no number of an error.
+    is_short = error.errno is None and "requested and" in str(error)
+    full = is_short or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+    why = "the disk (or your share of it) is full" if full else f"the system reports: {error.strerror or shown(error)}"
+    return fail(target, f"was not written, {why}; {rest}.")
 
 
 def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:

@@ -1,4 +1,4 @@
-"""Displacement fields as images of vectors: NRRD, NIfTI and MetaImage by SimpleITK.
+"""Displacement fields as images of vectors: NRRD, NIfTI and MetaImage, read as volumes are, written by SimpleITK.
 
 ITK's components are x, y and z in LPS coordinates whatever the directions of the voxels, and so they are stored in NRRD
 and MetaImage. NIfTI stores them along its fifth axis; with the intent code 1007 (vector), which ITK and ANTs write,
@@ -7,69 +7,93 @@ they are LPS as well, with 1006 (displacement vector) RAS as its axes are, and I
 
 from __future__ import annotations
 
+import math
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.checks import LARGEST_COORDINATE
 from deformnb.interop.sitk_transforms import image_of_vectors
-from deformnb.io import metaimage, nrrd
+from deformnb.io import metaimage, nifti, nrrd
 from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import fail, human_bytes, shown
+from deformnb.io.headers import Header, fail, human_bytes, shown
 from deformnb.io.memory import available_memory
 from deformnb.rbf.fields import AbstractField, DisplacementField
 from deformnb.volume.volume import Grid, optional_package
 
-_MOST_PACKED = 1100  # deflate packs a byte of zeros at most 1032 times
+_COMPONENTS = 3
 _HEAD = 512  # bytes at the start of a file: the first line of a text, or more
 _NOTE = 79  # characters of the description in a NIfTI header
 
 
-def read_image(path: Path) -> Any:
-    """An image of three axes and three components, of SimpleITK; its header is read first."""
-    sitk = optional_package("SimpleITK")
-    stored = _stored(path)
-    reader = sitk.ImageFileReader()
-    reader.SetFileName(str(path))
-    try:
-        reader.ReadImageInformation()
-        counts, components = reader.GetSize(), reader.GetNumberOfComponents()
-        if len(counts) != 3 or components != 3:
-            raise fail(path, f"a displacement field has three axes and three components, and this image has "
-                             f"{len(counts)} and {components}.")
-        need = int(np.prod(counts, dtype=object)) * 3 * 8
-        if need > available_memory() // 2:
-            raise fail(path, f"its {' x '.join(map(str, counts))} vectors take {human_bytes(need)}, more than half of "
-                             "the memory that is free.")
-        if need > 8 * _MOST_PACKED * stored:
-            raise fail(path, f"its header announces {' x '.join(map(str, counts))} vectors, and the file has "
-                             f"{human_bytes(stored)}; it is cut short or damaged.")
-        return reader.Execute()
-    except RuntimeError as error:
-        raise fail(path, f"ITK reads no image from it ({reason(error)}).") from None
+_READERS: dict[str, Callable[[Path], Header]] = {
+    ".nrrd": nrrd.read_header, ".nhdr": nrrd.read_header, ".mha": metaimage.read_header, ".mhd": metaimage.read_header,
+    ".nii": nifti.read_header, ".gz": nifti.read_header}
+"""Readers of headers by the last suffix of a file."""
 
 
-def _stored(path: Path) -> int:
-    """Bytes of the file with the voxels, which a header may name; it must lie beside the header."""
-    suffix = path.suffix.lower()
-    source = {".nrrd": nrrd.data_file, ".nhdr": nrrd.data_file, ".mha": metaimage.data_file,
-              ".mhd": metaimage.data_file}.get(suffix)
-    return (path if source is None else source(path)).stat().st_size
+def read_displacement_image(path: Path) -> DisplacementField:
+    """The field of an image of vectors, which the readers of volumes read; elastix names such files as well.
+
+    Raises
+    ------
+    VolumeFileError
+        If the file is no image of three axes and three components, is damaged or cut short, holds what is not finite or
+        longer than any displacement, or takes more memory than there is.
+    """
+    read = _READERS.get(path.suffix.lower())
+    if read is None:
+        raise fail(path, f"an image of displacements ends with one of {', '.join(_READERS)}.")
+    header = read(path)
+    layout = header.layout
+    if layout.frames != 1 or layout.channels != _COMPONENTS or layout.kind != "channels" or header.transposed:
+        raise fail(path, "a displacement field has three axes and three components, and this image holds "
+                         f"{layout}.")
+    grid, _ = header.grid()
+    need = grid.size * _COMPONENTS * 8
+    if need > available_memory() // 2:
+        raise fail(path, f"its {' x '.join(map(str, grid.shape[::-1]))} vectors take {human_bytes(need)}, more than "
+                         "half of the memory that is free.")
+    values = _vectors(header)
+    if path.suffix.lower() in (".nii", ".gz") and nifti.has_ras_vectors(path):
+        values[..., :2] *= -1
+    return checked_displacements(path, values, grid)
 
 
-def field_of_image(path: Path, image: Any) -> DisplacementField:
-    """The field of an image of vectors of SimpleITK."""
-    sitk = optional_package("SimpleITK")
-    values = sitk.GetArrayFromImage(image)
-    if not np.isfinite(values).all():
+def checked_displacements(path: Path, values: NDArray[Any], grid: Grid) -> DisplacementField:
+    """The field of vectors (nz, ny, nx, 3) that a file holds, refused where they are no displacements."""
+    # The smaller and larger of all would be NaN if one is; no mask of all is needed.
+    longest = max(abs(float(values.min())), abs(float(values.max())))
+    if not math.isfinite(longest):
         raise fail(path, "it holds displacements that are not finite.")
-    a, b, c, d, e, f, g, h, i = image.GetDirection()
-    grid = Grid(values.shape[:3], image.GetSpacing(), image.GetOrigin(), ((a, b, c), (d, e, f), (g, h, i)))
+    if longest > LARGEST_COORDINATE:
+        raise fail(path, f"it holds a displacement of {longest:g}, and places are below {LARGEST_COORDINATE:g}; it is "
+                         "damaged.")
     return DisplacementField(values, grid)
+
+
+def _vectors(header: Header) -> NDArray[Any]:
+    """Components [z, y, x, component] in a floating type: blocks hold whole slices, of one component or of all."""
+    dtype = np.result_type(header.loaded_dtype, np.float32)
+    nz = header.shape[0]
+    out, done = np.empty((*header.shape, _COMPONENTS), dtype), 0
+    with closing(header.blocks()) as blocks:  # type: ignore[type-var]  # generators can be closed
+        for block in blocks:
+            part = header.scaled(block)
+            if header.layout.interleaved:
+                out[done:done + len(part)] = part
+            else:
+                for k, one in enumerate(part, done):
+                    out[k % nz, :, :, k // nz] = one
+            done += len(part)
+    return out
 
 
 def image_of(sitk: Any, field: DisplacementField) -> Any:
@@ -80,7 +104,7 @@ def image_of(sitk: Any, field: DisplacementField) -> Any:
 
 def read_displacements(path: Path, _grid: Grid | None) -> AbstractField:
     """The field of an image of vectors."""
-    return field_of_image(path, read_image(path))
+    return read_displacement_image(path)
 
 
 def write_displacements(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,

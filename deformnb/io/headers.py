@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3
-from deformnb.errors import DeformError, VolumeFileError
+from deformnb.errors import Cancelled, DeformError, VolumeFileError
 from deformnb.volume.volume import IDENTITY, Grid, Matrix3
 
 HEADER_BYTES = 2**20
@@ -215,9 +215,13 @@ def fail(path: Path, why: str) -> VolumeFileError:
     return VolumeFileError(f"{shown(path.name or path)}: {why}")
 
 
-# What damaged files and failing disks raise below this level. TypeError and RuntimeError are bugs, not damage.
+# What damaged files and failing disks raise below this level; anything else is a case that nobody has foreseen.
 _DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError, struct.error, csv.Error, MemoryError, OverflowError,
            ValueError, RecursionError)
+
+
+UNFORESEEN = "for a reason that deformnb does not know"
+"""Words of a message about an error that no reader has foreseen."""
 
 
 class Damage:
@@ -244,6 +248,9 @@ class Damage:
             raise fail(self._path, f"it cannot be read: {why}.") from error
         if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
             raise fail(self._path, str(error)) from error
+        if isinstance(error, Exception) and not isinstance(error, (DeformError, Cancelled, Warning)):
+            raise fail(self._path, f"it cannot be read, {UNFORESEEN} ({type(error).__name__}: {shown(error)}); please "
+                                   "report it with the file.") from error
 
 
 @contextmanager

@@ -14,17 +14,14 @@ from __future__ import annotations
 import json
 import math
 import posixpath
-import shutil
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.io.atomic import check_target
+from deformnb.io.atomic import atomic_folder
 from deformnb.io.headers import fail, human_bytes, shown, unpacking
 from deformnb.io.memory import available_memory
 from deformnb.io.transform_parts import sampled_parts
@@ -37,9 +34,11 @@ _AXES = ("z", "y", "x")
 _FOLDER = "coordinateTransformations"
 _CHUNK = 64  # voxels along an axis of a chunk: 3 MiB of float32
 
+_MARKS = ("zarr.json", ".zgroup")  # files of which a folder that is replaced has one
 _LONGEST = 1 << 22  # bytes of metadata: a real scene has some tens of kB
 _SAME = 1e-9  # of two maps that are each other's inverse; rounding is a thousandth of it
 _DEEPEST = 20
+_MOST_CHUNKS = 1 << 18  # of a field; 512^3 vectors take 512 of those that are written here
 _MOST_PARTS = 1000
 
 
@@ -50,16 +49,8 @@ def write_ngff(field: AbstractField, path: Path, grid: Grid, remark: str, overwr
                progress: Progress | None) -> None:
     """Write a scene with one sequence of transformations; the folder takes its place as a whole."""
     zarr = optional_package("zarr")
-    target = path.resolve()
-    if target.exists() and not overwrite:
-        raise fail(path, "is there already; pass overwrite=True to replace it.")
-    if not target.is_dir():
-        check_target(target, overwrite=overwrite)
-    elif not ((target / "zarr.json").exists() or (target / ".zgroup").exists()):
-        raise fail(path, "is a folder without a Zarr group, which is not replaced.")
     direction = remark.partition(":")[0]
-    made = target.with_name(f".{target.name}.{uuid4().hex[:8]}")
-    try:
+    with atomic_folder(path, overwrite=overwrite, folder_marks=_MARKS) as made:
         root = zarr.open_group(str(made), mode="w", zarr_format=3)
         steps = list[dict[str, Any]]()
         for part in sampled_parts(field, grid, progress):
@@ -73,16 +64,6 @@ def write_ngff(field: AbstractField, path: Path, grid: Grid, remark: str, overwr
         whole = ends | ({"type": "sequence", "transformations": steps} if len(steps) > 1 else one)
         scene = {"coordinateSystems": [{"name": _SYSTEM, "axes": _space()}], "coordinateTransformations": [whole]}
         root.attrs.update({"ome": {"version": _VERSION, "scene": scene}, "deformnb_transform": remark})
-        if target.exists():
-            old = made.with_name(made.name + ".old")
-            target.rename(old)
-            made.rename(target)
-            shutil.rmtree(old)
-        else:
-            made.rename(target)
-    finally:
-        with suppress(FileNotFoundError):
-            shutil.rmtree(made)
 
 
 def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str, Any]]:
@@ -93,7 +74,8 @@ def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str
     values = np.moveaxis(np.asarray(part.values) @ turned, -1, 0)[::-1]  # components as the axes: z, y, x
     group = root.create_group(name)
     array = group.create_array("0", shape=values.shape, dtype=values.dtype, dimension_names=("c", *_AXES),
-                               chunks=(3, *(min(_CHUNK, n) for n in grid.shape)))
+                               chunks=(3, *(min(_CHUNK, n) for n in grid.shape)),
+                               config={"write_empty_chunks": True})  # so that a lost one is known from one of zeros
     array[...] = values
     scale = {"type": "scale", "scale": [1.0, *grid.spacing[::-1]]}
     first = {"type": "translation", "translation": [0.0, *(grid.origin[::-1] if plain else (0.0,) * 3)]}
@@ -149,7 +131,7 @@ def _axes_of(path: Path, owner: dict[str, Any], transformation: dict[str, Any]) 
     ends = [transformation.get(end) for end in ("input", "output")]
     names = [end.get("name") if isinstance(end, dict) else end for end in ends]
     systems = owner.get("coordinateSystems")
-    found = [[axis if isinstance(axis, dict) else {} for axis in system.get("axes") or []]
+    found = [[axis if isinstance(axis, dict) else {} for axis in _listed(system.get("axes"))]
              for name in names for system in (systems if isinstance(systems, list) else [])
              if isinstance(system, dict) and system.get("name") == name]
     axes = [tuple(str(axis.get("name")) for axis in system) for system in found]
@@ -163,6 +145,10 @@ def _axes_of(path: Path, owner: dict[str, Any], transformation: dict[str, Any]) 
             raise fail(path, f"its axis {axis['name']} runs {shown(orientation.get('value'), 40)}; only systems in LPS "
                              "are read.")
     return axes[0]
+
+
+def _listed(given: Any) -> list[Any]:
+    return given if isinstance(given, list) else []
 
 
 class _Reader:
@@ -269,7 +255,7 @@ class _Reader:
     def _levels(self, level: dict[str, Any]) -> list[dict[str, Any]]:
         given = level.get("coordinateTransformations")
         flat = list[Any]()
-        for one in given if isinstance(given, list) else []:
+        for one in _listed(given):
             inner = one.get("transformations") if isinstance(one, dict) else None
             flat += inner if isinstance(inner, list) else [one]
         return [one if isinstance(one, dict) else {} for one in flat]
@@ -299,8 +285,23 @@ class _Reader:
         if need > available_memory() // 3:
             raise fail(self.path, f"its {' x '.join(map(str, shape[:0:-1]))} vectors in chunks of {chunks} take "
                                   f"{human_bytes(need)}, more than a third of the memory that is free.")
+        count = math.prod(-(-n // c) for n, c in zip(shape, chunks, strict=True))
+        if count > _MOST_CHUNKS:
+            raise fail(self.path, f"its field {shown(place.name, 40)} lies in {count} chunks, and at most "
+                                  f"{_MOST_CHUNKS} are read; save it in larger ones.")
+        _check_chunks(self.path, place)
+        if _attributes(self.path, self.path).get("deformnb_transform") and array.nchunks_initialized < count:
+            raise fail(self.path, f"of the {count} chunks of its field {shown(place.name, 40)}, "
+                                  f"{count - array.nchunks_initialized} are missing; it was not copied as a whole.")
         with unpacking(self.path):
             return np.asarray(array[...])
+
+
+def _check_chunks(path: Path, place: Path) -> None:
+    """Refuse what is neither a file nor a folder: a pipe would wait for ever, a link leads elsewhere."""
+    for entry in place.rglob("*"):
+        if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
+            raise fail(path, f"{shown(entry.name, 40)} in it is no plain file; it is not read.")
 
 
 def _on_turned_grids(parts: list[AbstractField]) -> list[AbstractField]:

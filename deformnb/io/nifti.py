@@ -32,7 +32,8 @@ _COLOURS = {128: "rgb", 2304: "rgba"}  # of one byte for each part, one after th
 _LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
 _CHANNELS_NAME = b"channels"  # intent_name of channels that are no vector: NIfTI has no other intent for them
 _VECTOR_INTENT = 1007  # NIFTI_INTENT_VECTOR: the fifth axis are parts of one voxel
-_VECTOR_INTENTS = (1006, _VECTOR_INTENT)  # NIFTI_INTENT_DISPVECT: vectors of displacements
+_DISPLACEMENT_INTENT = 1006  # NIFTI_INTENT_DISPVECT: vectors of displacements
+_VECTOR_INTENTS = (_DISPLACEMENT_INTENT, _VECTOR_INTENT)
 _UNITS = {1: "metres", 3: "micrometres"}  # 2 is millimetres, 0 unknown
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
@@ -92,13 +93,23 @@ def _reader(data: bytes, order: str) -> Any:
     return lambda form, offset: struct.unpack_from(order + form, data, offset)
 
 
-def read_header(path: Path) -> Header:
-    """Geometry, type and place of the voxels of a NIfTI file."""
+def _stored_fields(path: Path) -> tuple[_Fields, bool]:
+    """The fields of a file, and whether it is packed."""
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"  # what the file is counts, not what it is called
     source = Source(path, encoding="gzip" if packed else "raw")
     with closing(source.open()) as stream:
-        fields = _fields(path, take(stream, 544))
+        return _fields(path, take(stream, 544)), packed
+
+
+def has_ras_vectors(path: Path) -> bool:
+    """Check whether the vectors of a file have components in RAS, as displacements have; ITK stores others in LPS."""
+    return _stored_fields(path)[0].intent == _DISPLACEMENT_INTENT
+
+
+def read_header(path: Path) -> Header:
+    """Geometry, type and place of the voxels of a NIfTI file."""
+    fields, packed = _stored_fields(path)
     if fields.datatype in _REFUSED:
         raise fail(path, f"its voxels are {_REFUSED[fields.datatype]}; save one real number per voxel.")
     colours = _COLOURS.get(fields.datatype)

@@ -6,17 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
 from deformnb.volume.volume import Grid
 
-Part = Identity | Affine | DisplacementField
+Part = Identity | Affine | DisplacementField | BSplineField
 
 
-def sampled_parts(field: AbstractField, grid: Grid, progress: Progress | None = None) -> list[Part]:
+def sampled_parts(field: AbstractField, grid: Grid, progress: Progress | None = None, *,
+                  exact: tuple[type, ...] = ()) -> list[Part]:
     """The parts of a field in the order in which a place of the result is looked up in them.
 
     Each part that is not affine is sampled on the grid, which is enlarged by as much as the parts looked up before it
     reach beyond the grid.
+
+    Parameters
+    ----------
+    exact : kinds of fields that the file holds as they are, beside affine maps.
     """
     found = list[Part]()
     reach = np.zeros(3)  # along the axes of the grid
@@ -27,6 +33,10 @@ def sampled_parts(field: AbstractField, grid: Grid, progress: Progress | None = 
         elif isinstance(part, Affine):
             found.append(part)
             reach = reach + np.abs(part.displacement(grid.corners()) @ np.asarray(grid.direction)).max(axis=0)
+        elif isinstance(part, exact) and isinstance(part, BSplineField):
+            found.append(part)
+            longest = np.abs(np.asarray(part.coefficients).reshape(-1, 3)).max(axis=0)  # no displacement is longer
+            reach = reach + longest @ np.abs(np.asarray(grid.direction))
         else:
             lattice = _padded(grid, reach)
             values = part.on_grid(lattice).astype(np.float64)

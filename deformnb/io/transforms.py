@@ -26,6 +26,7 @@ from deformnb.io.memory import available_memory
 from deformnb.io.ngff_transforms import read_ngff, write_ngff
 from deformnb.io.transform_remarks import BACKWARD, FORWARD, REMARKS, stated_remark
 from deformnb.io.vtk_transforms import read_vti_field, write_vti_field
+from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, HasField, Identity, as_transform_field
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.volume import Grid, Volume, as_grid
@@ -39,7 +40,7 @@ class TransformFormat:
     Parameters
     ----------
     suffixes : endings of file names, lower case, the usual one first.
-    read : the field of (path, grid on which what has no exact counterpart is sampled).
+    read : the field of (path, grid of the result or None).
     write : writes (field, path, grid, remark for the header, overwrite, progress); None where a format is only read.
     description : for people.
     is_volume : volumes have these endings too.
@@ -106,11 +107,12 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | Volume | None = No
     Parameters
     ----------
     path : a file of one of :data:`TRANSFORM_FORMATS`. Of ITK's and elastix's transforms all linear ones, displacement
-        fields, B-splines and compositions of them in three dimensions are read, and of ITK the kernel transforms
-        ThinPlateSpline (the kernel r), ThinPlateR2LogR and VolumeSpline from .tfm files. Images hold three components
-        to a voxel, x, y and z in LPS coordinates, as ITK and ANTs write them; of NIfTI files the intent 1006
-        (displacement vector) means RAS. Of OME-NGFF the one transformation of the root's metadata is read.
-    grid : on which a transform without an exact counterpart (a B-spline) is sampled: that of the result.
+        fields, B-splines of the orders 1 to 3 and compositions of them are read, and of ITK the kernel transforms
+        ThinPlateSpline (the kernel r), ThinPlateR2LogR and VolumeSpline; those of a plane become fields over a plane.
+        Images hold three components to a voxel, x, y and z in LPS coordinates, as ITK and ANTs write them; of NIfTI
+        files the intent 1006 (displacement vector) means RAS. Of OME-NGFF the one transformation of the root's
+        metadata is read.
+    grid : of the result; no format needs it.
 
     Returns
     -------
@@ -119,11 +121,12 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | Volume | None = No
     Raises
     ------
     VolumeFileError
-        If the file is missing, damaged, no transform in space, or needs ``grid``.
+        If the file is missing, damaged, cut short, or no transform.
 
     Notes
     -----
-    Beyond its samples a displacement field goes on as a constant here; in ITK the displacement is zero there.
+    Beyond its samples a displacement field goes on as a constant here; in ITK the displacement is zero there. A
+    B-spline is the exact function of its coefficients, and zero outside its domain, as in ITK.
 
     Examples
     --------
@@ -192,8 +195,15 @@ def _describe_part(part: AbstractField) -> str:
         longest = float(np.sqrt(np.max(np.einsum("zyxc,zyxc->zyx", part.values, part.values))))
         return (f"displacements at {' x '.join(map(str, lattice.shape[::-1]))} nodes (x, y, z), spacing "
                 f"{' x '.join(f'{s:.6g}' for s in lattice.spacing)}, up to {longest:.4g} long")
+    if isinstance(part, BSplineField):
+        longest = float(np.sqrt((np.asarray(part.coefficients) ** 2).sum(axis=-1).max()))
+        spacing = np.linalg.norm(np.asarray(part.axes), axis=0)
+        return (f"B-spline of order {part.order} with {' x '.join(map(str, part.counts.tolist()))} coefficients (x, y, "
+                f"z), spacing {' x '.join(f'{s:.6g}' for s in spacing)}, up to {longest:.4g} long")
     if isinstance(part, Affine):
-        return f"affine map, which makes volumes {1 / abs(float(np.linalg.det(part.matrix))):.4g} times as large"
+        determinant = abs(float(np.linalg.det(part.matrix)))
+        return (f"affine map, which makes volumes {1 / determinant:.4g} times as large" if determinant > 0 else
+                "affine map, whose matrix has no inverse")
     if isinstance(part, Identity):
         return "identity"
     return f"interpolant of {len(part.ids)} landmarks" if isinstance(part, RBFInterpolant) else type(part).__name__

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.io.headers import fail
+from deformnb.io.displacement_images import checked_displacements
 from deformnb.io.vti import read_vectors, write_vectors
-from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_transform_field
+from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
 from deformnb.volume.volume import IDENTITY, Grid, Volume, as_grid, optional_package
 
 
@@ -74,10 +74,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | Volume) -
 
 def read_vti_field(path: Path, _grid: Grid | None) -> AbstractField:
     """The field of the vectors at the points of a VTI file."""
-    values, grid = read_vectors(path)
-    if not np.isfinite(values).all():
-        raise fail(path, "it holds displacements that are not finite.")
-    return DisplacementField(values, grid)
+    return checked_displacements(path, *read_vectors(path))
 
 
 def write_vti_field(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,

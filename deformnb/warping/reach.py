@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
 from deformnb.rbf import kernels
+from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Blended, DisplacementField, Identity
@@ -176,6 +177,8 @@ class DisplacementBounds:
                 return _affine(np.asarray(field.matrix) - np.eye(field.dim), np.asarray(field.offset), low, high)
             case DisplacementField():
                 return _of_samples(field, low, high)
+            case BSplineField():
+                return _of_spline(field, low, high)
             case RBFInterpolant():
                 return self._of_fit(field, low, high)
             case RigidInterpolant():
@@ -284,6 +287,24 @@ def _of_samples(field: DisplacementField, low: Array, high: Array) -> Bounds:
     values = np.asarray(field.values[tuple(slice(i, j + 1) for i, j in zip(a, b, strict=True))], dtype=np.float64)
     axes = tuple(range(field.dim))
     return values.min(axis=axes), values.max(axis=axes)
+
+
+def _of_spline(field: BSplineField, low: Array, high: Array) -> Bounds:
+    """A displacement is a mean of the coefficients around it, for the splines add up to 1; outside it is zero."""
+    inverse = np.linalg.inv(np.asarray(field.axes))
+    first, last = _turned(inverse, (low - field.origin, high - field.origin))
+    begin, end = field.domain
+    if (last < begin - _WHOLE).any() or (first > end + _WHOLE).any():
+        return np.zeros(field.dim), np.zeros(field.dim)
+    # The first coefficient that counts is (order - 1) / 2 before a place at most, rounded down; the last one after it.
+    margin, counts = (field.order - 1) / 2, field.counts
+    a = np.clip(np.floor(np.maximum(first, begin) - margin) - 1, 0, counts - 1).astype(int)[::-1]
+    b = np.clip(np.ceil(np.minimum(last, end) + margin) + 1, 0, counts - 1).astype(int)[::-1]
+    some = np.asarray(field.coefficients[tuple(slice(i, j + 1) for i, j in zip(a, b, strict=True))], dtype=np.float64)
+    axes = tuple(range(field.dim))
+    within = some.min(axis=axes), some.max(axis=axes)
+    beyond = (first < begin).any() or (last > end).any()
+    return _union([within, (np.zeros(field.dim),) * 2]) if beyond else within
 
 
 Slices = tuple[slice, slice, slice]
