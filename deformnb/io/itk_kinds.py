@@ -28,7 +28,7 @@ from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identi
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid
 
 Floats: TypeAlias = NDArray[np.float64]
 Linear: TypeAlias = Callable[[int, Floats, Floats], tuple[Floats, Floats, Floats]]
@@ -313,13 +313,15 @@ def _displacements(path: Path, given: ItkTransform) -> AbstractField:
     size, origin, spacing, direction = _lattice(given)
     values = given.parameters.reshape(*size[::-1], given.dim)
     if given.dim == 3:
-        rows = tuple(tuple(row) for row in direction.tolist())
-        return DisplacementField(values, Grid(values.shape[:3], tuple(spacing.tolist()),  # type: ignore[arg-type]
-                                              tuple(origin.tolist()), rows))
-    if not np.array_equal(direction, np.eye(2)):
-        raise fail(path, f"its {given.kind} over a plane is on a grid that is turned, which is not read.")
-    (a, b), (x, y) = spacing.tolist(), origin.tolist()
-    return DisplacementField(values, Raster((size[1], size[0]), (a, b), (x, y)))
+        (nx, ny, nz), rows = size, tuple(tuple(row) for row in direction.tolist())
+        return DisplacementField(values, Grid((nz, ny, nx), tuple(spacing.tolist()),
+                                              tuple(origin.tolist()), rows))  # type: ignore[arg-type]
+    if not (np.allclose(direction.T @ direction, np.eye(2), atol=ORTHONORMAL_TOLERANCE) and (spacing > 0).all()):
+        raise fail(path, f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)} and the axes "
+                         f"{shown(direction.tolist(), 80)}, which must be positive, and of length 1 at right angles.")
+    # A raster has no directions: it lies along the axes of the grid, between the map to these and the one back.
+    flat = DisplacementField(values @ direction, Raster((size[1], size[0]), (spacing[0], spacing[1]), (0.0, 0.0)))
+    return compose(Affine(direction, origin), flat, Affine(direction.T, -direction.T @ origin))
 
 
 # Kernels of ITK's kernel transforms, and ours with the same system; of ITK's elastic ones there is no counterpart.
