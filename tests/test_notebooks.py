@@ -111,7 +111,16 @@ def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:
     assert [output.text for output in outputs if output.get("name") == "stderr"] == []
     shown = json.dumps([{**output.get("data", {}), "text": output.get("text", "")} for output in outputs])
     assert str(tmp_path) not in shown, "an output names a folder of this machine"
+    assert_a_page_shows_the_pictures(notebook, outputs)
     return cells
+
+
+def assert_a_page_shows_the_pictures(notebook: Any, outputs: list[Any]) -> None:
+    """The page that nbconvert makes shows all pictures, although it has the state of the widgets, whose scripts are not here."""
+    page, _ = pytest.importorskip("nbconvert").HTMLExporter().from_notebook_node(notebook)
+    drawn = [output.data["image/png"].replace("\n", "") for output in outputs if "image/png" in output.get("data", {})]
+    assert drawn
+    assert [png[:40] for png in drawn if f'src="data:image/png;base64,{png}' not in page] == []
 
 
 @every_notebook

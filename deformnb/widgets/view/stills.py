@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import io
 import logging
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -223,6 +225,9 @@ _LOG = logging.getLogger(__name__)
 def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
     """A widget's bundle of mime types with a PNG added; without it where it cannot be drawn.
 
+    Where a program runs the notebook for later readers, the PNG takes the widget's place: such a program keeps the state
+    of all widgets, and a page made from both shows nothing in place of a widget until scripts from the network run.
+
     Parameters
     ----------
     bundle : of ``_repr_mimebundle_``, alone or with metadata.
@@ -236,7 +241,33 @@ def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
         data["image/png"] = draw()
     except Exception:
         _LOG.exception("the static picture of a widget could not be drawn")
+    else:
+        if runs_for_later_readers():
+            data.pop("application/vnd.jupyter.widget-view+json", None)
     return bundle
+
+
+# Set in kernels of hosts that let nobody type and show widgets all the same: Voila, which runs notebooks as nbconvert
+# does but has a page in front of them, and Databricks.
+_PAGES_WITHOUT_INPUT = ("SERVER_SOFTWARE", "VOILA_BASE_URL", "VOILA_KERNEL_ID", "VOILA_PREHEAT",
+                        "DATABRICKS_RUNTIME_VERSION")
+
+
+def runs_for_later_readers() -> bool:
+    """Whether a program runs this notebook and nobody is in front of it (nbconvert, nbclient, papermill, MyST-NB).
+
+    Those say with each cell that nobody answers ``input()``; JupyterLab, Notebook, VS Code and Colab let their users
+    type.
+    """
+    if any(name in os.environ for name in _PAGES_WITHOUT_INPUT):
+        return False
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    kernel = getattr(shell, "kernel", None)
+    if kernel is None or not hasattr(kernel, "get_parent"):
+        return False
+    request = (kernel.get_parent("shell") or {}).get("content", {})
+    return "code" in request and request.get("allow_stdin") is False
 
 
 # Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.

@@ -12,7 +12,7 @@ from deformnb.session.exports import Frozen, export
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.live_view import LiveView
-from deformnb.widgets.view.stills import CoreScene, StillAsSeen
+from deformnb.widgets.view.stills import CoreScene, StillAsSeen, with_png
 from deformnb.widgets.view.volume_view import VolumeView
 from deformnb.widgets.vtk.scene import VtkScene
 
@@ -74,3 +74,33 @@ def test_one_picture_of_a_live_view_is_red_where_the_map_folds(session: Session)
         assert isinstance(made.scene, kind)
         made.close()
     live.close()
+
+
+class Cell:
+    """What IPython knows while a cell runs, of which ``runs_for_later_readers`` sees the request."""
+
+    def __init__(self, **content: object) -> None:
+        self.kernel = self
+        self.content = content
+
+    def get_parent(self, channel: str) -> dict[str, object]:
+        assert channel == "shell"
+        return {"content": self.content}
+
+
+@pytest.mark.parametrize(("content", "host", "wanted"), [
+    ({"code": "studio", "allow_stdin": False}, "", True),
+    ({"code": "studio", "allow_stdin": True}, "", False),
+    ({"code": "studio"}, "", False),
+    ({"comm_id": "x"}, "", False),  # a front end is there, which has sent this
+    ({"code": "studio", "allow_stdin": False}, "SERVER_SOFTWARE", False),  # Voila has a page in front of it
+    ({"code": "studio", "allow_stdin": False}, "VOILA_BASE_URL", False),
+])
+def test_a_picture_takes_the_place_of_the_widget_where_nobody_is_in_front_of_it(
+        content: dict[str, object], host: str, wanted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("IPython.get_ipython", lambda: Cell(**content))
+    if host:
+        monkeypatch.setenv(host, "voila/0.5")
+    bundle = {"text/plain": "Studio", "application/vnd.jupyter.widget-view+json": {"model_id": "x"}}
+    assert ("application/vnd.jupyter.widget-view+json" not in with_png(dict(bundle), lambda: b"PNG")) == wanted
+    assert with_png(dict(bundle), lambda: 1 // 0) == bundle  # there is no picture to take its place
