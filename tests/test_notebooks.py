@@ -116,7 +116,7 @@ def executed(path: Path, kernel: str, tmp_path: Path) -> list[list[Any]]:
 
 
 def assert_a_page_shows_the_pictures(notebook: Any, outputs: list[Any]) -> None:
-    """The page that nbconvert makes shows all pictures, although it has the state of the widgets, whose scripts are not here."""
+    """The page that nbconvert makes shows all pictures, although it has the state of widgets too."""
     page, _ = pytest.importorskip("nbconvert").HTMLExporter().from_notebook_node(notebook)
     drawn = [output.data["image/png"].replace("\n", "") for output in outputs if "image/png" in output.get("data", {})]
     assert drawn

@@ -225,8 +225,8 @@ _LOG = logging.getLogger(__name__)
 def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
     """A widget's bundle of mime types with a PNG added; without it where it cannot be drawn.
 
-    Where a program runs the notebook for later readers, the PNG takes the widget's place: such a program keeps the state
-    of all widgets, and a page made from both shows nothing in place of a widget until scripts from the network run.
+    Where a program runs the notebook for later readers, the PNG takes the widget's place: such a program keeps the
+    state of all widgets, and a page made from both shows nothing until scripts from the network run.
 
     Parameters
     ----------

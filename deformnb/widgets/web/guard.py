@@ -20,6 +20,7 @@ from typing import Any
 
 import msgpack
 from aiohttp import web
+from aiohttp.http import HttpProcessingError
 from wslink.websocket import LinkProtocol
 
 from deformnb.errors import DeformError
@@ -38,6 +39,9 @@ MOST_PAGES = 16
 
 LOGIN_SECONDS = 10.0
 """After which a connection without the password is closed."""
+
+REQUEST_SECONDS = 15.0
+"""That a connection may take to send a request, and may stay without one."""
 
 FAREWELL_SECONDS = 0.5
 """That a page has to answer the end of its connection, and other requests to be finished."""
@@ -158,6 +162,74 @@ def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], f
         return response
 
     return check
+
+
+class SlowRequests:
+    """Finds connections that send no whole request: a few hundred half-sent ones would use up the files of a process.
+
+    A connection is busy until the answer to its request has been sent, a WebSocket until it ends.
+    """
+
+    def __init__(self) -> None:
+        self._busy: set[Any] = set()
+        self._since: dict[Any, float] = {}
+
+    def middleware(self) -> Any:
+        """What tells of each request when it is whole and when it is answered; it has to be the first.
+
+        aiohttp gives each request a task, which ends with the last byte of the answer: much later than the handler
+        where a file is sent to a slow reader.
+        """
+
+        @web.middleware
+        async def answered(request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+                           ) -> web.StreamResponse:
+            task = asyncio.current_task()
+            assert task is not None
+            self._busy.add(request.protocol)
+            task.add_done_callback(lambda _: self._answered(request.protocol))
+            return await handler(request)
+
+        return answered
+
+    def _answered(self, connection: Any) -> None:
+        self._busy.discard(connection)
+        self._since[connection] = time.monotonic()
+
+    def cut_off(self, connections: Iterable[Any]) -> None:
+        """Cut off those of all connections that have been without a whole request for :data:`REQUEST_SECONDS`."""
+        now = time.monotonic()
+        self._since = {connection: self._since.get(connection, now) for connection in connections}
+        for connection, since in self._since.items():
+            transport = connection.transport
+            if now - since > REQUEST_SECONDS and connection not in self._busy and transport is not None:
+                transport.abort()
+
+
+class RefusedByServer(logging.Filter):
+    """What aiohttp says of requests that it cannot read, as lines like those of :func:`access_check`.
+
+    Any page can send such requests, and aiohttp logs each of them with a traceback and with what was sent. An exception
+    in what answers a request is a defect of ours and stays as it is.
+    """
+
+    LOGGERS = ("aiohttp.server", "aiohttp.websocket")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = 0
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Called by logging for each record."""
+        error = record.exc_info[1] if record.exc_info else None
+        if error is not None and not isinstance(error, HttpProcessingError | web.RequestPayloadError):
+            return True
+        self._count += 1
+        reason = "no WebSocket" if error is None else type(error).__name__
+        record.msg, record.args = "a request was refused (the %d. so far): %s", (self._count, reason)
+        record.levelno, record.levelname = logging.WARNING, "WARNING"
+        record.exc_info = record.exc_text = None
+        return _is_logged(self._count)
 
 
 def _is_logged(count: int) -> bool:

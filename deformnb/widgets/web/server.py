@@ -26,6 +26,8 @@ from deformnb.widgets.web.guard import (
     Answer,
     MessageGuard,
     PasswordCheck,
+    RefusedByServer,
+    SlowRequests,
     access_check,
     own_names,
     part_from,
@@ -89,6 +91,7 @@ class PageServer:
         self._guards: list[MessageGuard] = []
         self._handlers: list[Any] = []
         self._password_check = PasswordCheck(self.token)
+        self._slow_requests = SlowRequests()
         self._end = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._web: Any = None  # wslink's server
@@ -174,6 +177,7 @@ class PageServer:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
             if self._parent not in (None, os.getppid()):
                 self.stop("the program that started it has ended")
+            self._slow_requests.cut_off(self._web.runner.server.connections)
             unauthenticated = self._password_check.unauthenticated(known)
             await part_from([handler.connections[client] for handler in self._handlers for client in unauthenticated
                              if client in handler.connections])
@@ -228,7 +232,7 @@ class PageServer:
         self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG)
                         for handler in self._handlers]
         check = access_check(lambda: own_names(self.host, self.port), self._handlers, self._framed_by)
-        served.app.middlewares.append(check)
+        served.app.middlewares.extend([self._slow_requests.middleware(), check])
         own = {f"/deformnb/{name}": (bundle(name), _KINDS[Path(name).suffix]) for name in self.content.bundles()}
         pages = {**_assets(), **own}
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])
@@ -289,10 +293,15 @@ def _no_arguments() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """No log of requests, whatever the level of logging: an address holds the password."""
+    """No log of requests, whatever the level of logging: an address holds the password; a line for refused ones."""
     log = logging.getLogger("aiohttp.access")
     before, log.disabled = log.disabled, True
+    refused, others = RefusedByServer(), [logging.getLogger(name) for name in RefusedByServer.LOGGERS]
+    for other in others:
+        other.addFilter(refused)
     try:
         yield
     finally:
         log.disabled = before
+        for other in others:
+            other.removeFilter(refused)

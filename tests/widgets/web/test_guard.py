@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
 import sys
@@ -440,3 +441,51 @@ def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFix
             assert (status, running.server.token in text) == (200, False)
         asyncio.run(attempt())
     assert running.server.token not in caplog.text
+
+
+# -- requests that are none --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("request_", [
+    b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\x16\x03\x01\x02\x00\x01\r\n\r\n",
+    b"GET http://[/ HTTP/1.1\r\nHost: {}\r\n\r\n", b"GET / HTTP/1.1\r\nHost: {}\r\nX: " + 9000 * b"a" + b"\r\n\r\n",
+    b"GET / HTTP/1.1\r\nHost: {}\r\nCookie: \x01\r\n\r\n",
+    b"POST / HTTP/1.1\r\nHost: {}\r\nContent-Length: -1\r\n\r\n",
+    b"POST / HTTP/1.1\r\nHost: {}\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+    b"POST / HTTP/1.1\r\nHost: {}\r\nContent-Encoding: gzip\r\nContent-Length: 5\r\n\r\nabcde",
+], ids=["no host", "version", "TLS", "address", "long", "character", "length", "chunk", "gzip"])
+def test_a_request_that_cannot_be_read_is_a_line_of_the_log_without_what_was_sent(
+        running: RunningApp, request_: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    for _ in range(3):
+        with connection_with(running.name, request_.replace(b"{}", running.name.encode())) as foreign:
+            assert b" 40" in foreign.recv(64)
+            while foreign.recv(4096):  # until the server has closed it, having logged what it logs
+                pass
+    told = [record for record in caplog.records if record.levelno > logging.DEBUG]
+    assert len(told) <= 2  # the first, the second, the fourth ... of all refused
+    for record in told:
+        assert record.exc_info is None
+        assert "\n" not in record.getMessage()
+        assert record.getMessage().startswith("a request was refused (")
+
+
+def test_who_sends_no_whole_request_is_cut_off_and_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deformnb.widgets.web.server._LOOK_EVERY", 0.05)
+    monkeypatch.setattr("deformnb.widgets.web.guard.REQUEST_SECONDS", 0.5)
+
+    async def stay() -> None:
+        async with connected(running) as page:
+            name = running.name
+            half = [connection_with(name, part) for part in (b"", request_of(name)[:-2], request_of(name)[:20])]
+            slow = connection_with(name, request_of(name, "/vue.global.js") * 30, receive_buffer=4096)
+            for one in half:
+                with contextlib.suppress(ConnectionResetError):  # where something was sent that nobody has read
+                    assert await asyncio.to_thread(one.recv, 1) == b""
+                one.close()
+            assert len(await asyncio.to_thread(slow.recv, 1000)) > 0
+            assert len(running.server._web.runner.server.connections) == 2  # the page and the slow reader
+            slow.close()
+            assert await page.call("trame.state.get") is not None
+
+    with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
+        asyncio.run(stay())
