@@ -17,7 +17,6 @@ from .document.animation import Animation as Animation
 from .document.deformation import Deformation as Deformation
 from .document.deformation import Keyframe as Keyframe
 from .document.deformation import Step as Step
-from .document.json_format import REGIONS as REGIONS
 from .errors import Cancelled as Cancelled
 from .errors import DeformError as DeformError
 from .errors import DeformWarning as DeformWarning
