@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import os
 import platform
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -36,8 +37,8 @@ else:
     jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
 
 __all__ = ["ENDING", "adjugate", "as_numpy", "blockwise", "check_process", "compiled", "determinant", "each", "float64",
-           "in_full_precision", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node", "use_disk_cache",
-           "with_derivative"]
+           "in_64_bits", "in_full_precision", "is_traced", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node",
+           "use_disk_cache", "with_derivative"]
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -94,6 +95,51 @@ def in_full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
         with jax.default_matmul_precision("highest"):
             return function(*args, **kwargs)
 
+    return call
+
+
+def is_traced(*trees: Any) -> bool:
+    """True if a number in these arrays, lists or pytrees is followed by JAX: within ``jit``, ``grad`` or ``vmap``.
+
+    >>> is_traced(np.ones(3)), bool(jax.vmap(lambda x: x * is_traced(x))(np.ones(3)).all())
+    (False, True)
+    """
+    if "jax" not in sys.modules:  # what is not imported follows nothing
+        return False
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def in_64_bits(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """A function of one point (dim,) for points (..., dim) of any floating type, computed in 64 bits within.
+
+    The result has the type of the points. So it does in a user's own ``jit``, ``grad`` or ``vmap``, where JAX computes
+    in 32 bits and is not switched. Each derivative is that of the function in 64 bits, for JAX differentiates outside
+    of the context in which the function was followed.
+
+    Parameters
+    ----------
+    function : in pure JAX, of one point in 64 bits.
+
+    Examples
+    --------
+    >>> away = in_64_bits(lambda x: (x + 1e9) - 1e9)
+    >>> x = np.array([[0.5, 0.25]], np.float32)
+    >>> away(x).tolist(), str(away(x).dtype)
+    ([[0.5, 0.25]], 'float32')
+    """
+    def within(x: Any) -> Any:
+        with jax.enable_x64(True):
+            flat = x.reshape(-1, x.shape[-1]).astype(jnp.float64)
+            found = jax.vmap(function)(flat)
+            return found.reshape(*x.shape[:-1], *found.shape[1:]).astype(x.dtype)
+
+    def rule(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        (x,), (dx,) = primals, tangents
+        slopes = in_64_bits(jax.jacfwd(function))(x)  # (..., components, dim)
+        components = (1,) * (slopes.ndim - x.ndim)
+        return call(x), (slopes * dx.reshape(*x.shape[:-1], *components, x.shape[-1])).sum(axis=-1)
+
+    call = with_derivative(within, rule)
     return call
 
 

@@ -268,14 +268,16 @@ def fifty_digits(points: Array, displacements: Array, kernel: str, support: floa
                 total += (a if trend == "rigid" else s[n]) * mpmath.mpc(*p)
                 out.append([float(total.real), float(total.imag)])
             return np.array(out)
-        columns = [] if trend == "none" else [[mpmath.mpf(1)] * n]
-        if trend == "affine":
-            columns += [[p[k] for p in x] for k in range(dim)]
+        def monomials(p: Any) -> list[Any]:
+            squares = [p[a] * p[b] for a in range(dim) for b in range(a + 1)] if trend == "quadratic" else []
+            return [] if trend == "none" else [mpmath.mpf(1), *(p if trend != "translation" else []), *squares]
+
+        columns = [list(column) for column in zip(*map(monomials, x), strict=True)]
         solved = _bordered(x, columns, [[row[m] for row in d] for m in range(dim)], phi)
         out = []
         for place in at:
             p = [mpmath.mpf(float(v)) for v in place]
-            terms = [1, *p][: len(columns)]
+            terms = monomials(p)
             out.append([float(sum(s[i] * phi(p, x[i]) for i in range(n))
                               + sum(s[n + k] * t for k, t in enumerate(terms))) for s in solved])
         return np.array(out)

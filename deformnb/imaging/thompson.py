@@ -126,8 +126,8 @@ class _Magnified(AbstractField):
     def dim(self) -> int:
         return self.field.dim
 
-    def __call__(self, points: Any) -> Any:
-        return self.factor * self.field(points)
+    def jax_displacement(self, points: Any) -> Any:
+        return self.factor * self.field.jax_displacement(points)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         return self.factor * self.field.displacement(points)

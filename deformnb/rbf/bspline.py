@@ -120,8 +120,6 @@ class BSplineField(AbstractField):
         total = sum(w * flat[at] for at, w in self._terms(start, [weights] * self.dim))
         return jnp.where(inside[:, None], total, 0).reshape(x.shape).astype(x.dtype)
 
-    __call__ = jax_displacement
-
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)
         flat = x.reshape(-1, self.dim)

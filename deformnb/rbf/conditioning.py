@@ -45,7 +45,8 @@ MOST_POINTS = 20000
 # Points nearer than this share of the support, or of their box, make Phi singular to working precision (its condition
 # is (R/gap)^2..3).
 SAME_PLACE = 1e-6
-# Displacements that differ by less than this share of the support are the same: the promised exactness of a fit.
+# Displacements that differ by less than this share of the support are the same: the promised exactness of a fit. So are
+# those that differ by no more than the points lie apart, as those of any map without folds do.
 SAME_DISPLACEMENT = 1e-9
 
 # A compact kernel is close to its flat limit at this many diagonals of the points' box; beyond, Phi loses the digits
@@ -71,7 +72,8 @@ class PreparedPoints:
 
     targets, displacements (n, dim) and weights (n,); origin (dim,) their centre; support radius; span: what the centred
     points determine of a linear map; trend: the name of the trend they can carry; ids and notes; radii (n,) of their
-    own, that of all where they have none; active: the points that were given, without inactive ones.
+    own, that of all where they have none; active: the points that were given, without inactive ones; missed: how far
+    points that count as one are from what they share, physical; place_of: (active,) the number of the place of each.
     """
 
     targets: NDArray[np.float64]
@@ -85,6 +87,8 @@ class PreparedPoints:
     notes: tuple[str, ...]
     radii: NDArray[np.float64]
     active: ControlPoints
+    missed: float
+    place_of: NDArray[np.intp]
 
     @property
     def count(self) -> int:
@@ -146,7 +150,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
     if kernel.compact and radius > limit:
         radius, limited = limit, (_LIMITED,)
     near = SAME_PLACE * min(radius, size or radius)
-    targets, displacements, weights, first, notes = _merge(active, radius, near, smoothing)
+    targets, displacements, weights, first, notes, missed, place_of = _merge(active, radius, near, smoothing)
     origin = targets.mean(axis=0) if len(targets) else np.zeros(points.dim)
     span, where = _span(targets - origin, displacements)
     name, remark = _determined_trend(trend, kernel, len(targets), span.basis.shape[1], where)
@@ -157,7 +161,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
     ids = active.ids if len(first) == len(active) else tuple(active.ids[k] for k in first.tolist())
     return PreparedPoints(targets, displacements, weights, origin, radius, span, name, ids,
                           (*limited, *notes, *remark),
-                          np.where(np.isnan(active.radius), radius, active.radius)[first], active)
+                          np.where(np.isnan(active.radius), radius, active.radius)[first], active, missed, place_of)
 
 
 def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend) -> float:
@@ -177,8 +181,13 @@ def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float 
 
 
 def _merge(points: ControlPoints, radius: float, near: float, smoothing: float) -> tuple[
-        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.intp], tuple[str, ...]]:
-    """Points nearer than ``near`` become one; returns targets, displacements, weights, first positions and notes."""
+        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.intp], tuple[str, ...], float,
+        NDArray[np.intp]]:
+    """Points nearer than ``near`` become one.
+
+    Returns targets, displacements, weights, first positions, notes, how far a point is from what it shares, and the
+    number of the place of each point.
+    """
     n = len(points)
     x, d, w = points.target, points.displacement, points.weight
     pairs: NDArray[Any] = np.zeros((0, 2), dtype=np.int64)
@@ -186,19 +195,22 @@ def _merge(points: ControlPoints, radius: float, near: float, smoothing: float) 
     if (along[1:] - along[:-1] <= near).any():  # else no two are that near
         pairs = scipy.spatial.cKDTree(x).query_pairs(near, output_type="ndarray")
     if len(pairs) == 0:
-        return x, d, w, np.arange(n), ()
+        return x, d, w, np.arange(n), (), 0.0, np.arange(n)
     if smoothing == 0:
         _refuse_conflicts(points, pairs, radius)
     graph = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     groups, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    first = np.sort([np.flatnonzero(label == g)[0] for g in range(groups)])
+    first_of = np.array([np.flatnonzero(label == g)[0] for g in range(groups)])
+    first = np.sort(first_of)
     members = [np.flatnonzero(label == label[k]) for k in first]
     total = np.array([w[m].sum() for m in members])
     mean = [np.stack([(a[m] * w[m, None]).sum(axis=0) for m in members]) / total[:, None] for a in (x, d)]
     notes = tuple(
         f"{', '.join(points.label(int(k)) for k in m)} are at one place and count as one" for m in members if len(m) > 1
     )
-    return mean[0], mean[1], total, first, notes
+    missed = max(float(np.linalg.norm(d[m] - own, axis=1).max()) for m, own in zip(members, mean[1], strict=True))
+    place_of = np.searchsorted(first, first_of[label])
+    return mean[0], mean[1], total, first, notes, 0.0 if smoothing else 2 * missed, place_of
 
 
 def same_place(points: ControlPoints, radius: float) -> float:
@@ -207,8 +219,8 @@ def same_place(points: ControlPoints, radius: float) -> float:
 
 
 def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float) -> None:
-    gap = np.linalg.norm(points.displacement[pairs[:, 0]] - points.displacement[pairs[:, 1]], axis=1)
-    bad = np.flatnonzero(gap > SAME_DISPLACEMENT * radius)
+    gap, apart = (np.linalg.norm(a[pairs[:, 0]] - a[pairs[:, 1]], axis=1) for a in (points.displacement, points.target))
+    bad = np.flatnonzero(gap > SAME_DISPLACEMENT * radius + apart)
     if len(bad):
         i, j = (int(k) for k in pairs[bad[0]])
         place, one, two = (

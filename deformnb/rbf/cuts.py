@@ -309,9 +309,9 @@ class Decoupled(AbstractField):
         return True
 
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
-        moves = [f(x) for f in self.fields]
+        moves = [f.jax_displacement(x) for f in self.fields]
         choice, _ = self._decided(x, moves, jnp)
         total = jnp.zeros_like(x)
         for k, d in enumerate(moves):

@@ -307,13 +307,13 @@ class Extrusion(AbstractField):
         return np.stack([np.interp(z, self.knots, w) for w in np.asarray(self.weights)])
 
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         frame = jnp.asarray(self.plane.frame)
         abc = (jnp.asarray(points) - jnp.asarray(self.plane.origin)) @ frame.T
         c0, c1 = self.depth
         z = jnp.clip((abc[..., 2] - c0) / (c1 - c0), 0.0, 1.0) if c1 > c0 else jnp.zeros_like(abc[..., 2])
         total = sum(
-            jnp.interp(z, jnp.asarray(self.knots), jnp.asarray(w))[..., None] * m(abc[..., :2])
+            jnp.interp(z, jnp.asarray(self.knots), jnp.asarray(w))[..., None] * m.jax_displacement(abc[..., :2])
             for m, w in zip(self.maps, self.weights, strict=True)
         )
         return total @ frame[:2]

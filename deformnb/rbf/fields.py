@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import blockwise, in_full_precision, jax, jnp, pytree
+from deformnb._jax import blockwise, in_64_bits, in_full_precision, is_traced, jax, jnp, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
@@ -31,8 +31,8 @@ BLOCK = 2**16
 class AbstractField(ABC):
     """A backward displacement field in the plane (dim 2) or in space (dim 3).
 
-    Subclasses are frozen dataclasses registered as JAX pytrees. They must define :meth:`__call__`; the rest has
-    slow but right defaults.
+    Subclasses are frozen dataclasses registered as JAX pytrees. They must define :meth:`displacement` and
+    :meth:`jax_displacement`, the same map in NumPy and in JAX; the rest has slow but right defaults.
 
     Examples
     --------
@@ -48,9 +48,33 @@ class AbstractField(ABC):
     def dim(self) -> int:
         """2 for a field over a picture's plane, 3 for a field in space."""
 
-    @abstractmethod
     def __call__(self, points: Any) -> Any:
-        """Displacements (..., dim) at points (..., dim): pure JAX, for jit, grad and vmap."""
+        """Displacements (..., dim) at points (..., dim): :meth:`displacement`, or JAX's within jit, grad and vmap.
+
+        There they have the type of the points and are computed in 64 bits within, whatever ``jax_enable_x64`` says, so
+        that both keep the bound of :mod:`deformnb.rbf.exactness`, but for the rounding of the points. Where the field
+        itself is an argument of a compiled function, JAX has rounded its numbers to its own type before, which in 32
+        bits costs a steep map its digits: leave it out of the arguments, or set ``jax_enable_x64``.
+
+        Examples
+        --------
+        >>> field = Affine(2 * np.eye(2), np.zeros(2))
+        >>> field([[3.0, 4.0]]).tolist(), jax.jacfwd(field)(jnp.zeros(2)).tolist()
+        ([[3.0, 4.0]], [[1.0, 0.0], [0.0, 1.0]])
+        """
+        if not is_traced(points, self):
+            return self.displacement(points)
+        x = jnp.asarray(points)
+        x = x if jnp.issubdtype(x.dtype, jnp.floating) else x.astype(float)
+        if x.dtype == np.float64 or is_traced(self):
+            return self.jax_displacement(x)
+        # Copies: JAX keeps in 32 bits what a user's own function has taken as a constant in 32 bits.
+        own = jax.tree.map(lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, self)
+        return in_64_bits(own.jax_displacement)(x)
+
+    @abstractmethod
+    def jax_displacement(self, points: Any) -> Any:
+        """Displacements (..., dim) at points (..., dim) in pure JAX, in the precision that JAX computes in."""
 
     @abstractmethod
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -269,7 +293,7 @@ class DisplacementField(AbstractField):
         return len(self.lattice.shape)
 
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         index = _index(self.lattice, jnp.asarray(points))
         at = [index[..., k] for k in reversed(range(self.dim))]
         order1 = partial(jax.scipy.ndimage.map_coordinates, coordinates=at, order=1, mode="nearest")
@@ -311,7 +335,7 @@ class DisplacementField(AbstractField):
 
 
 # Op by op the first call took 1.1 s, compiled 0.13 s.
-_jacobians = blockwise(lambda field, places: jax.vmap(jax.jacfwd(field), 1, 2)(places))
+_jacobians = blockwise(lambda field, places: jax.vmap(jax.jacfwd(field.jax_displacement), 1, 2)(places))
 
 
 def _index(lattice: Grid | Raster, points: Any) -> Any:
@@ -332,7 +356,7 @@ class Identity(AbstractField):
     def is_identity(self) -> bool:
         return True
 
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         return jnp.zeros_like(points)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -366,7 +390,7 @@ class Affine(AbstractField):
         return len(self.offset)
 
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         return x @ jnp.asarray(self.matrix, x.dtype).T + jnp.asarray(self.offset, x.dtype) - x
 
@@ -393,9 +417,9 @@ class Composed(AbstractField):
     def dim(self) -> int:
         return self.then.dim
 
-    def __call__(self, points: Any) -> Any:
-        d = self.then(points)
-        return d + self.first(points + d)
+    def jax_displacement(self, points: Any) -> Any:
+        d = self.then.jax_displacement(points)
+        return d + self.first.jax_displacement(points + d)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)
@@ -449,8 +473,8 @@ class Blended(AbstractField):
     def has_cuts(self) -> bool:
         return any(f.has_cuts for f in self.fields)
 
-    def __call__(self, points: Any) -> Any:
-        return sum(f(points) for f in self.fields)
+    def jax_displacement(self, points: Any) -> Any:
+        return sum(f.jax_displacement(points) for f in self.fields)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(sum(f.displacement(points) for f in self.fields))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
-from deformnb.rbf.interpolant import RBFInterpolant, solve_prepared
+from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel, Phi, kernel_named
-from deformnb.rbf.partition import LocalFits, fit_locally
+from deformnb.rbf.partition import SMALL_LEAF, LocalFits, fit_locally
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS, Trend, trend_named
@@ -36,7 +38,9 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     Returns
     -------
     RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend. More than 2000 points with
-    a kernel that has no end are fitted locally (:class:`~deformnb.rbf.partition.LocalFits`), with a note.
+    a kernel that has no end are fitted locally (:class:`~deformnb.rbf.partition.LocalFits`), with a note; so are fewer
+    whose system is singular, such as those of a smooth kernel of which two nearly coincide. A fit that misses its
+    points by more than :mod:`~deformnb.rbf.exactness` states says by how much in a note.
 
     Raises
     ------
@@ -66,7 +70,14 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     ready = prepare(points, kind, radius, chosen, smoothing)
     if len(ready.targets) > LARGEST_SET and not kind.compact:
         return fit_locally(ready, kind, smoothing)
-    return solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)
+    try:
+        return solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)
+    except TooFlatError as refusal:
+        if kind.compact or points.has_own_radii or len(ready.targets) < 2 * SMALL_LEAF:
+            raise
+        with suppress(TooFlatError):
+            return fit_locally(ready, kind, smoothing, leaf=SMALL_LEAF)
+        raise refusal from None
 
 
 def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
@@ -81,8 +92,11 @@ def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] 
     count = int(as_control_points(points).active.sum())
     if count <= LARGEST_SET:
         fit = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
-        assert isinstance(fit, RBFInterpolant)
-        return fit
+        if isinstance(fit, RBFInterpolant):
+            return fit
+        raise DeformError(f"the system of all {count} control points is singular, and the fit is one of "
+                          f"{len(fit.fits)} local ones; use a smaller support, a Wendland kernel, or a little "
+                          "smoothing.")
     raise DeformError(f"{count} control points are more than the {LARGEST_SET} whose whole system can be looked at; "
                       "switch some off or thin them out.")
 

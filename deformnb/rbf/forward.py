@@ -138,12 +138,9 @@ class ForwardFit(AbstractField):
         return self.forward.folds_between_points()
 
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         """Displacements at points (..., dim) in pure JAX; the derivative is that of the implicit function."""
-        y = jnp.asarray(points)
-        if not jnp.issubdtype(y.dtype, jnp.inexact):
-            y = y.astype(jnp.result_type(float))
-        forward = self.forward
+        y, forward = jnp.asarray(points), self.forward.jax_displacement
         x = lax.custom_root(lambda x: x + forward(x) - y, y - forward(y), _newton_in_jax, _tangent)
         return x - y
 

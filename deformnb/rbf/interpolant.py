@@ -46,6 +46,7 @@ from deformnb.rbf.evaluation import (
     stacked,
     steepest_distance,
 )
+from deformnb.rbf.exactness import DERIVATIVE, MOST_MISSED, RESIDUAL, ROUNDING, SHARES, largest_miss
 from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_values, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
@@ -54,14 +55,9 @@ from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 
-# A relative residual beyond this after the solve means that the system was too ill-conditioned to interpolate: far
-# above the rounding of a healthy system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel).
-RESIDUAL = 1e-7
 # Coefficients this many times the largest drag are no fit but the echo of a matrix that nothing keeps from being
 # singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
 MOST_GAIN = 1e5
-# Rounding of the trend is a share of the extent, however small the drag: a tenth of the exactness that is promised.
-ROUNDING = 1e-10
 
 # Ratio of the diagonal entries of a Cholesky factor below which its matrix is singular to working precision.
 _SINGULAR = 1e-7
@@ -74,18 +70,19 @@ POOR = ("the control points predict each other worse than their affine trend alo
 # Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
 # to 14 times (once 36 times, thin plate) ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and
 # supports of 1/8 to 3/2 of the image. Those of the partial sums grow with the number n of terms, most where neighbours
-# follow each other and move alike: 30 times for 512 points in order along an axis (linear), for 2048 with a compact
-# kernel 65 times, that is 1.4 sqrt(n). Where the larger of these bounds is more than this share of a pixel, evaluation
-# runs in float64 (2.8 times as long).
+# follow each other and move alike: 30 times for 512 points in order along an axis (linear), 60 times for 600 thin-plate
+# points of a lattice that move like a sine, for 2048 with a compact kernel 65 times, for 1200 of WendlandC0 whose
+# supports hold all points 72 times, that is 1.4 to 2.5 sqrt(n).
 _ROUNDING_ERROR = 6e-8
-_TERMS, _PARTIAL_SUMS = 36.0, 2.5
-_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS = 14.0, 1.8
-_PIXEL_SHARE = 1e-3
+_TERMS, _PARTIAL_SUMS = 36.0, 4.0
+_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS = 14.0, 3.5
+# A kernel beyond its support grows by no more than this power of the distance.
+_STEEPEST_POWER = 5.0
 
 
 @pytree(
     data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget",
-                 "quadratic"],
+                 "quadratic", "largest", "missed"],
     meta_fields=["kernel", "trend", "of_points", "ids"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,6 +103,8 @@ class RBFInterpolant(AbstractField):
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
     quadratic : (dim, dim, dim) symmetric matrices H_m of the trend "quadratic" in relative coordinates, physical
         units; None for the others.
+    largest : length of the largest displacement that the points were given, physical; None if that is not known.
+    missed : by how much it may miss its targets, physical, besides what is promised of all maps.
 
     Examples
     --------
@@ -130,6 +129,8 @@ class RBFInterpolant(AbstractField):
     scales: Any = None
     nugget: Any = None
     quadratic: Any = None
+    largest: Any = None
+    missed: Any = 0.0
 
     def __repr__(self) -> str:
         count = len(self.ids)
@@ -220,8 +221,34 @@ class RBFInterpolant(AbstractField):
         alone = (drags - hat @ drags) / np.maximum(1 - hat.diagonal(), 1e-9)[:, None]
         return bool((errors**2).sum() > (alone**2).sum())
 
+    def bound(self, pixel: float = 0.0) -> float:
+        """The largest ``|D(target) - (source - target)|`` of the control points by any evaluation, physical.
+
+        It is that of :func:`~deformnb.rbf.exactness.largest_miss`, and more where a note says so; smoothing, which
+        means to miss, is left out.
+
+        Parameters
+        ----------
+        pixel : smallest side of the pixels or voxels that the map is evaluated for; 0 at single places.
+
+        Examples
+        --------
+        >>> from deformnb.rbf.fitting import fit_rbf
+        >>> from deformnb.rbf.points import ControlPoints
+        >>> fit = fit_rbf(ControlPoints.from_arrays([[0, 0], [10, 0], [0, 10]], [[0, 0], [14, 0], [0, 10]]))
+        >>> bool(abs(fit([[14.0, 0.0]]) - [[-4.0, 0.0]]).max() <= fit.bound()), f"{fit.bound(0.5):.1g}"
+        (True, '0.0005')
+        """
+        centers = np.asarray(self.centers, dtype=np.float64)[: int(self.count)]
+        extent = float(self.support) * float(np.sqrt((centers**2).sum(axis=1)).max(initial=0.0))
+        return largest_miss(self._largest, extent, pixel) + float(self.missed)
+
+    @property
+    def _largest(self) -> float:
+        return np.inf if self.largest is None else float(self.largest)
+
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
         p = (jnp.asarray(points) - self.origin) / self.support
         s = jnp.sum((p[..., None, :] - self.centers) ** 2, axis=-1)
@@ -257,7 +284,7 @@ class RBFInterpolant(AbstractField):
         first, other = self._relative_lines(rows, columns)
         if self.is_identity:
             return np.zeros((self.dim, self.dim, first.shape[1], other.shape[1]), np.float32)
-        dtype = np.float64 if self.kernel.order > 2 else np.float32  # the terms of r^5 cancel each other
+        dtype = self.derivative_type(_reach(first, other))
         d = jacobian_at_lattice(first, other, self._leaves(dtype), self.kernel, dtype)
         return np.asarray(d / self.support, dtype=np.float32)
 
@@ -265,7 +292,7 @@ class RBFInterpolant(AbstractField):
         first, other = self._relative_lines(rows, columns)
         if self.is_identity:
             return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
-        dtype = self._digits(first, other, resolution)
+        dtype = self.type_within(_reach(first, other), resolution)
         return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
 
     def on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
@@ -275,17 +302,19 @@ class RBFInterpolant(AbstractField):
         """
         lines = raster_lines(lattice) if isinstance(lattice, Raster) else grid_lines(lattice)
         rows, columns = self._relative_lines(*lines)
-        dtype = self._digits(rows, columns, min(lattice.spacing))
+        dtype = self.type_within(_reach(rows, columns), min(lattice.spacing))
         return lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype, lattice.shape)
 
-    def _digits(self, rows: NDArray[np.float64], columns: NDArray[np.float64], resolution: float) -> Any:
-        """The type that is exact enough for the sums of relative lines."""
-        reach = float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
-        return self.type_within(reach, resolution)
-
     def type_within(self, reach: float, resolution: float) -> Any:
-        """The type that is exact enough up to ``reach`` supports from the origin."""
-        return np.float64 if self.float32_error(reach) > _PIXEL_SHARE * resolution else np.float32
+        """The type that keeps :meth:`bound` on pixels of this size, up to ``reach`` supports from the origin."""
+        allowed = SHARES["lattice"] * min(resolution, self._largest)
+        return np.float64 if self.float32_error(reach) > allowed else np.float32
+
+    def derivative_type(self, reach: float) -> Any:
+        """The type in which dD/dx is right to :data:`~deformnb.rbf.exactness.DERIVATIVE`, as :meth:`type_within`."""
+        if self.kernel.order > 2:  # the terms of r^5 cancel each other
+            return np.float64
+        return np.float64 if self.float32_slope_error(reach) > DERIVATIVE else np.float32
 
     def _relative_lines(self, rows: ArrayLike, columns: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         first = (np.asarray(rows, dtype=np.float64) - np.asarray(self.origin)[:, None]) / self.support
@@ -293,11 +322,16 @@ class RBFInterpolant(AbstractField):
         middle = other[:, [0, -1]].mean(axis=1, keepdims=True) if other.size else 0.0
         return first + middle, other - middle  # float32 has no digits left for pixels far from their origin
 
+    @cached_property
+    def _local_error(self) -> float:
+        """Estimated error of the sum over the centres that reach a place, in float32, for a kernel of slope 1."""
+        *squares, count = local_sums(self._leaves(np.float64)).tolist()
+        return float(max(_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS * count**0.5) * _ROUNDING_ERROR * max(squares) ** 0.5)
+
     def float32_error(self, reach: float = 1.0) -> float:
         """Estimated error of evaluating in float32, in physical units, up to ``reach`` supports from the origin."""
         if self.is_culled:
-            *squares, count = local_sums(self._leaves(np.float64)).tolist()
-            return max(_COMPACT_TERMS, _COMPACT_PARTIAL_SUMS * count**0.5) * _ROUNDING_ERROR * max(squares) ** 0.5
+            return self._local_error
         farthest = (reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max()) * self.support
         # Places far away in units of the support are rounded too, and count by the kernel's slope.
         ends = np.abs(profile_of(np.array([0.0, (farthest / float(self.support)) ** 2]), self.kernel))
@@ -305,8 +339,27 @@ class RBFInterpolant(AbstractField):
         trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * _ROUNDING_ERROR
         if self.quadratic is not None:
             trend += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * _ROUNDING_ERROR
+        return float(self._global_error * largest + trend)
+
+    @cached_property
+    def _global_error(self) -> float:
+        """As :meth:`_local_error`, of all centres."""
         terms = max(_TERMS, _PARTIAL_SUMS * int(self.count) ** 0.5) * _ROUNDING_ERROR
-        return float(terms * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max() * largest + trend)
+        return float(terms * np.sqrt((np.asarray(self.coefficients) ** 2).sum(axis=0)).max())
+
+    def float32_slope_error(self, reach: float = 1.0) -> float:
+        """Estimated error of dD/dx in float32, without unit, up to ``reach`` supports from the origin."""
+        steepest = self.kernel.steepest
+        if self.is_culled:
+            return self._local_error * steepest / float(self.support)
+        farthest = float(reach + np.sqrt((np.asarray(self.centers) ** 2).sum(axis=-1)).max())
+        far = float(np.abs(profile_of(np.array([farthest**2]), self.kernel))[0])
+        # Places are rounded as for values; a slope changes by a few times itself over a support.
+        largest = max(steepest, _STEEPEST_POWER * far / farthest, reach / 12 * 4 * steepest)
+        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * _ROUNDING_ERROR
+        if self.quadratic is not None:
+            trend += 2 * np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach * _ROUNDING_ERROR
+        return float((self._global_error * largest + trend) / float(self.support))
 
     def radial_sum(self, dtype: Any) -> RadialSum:
         """The sum over the centres for compiled functions, in float32 or float64; see :meth:`type_within`."""
@@ -323,6 +376,11 @@ class RBFInterpolant(AbstractField):
         linear, constant = (np.array(a, dtype=dtype) for a in (self.linear, self.constant))
         bent = None if self.quadratic is None else np.array(self.quadratic, dtype=dtype)
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
+
+
+def _reach(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
+    """How far from the origin, in supports, the sums of relative lines lie at most."""
+    return float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
 
 
 def alike(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
@@ -453,7 +511,7 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
     if n == 0:
         zero = np.zeros((CAPACITIES[0], dim))
         return RBFInterpolant(zero, zero, np.zeros((dim, dim)), np.zeros(dim), np.zeros(dim), 1.0, 0, kernel, "none",
-                              ready.notes, ())
+                              ready.notes, (), largest=0.0)
     size = capacity(n)
     x, d, nugget = np.zeros((size, dim)), np.zeros((size, dim)), np.ones(size)
     x[:n], d[:n], nugget[:n] = ready.relative, ready.displacements / ready.support, smoothing / ready.weights
@@ -465,7 +523,7 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
     if not d.any():  # exactly the identity, which a solve would miss by rounding
         zero = np.zeros((dim, dim))
         return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
-                              ready.trend, ready.notes, ready.ids, scales, smoothed)
+                              ready.trend, ready.notes, ready.ids, scales, smoothed, largest=0.0)
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     most = RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max()
     is_whole = n > dim + 1 and ready.span.basis.shape[1] == dim  # enough points, and not all on a line or in a plane
@@ -488,17 +546,37 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
             "the support radii that these control points have of their own do not go together: the system is nearly "
             f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
         )
+    missed, notes = ready.missed, ready.notes
     # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
     if not np.abs(miss).max() <= most:
-        raise DeformError(
-            f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {n} control points: the "
-            f"system is singular to working precision (closest are {ready.closest}). Use a smaller support, a Wendland "
-            "kernel, or a little smoothing."
-        )
+        if not np.abs(miss).max() <= MOST_MISSED * np.abs(d).max():
+            raise TooFlatError(_too_flat(ready, kernel))
+        own_miss = float(np.linalg.norm(miss, axis=1).max()) * ready.support
+        missed, notes = missed + _MISSED_MORE * own_miss, (*notes, nearly_singular(own_miss, ready.closest))
     r, coefficients = ready.support, np.zeros((size, dim))
     coefficients[:n] = alpha[:n] * r
-    return RBFInterpolant(x, coefficients, linear * r, constant * r, origin, r, n, kernel, ready.trend, ready.notes,
-                          ready.ids, scales, smoothed, bent)
+    return RBFInterpolant(x, coefficients, linear * r, constant * r, origin, r, n, kernel, ready.trend, notes,
+                          ready.ids, scales, smoothed, bent, float(np.linalg.norm(d, axis=1).max()) * r, missed)
+
+
+class TooFlatError(DeformError):
+    """The system of a fit is singular to working precision; fewer points at a time may not be."""
+
+
+# The rounding of a sum whose terms cancel is another one at the next evaluation.
+_MISSED_MORE = 3.0
+
+
+def nearly_singular(miss: float, closest: str) -> str:
+    """The note on a fit that misses its targets by a length."""
+    return (f"the system is nearly singular (closest are {closest}): the map misses its targets by up to {miss:.1g}; a "
+            "smaller support, a Wendland kernel or a little smoothing would not")
+
+
+def _too_flat(ready: PreparedPoints, kernel: type[AbstractKernel]) -> str:
+    return (f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {ready.count} control "
+            f"points: the system is singular to working precision (closest are {ready.closest}). Use a smaller "
+            "support, a Wendland kernel, or a little smoothing.")
 
 
 # Where points have moved since a matrix was factored its residual is a little larger; beyond this share of what is

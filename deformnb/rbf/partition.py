@@ -24,7 +24,7 @@ from deformnb._jax import jax, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.interpolant import RBFInterpolant, solve_prepared
+from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
 
@@ -32,6 +32,10 @@ Floats = NDArray[np.float64]
 
 LEAF = 150
 """Points of a box at most; with those around it a fit has a few hundred, which takes milliseconds."""
+
+SMALL_LEAF = 40
+"""Points of a box at most where the system of all is singular: terms of a smooth kernel grow with the fifth power of
+the number of gaps across a fit, and what they cancel to is lost."""
 
 _MARGIN = 0.35  # width of the steps across the faces, in sides of the box
 _AROUND = 1.6  # how far around a box its fit takes points, in margins: its rim is a guess without them
@@ -41,7 +45,7 @@ _MISSED = 4.0  # times the deviation found is stated: larger ones lie between th
 _WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is compared with
 
 
-@pytree(data_fields=["fits", "low", "high", "margin"],
+@pytree(data_fields=["fits", "low", "high", "margin", "missed"],
          meta_fields=["remarks", "ids"])
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalFits(AbstractField):
@@ -53,6 +57,7 @@ class LocalFits(AbstractField):
     low, high : (n, dim) corners of the boxes, physical; infinite at the rim.
     margin : (n, dim) half of the width of the steps across their faces.
     remarks : notes; ids : of the control points behind the fits.
+    missed : how far points that count as one are from what they share, physical.
     """
 
     fits: tuple[RBFInterpolant, ...]
@@ -61,6 +66,7 @@ class LocalFits(AbstractField):
     margin: Any
     remarks: tuple[str, ...] = ()
     ids: tuple[int, ...] = ()
+    missed: float = 0.0
 
     @property
     def dim(self) -> int:
@@ -91,13 +97,17 @@ class LocalFits(AbstractField):
         """Remarks for a status line."""
         return self.remarks
 
-    def __call__(self, points: Any) -> Any:
+    def bound(self, pixel: float = 0.0) -> float:
+        """As :meth:`~deformnb.rbf.interpolant.RBFInterpolant.bound`, of all fits."""
+        return max(fit.bound(pixel) for fit in self.fits) + float(self.missed)
+
+    def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
 
         def add(total: tuple[Any, Any], box: tuple[Any, ...]) -> tuple[tuple[Any, Any], None]:
             fit, low, high, margin = box
             w = jnp.prod(_steps(x, low, high, margin, jnp), axis=-1, keepdims=True)
-            return (total[0] + w * fit(x), total[1] + w), None
+            return (total[0] + w * fit.jax_displacement(x), total[1] + w), None
 
         start = jnp.zeros_like(x), jnp.zeros_like(x[..., :1])
         boxes = tuple(jnp.asarray(a, dtype=x.dtype) for a in (self.low, self.high, self.margin))
@@ -180,8 +190,12 @@ def _step_slope(t: Floats) -> Floats:
     return 15 * np.square(s * (1 - s))
 
 
-def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float) -> LocalFits:
+def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float, leaf: int = LEAF) -> LocalFits:
     """Local fits of prepared points, with a note of how far they deviate from wider ones.
+
+    Parameters
+    ----------
+    leaf : points of a box at most.
 
     Raises
     ------
@@ -189,7 +203,7 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
         Where a fit is refused; it names points of its own.
     """
     x = ready.targets
-    low, high, members = _boxes(x)
+    low, high, members = _boxes(x, leaf)
     sides = np.where(np.isfinite(high - low), high - low, np.inf)
     inner = np.array([np.ptp(x[m], axis=0) for m in members])
     margin = _MARGIN * np.minimum(sides, np.maximum(inner, inner.max(axis=1, keepdims=True) * 1e-3))
@@ -199,13 +213,14 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
         wide = _AROUND * margin[k]
         near = ((x >= low[k] - wide) & (x <= high[k] + wide)).all(axis=1)
         fits.append(solve_prepared(_part_of(ready, _filled(near, x, tree)), kernel, smoothing, None))
+    worst = max(fits, key=lambda fit: float(fit.missed))
     counts = [int(fit.count) for fit in fits]
-    field = LocalFits(tuple(fits), low, high, margin, (), ready.ids)
+    field = LocalFits(tuple(fits), low, high, margin, (), ready.ids, ready.missed)
     deviation = _deviation(field, ready, kernel, smoothing, tree)
     note = (f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
             f"to {max(counts)} points, blended; between points they deviate by up to {_rounded_up(deviation):.2g} from "
             "the fit of all")
-    return replace(field, remarks=(*ready.notes, note))
+    return replace(field, remarks=(*ready.notes, note, *worst.of_points))
 
 
 def _rounded_up(value: float) -> float:
@@ -222,8 +237,8 @@ def _filled(near: NDArray[np.bool_], x: Floats, tree: Any) -> NDArray[np.int64]:
     return at.astype(np.int64)
 
 
-def _boxes(x: Floats) -> tuple[Floats, Floats, list[NDArray[np.int64]]]:
-    """Boxes that tile space, each with at most :data:`LEAF` points: corners (n, dim) and the points of each."""
+def _boxes(x: Floats, leaf: int) -> tuple[Floats, Floats, list[NDArray[np.int64]]]:
+    """Boxes that tile space, each with at most ``leaf`` points: corners (n, dim) and the points of each."""
     waiting = [(np.full(x.shape[1], -np.inf), np.full(x.shape[1], np.inf), np.arange(len(x)))]
     low, high, members = [], [], []
     while waiting:
@@ -231,7 +246,7 @@ def _boxes(x: Floats) -> tuple[Floats, Floats, list[NDArray[np.int64]]]:
         axis = int(np.ptp(x[own], axis=0).argmax())
         middle = float(np.median(x[own, axis]))
         below = x[own, axis] < middle
-        if len(own) <= LEAF or not below.any():
+        if len(own) <= leaf or not below.any():
             low.append(bottom)
             high.append(top)
             members.append(own)
@@ -249,7 +264,7 @@ def _part_of(ready: PreparedPoints, at: NDArray[np.int64]) -> PreparedPoints:
     bent = quadric_span(x - origin, np.eye(x.shape[1])) if ready.trend == "quadratic" else ()
     span = Span(np.eye(x.shape[1]), ridge_of(*spreads_of(x, x + d)), *bent)
     return replace(ready, targets=x, displacements=d, weights=ready.weights[at], radii=ready.radii[at], origin=origin,
-                   span=span, ids=tuple(ready.ids[k] for k in at.tolist()), notes=())
+                   span=span, ids=tuple(ready.ids[k] for k in at.tolist()), notes=(), missed=0.0)
 
 
 def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
@@ -266,9 +281,20 @@ def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKer
     for k in outwards[np.linspace(0, len(x) - 1, _PROBES).astype(int)].tolist():
         near = np.asarray(tree.query(x[k], k=count)[1])
         places = _gaps(x[near[: max(_LEAST, count // _WIDER)]])
-        wide = solve_prepared(_part_of(ready, np.sort(near)), kernel, smoothing, None).displacement(places)
+        wide = _widest(ready, near, kernel, smoothing).displacement(places)
         worst = max(worst, float(np.linalg.norm(wide - field.displacement(places), axis=1).max()))
     return _MISSED * worst
+
+
+def _widest(ready: PreparedPoints, near: NDArray[Any], kernel: type[AbstractKernel],
+            smoothing: float) -> RBFInterpolant:
+    """The fit of these nearest points, or of half as many where their system is singular."""
+    try:
+        return solve_prepared(_part_of(ready, np.sort(near)), kernel, smoothing, None)
+    except TooFlatError:
+        if len(near) <= _LEAST:
+            raise
+        return _widest(ready, near[: len(near) // 2], kernel, smoothing)
 
 
 def _gaps(x: Floats) -> Floats:

@@ -95,6 +95,11 @@ def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDAr
     return array
 
 
+def _leaf(values: Any) -> Any:
+    """Numbers as an array for JAX, which may follow them already."""
+    return values if hasattr(values, "shape") else np.asarray(values)
+
+
 @pytree_node
 @dataclass(frozen=True)
 class HalfSpace(AbstractRegion):
@@ -139,7 +144,7 @@ class HalfSpace(AbstractRegion):
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
         """The arrays that JAX traces, and the constants that it keeps."""
-        return (np.asarray(self.point), np.asarray(self.normal)), None
+        return (_leaf(self.point), _leaf(self.normal)), None
 
     @classmethod
     def tree_unflatten(cls, _aux: None, leaves: tuple[Any, ...]) -> HalfSpace:
@@ -248,7 +253,7 @@ class _Outline(AbstractRegion):
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
         """The arrays that JAX traces, and the constants that it keeps."""
-        return (np.asarray(self.vertices),), None
+        return (_leaf(self.vertices),), None
 
     @classmethod
     def tree_unflatten(cls, _aux: Any, leaves: tuple[Any, ...]) -> Any:
@@ -376,7 +381,7 @@ class Line(_Outline):
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
         """The arrays that JAX traces, and the constants that it keeps."""
-        return (np.asarray(self.vertices),), self.stops
+        return (_leaf(self.vertices),), self.stops
 
     @classmethod
     def tree_unflatten(cls, aux: Any, leaves: tuple[Any, ...]) -> Line:

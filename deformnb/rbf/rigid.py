@@ -410,12 +410,12 @@ class RigidInterpolant(AbstractField):
         return self.base.trend
 
     @in_full_precision
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         back = [x @ jnp.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]
         distances = [jnp.maximum(r(y), 0.0) for r, y in zip(self.regions, back, strict=True)]
         moved, weight = drift_and_weight(x, back, distances, self.scales, self.weights, jnp)
-        return moved + weight[..., None] * self.base(x)
+        return moved + weight[..., None] * self.base.jax_displacement(x)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)

@@ -85,8 +85,8 @@ class TipBlend(AbstractField):
         """Remarks of all fits, each once."""
         return tuple(dict.fromkeys(note for fit in self.fits for note in getattr(fit, "notes", ())))
 
-    def __call__(self, points: Any) -> Any:
-        moves = [fit(points) for fit in self.fits]
+    def jax_displacement(self, points: Any) -> Any:
+        moves = [fit.jax_displacement(points) for fit in self.fits]
         weights = [line.opening(points + moves[0], jax.numpy)[..., None] for line in self.lines]
         return blended(moves, weights)
 

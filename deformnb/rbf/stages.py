@@ -75,10 +75,10 @@ class Staged(AbstractField):
     def steps(self) -> tuple[AbstractField, ...]:
         return self.fits
 
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         y = points
         for fit in reversed(self.fits):  # backwards: the place in the result is looked up in the last stage first
-            y = y + fit(y)
+            y = y + fit.jax_displacement(y)
         return y - points
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:

@@ -154,7 +154,7 @@ def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractK
     is_shrunk = ready.trend in ("affine", "quadratic") and ready.span.ridge.any()
     errors = left_out((ready.targets - ready.origin) / radius, ready.displacements, kernel,
                       "similarity" if is_shrunk and kernel.order < 3 else ready.trend, smoothing / ready.weights)
-    return np.asarray((errors**2).sum(axis=1))
+    return np.asarray((errors**2).sum(axis=1))[ready.place_of]  # as many for each radius, though merged for some
 
 
 def check_support(support: Any) -> None:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
+from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.sampling import on_device
 from deformnb.volume.volume import Grid
@@ -45,7 +46,7 @@ from deformnb.warping.node_walk import (
     smoothness_of,
 )
 
-ERROR = 1e-2
+ERROR = SHARES["nodes"]
 """Largest error of an interpolated displacement, in the smallest side of a voxel. Where neighbouring voxels differ by
 100 grey levels, it changes the result by one at most, and by a third of one as a rule."""
 

@@ -10,13 +10,14 @@ import json
 from deformnb import checks
 from deformnb.analysis import folds
 from deformnb.imaging import occlusion
-from deformnb.rbf import conditioning, interpolant, kernels, regions, rigid, slits, stages, support, trends
+from deformnb.rbf import conditioning, exactness, interpolant, kernels, regions, rigid, slits, stages, support, trends
 from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "LONGEST_SHARE", "COLLAPSED",
                                     "FAR_BEHIND")),
-    "interpolant": (interpolant, ("RESIDUAL", "ROUNDING", "MOST_GAIN", "STEEP")),
+    "exactness": (exactness, ("RESIDUAL", "ROUNDING", "MOST_MISSED")),
+    "interpolant": (interpolant, ("MOST_GAIN", "STEEP")),
     "kernels": (kernels, ("TINY",)),
     "folds": (folds, ("NEARLY_FOLDED",)),
     "checks": (checks, ("LARGEST_COORDINATE",)),

@@ -42,7 +42,7 @@ class Wave(AbstractField):
     frequency: float = 0.3
     dim: int = 3  # type: ignore[misc]
 
-    def __call__(self, points: Any) -> Any:
+    def jax_displacement(self, points: Any) -> Any:
         return self._at(jnp.asarray(points), jnp)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
@@ -557,8 +557,8 @@ class AlongX(AbstractField):
     field: AbstractField
     dim: int = 3  # type: ignore[misc]
 
-    def __call__(self, points: Any) -> Any:
-        return self.field(points) * jnp.array([1.0, 0, 0])
+    def jax_displacement(self, points: Any) -> Any:
+        return self.field.jax_displacement(points) * jnp.array([1.0, 0, 0])
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         return self.field.displacement(points) * np.array([1.0, 0, 0])

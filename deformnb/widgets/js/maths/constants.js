@@ -8,9 +8,12 @@ export const LONGEST_SHARE = 100.0;
 export const COLLAPSED = 1e-06;
 export const FAR_BEHIND = 12;
 
-// interpolant.py
+// exactness.py
 export const RESIDUAL = 1e-07;
 export const ROUNDING = 1e-10;
+export const MOST_MISSED = 0.0001;
+
+// interpolant.py
 export const MOST_GAIN = 100000.0;
 export const STEEP = 10.0;
 

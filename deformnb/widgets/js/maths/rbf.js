@@ -3,7 +3,8 @@
 
 import {
   COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MANY, MOST_GAIN,
-  MOST_NEIGHBOURS, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
+  MOST_MISSED, MOST_NEIGHBOURS, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN,
+  THIN_BEND, TINY,
 } from "./constants.js";
 import { kernelMatrix } from "./kernel_matrix.js";
 import { kernelOfTable } from "./kernel_table.js";
@@ -1163,7 +1164,7 @@ function rbfMerge(places, radius, reach, smoothing) {
 function rbfRefuseConflicts(places, pairs, radius) {
   for (const [i, j] of pairs) {
     const p = places[i], q = places[j];
-    if (rbfDistance(p.d, q.d) <= SAME_DISPLACEMENT * radius) continue;
+    if (rbfDistance(p.d, q.d) <= SAME_DISPLACEMENT * radius + rbfDistance(p.x, q.x)) continue;
     const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
     throw new RbfError(`${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but require ` +
       `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`);
@@ -1248,7 +1249,8 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
     throw new RbfError("the support radii that these control points have of their own do not go together: the system " +
       `is nearly singular (closest are ${rbfClosest(ready)}). Give neighbours more similar radii, or smaller ones.`);
   }
-  if (!(largest(miss) <= RESIDUAL * largest(d) + ROUNDING * largest(fit.centers))) {
+  const isExact = largest(miss) <= RESIDUAL * largest(d) + ROUNDING * largest(fit.centers);
+  if (!isExact && !(largest(miss) <= MOST_MISSED * largest(d))) {
     throw new RbfError(`the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
       `the system is singular to working precision (closest are ${rbfClosest(ready)}). Use a smaller support, a ` +
       "Wendland kernel, or a little smoothing.");
@@ -1264,7 +1266,8 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
     quadratic: quadratic?.map((m) => m.map((row) => row.map((value) => value * r))) ?? null };
   crossed.push(...rbfCrossingPairs(ready, map).filter((pair) => !isTorn(pair) && rbfFoldsBetween(solved, pair)).map(
     ([i, j]) => `control points ${i} and ${j} are pulled past each other: the map folds there`));
-  return { ...solved, notes: [...ready.notes, ...crossed, ...rbfWarnings(ready, kernel, map)] };
+  return { ...solved, notes: [...ready.notes, ...(isExact ? [] : [rbfNearlySingular(ready, miss)]), ...crossed,
+    ...rbfWarnings(ready, kernel, map)] };
 }
 
 /** Places on the way from one point to another at which the determinant is computed, as in deformnb.rbf.interpolant. */
@@ -1293,6 +1296,15 @@ function rbfMapDerivative(fit, place) {
 /** The determinant of a matrix of 2 or 3 rows. @param {number[][]} m */
 function rbfDeterminant([a, b, c]) {
   return c ? rbfDot(a, rbfCross(b, c)) : a[0] * b[1] - a[1] * b[0];
+}
+
+/** @param {Ready} ready @param {Float64Array} miss */
+function rbfNearlySingular(ready, miss) {
+  const { n, radius, origin: { length: dim } } = ready;
+  const lengths = Array.from({ length: n }, (_, k) => Math.hypot(...miss.subarray(k * dim, (k + 1) * dim)));
+  const most = radius * Math.max(...lengths);
+  return `the system is nearly singular (closest are ${rbfClosest(ready)}): the map misses its targets by up to ` +
+    `${Number(most.toPrecision(1))}; a smaller support, a Wendland kernel or a little smoothing would not`;
 }
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------
