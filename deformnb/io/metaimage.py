@@ -111,6 +111,9 @@ def read_header(path: Path) -> Header:
     for name in ("NDims", "DimSize", "ElementType"):
         if name.lower() not in fields:
             raise fail(path, f"its header lacks the field '{name}'.")
+    kind = fields.get("objecttype", "Image")
+    if kind.lower() != "image":
+        raise fail(path, f"its ObjectType is '{shown(kind)}', and a volume is an Image.")
     dimension = integers(path, "NDims", fields["ndims"], 1)[0]
     if not 1 <= dimension <= 10:
         raise fail(path, f"the field 'NDims' is {dimension}; a volume has 3.")

@@ -127,7 +127,7 @@ def read_header(path: Path) -> Header:
     source = Source(path, skip=offset, encoding="gzip") if packed else Source(path, offset)
     slope, intercept, scale_notes = _scaling(path, fields.scaling)
     bits = 8 * dtype.itemsize * (len(colours) if colours else 1)
-    if fields.bits not in (0, bits):
+    if fields.bits != bits:
         notes += (f"bitpix is {fields.bits}, and voxels of this datatype have {bits} bits, which counts",)
     affine, place_notes = _affine(path, fields)
     spacing = triple(list(fields.pixdim[1:4]))
@@ -182,11 +182,13 @@ def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float, tu
 def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
     """The sform as an LPS affine if it counts, and remarks on where the volume lies."""
     qform_code, sform_code = fields.codes
-    notes = tuple(f"the {name}_code {code} is none that NIfTI defines; it counts as a place all the same"
-                  for name, code in zip(("qform", "sform"), fields.codes, strict=True) if code > 5)
+    notes = tuple(f"the {name}_code {code} is none that NIfTI defines; it counts as {'a' if code > 0 else 'no'} place"
+                  for name, code in zip(("qform", "sform"), fields.codes, strict=True) if not 0 <= code <= 5)
     if sform_code <= 0:
         if qform_code > 0:
-            return None, notes
+            turned = fields.pixdim[0]
+            return None, notes if turned in (-1.0, 1.0) else (
+                *notes, f"pixdim[0] is {turned:g}, neither -1 nor 1: its sign counts, and 0 as 1")
         unplaced = "the file states no place of the volume: its axes were taken as right, anterior, superior"
         return None, (*notes, unplaced)
     affine = np.vstack([np.reshape(fields.srow, (3, 4)), [0, 0, 0, 1]]).astype(np.float64)
@@ -201,7 +203,7 @@ def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tu
 def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str:
     """A remark on what the file says of the place beside its sform, if that is something else."""
     if fields.codes[0] <= 0:
-        same = np.allclose(np.linalg.norm(affine[:3, :3], axis=0), np.abs(fields.pixdim[1:4]), rtol=1e-3)
+        same = np.allclose(np.linalg.norm(affine[:3, :3], axis=0), fields.pixdim[1:4], rtol=1e-3)
         sizes = _listed(fields.pixdim[1:4])
         return "" if same else f"the voxel sizes {sizes} are not those of the sform, which is used"
     try:

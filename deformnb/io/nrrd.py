@@ -159,6 +159,7 @@ def read_header(path: Path) -> Header:
     shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
     source = _source(path, fields, end, files, sizes, dtype)
     affine = _affine(path, fields, axes, dimension)
+    notes += affine.pop("notes", ())
     # What 3D Slicer saves as a segmentation holds the numbers of segments, although no field of NRRD says so.
     labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
     crc = proven_crc(comments, fields.get("datafile", ""))
@@ -330,12 +331,15 @@ def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: in
     spacing = per_axis("spacings", "spacings", 1.0)
     minimum = per_axis("axismins", "axis mins", 0.0)
     centres = fields.get("centers", fields.get("centerings", "")).lower().split()
+    if centres and (len(centres) != dimension or not set(centres) <= {"cell", "node", "none", "???"}):
+        raise fail(path, f"the field 'centers' should be {dimension} words, cell or node, but is "
+                         f"'{shown(' '.join(centres))}'.")
     # "axis min" is the border of a cell, or the place of a node.
     first = [low + (step / 2 if axis < len(centres) and centres[axis] == "cell" else 0.0)
              for low, step, axis in zip(minimum, spacing, [*axes, 99, 99][:3], strict=True)]
-    if not np.isfinite(first).all():
-        first = [0.0, 0.0, 0.0]
-    return {"spacing": triple(spacing), "origin": triple(first)}
+    if np.isfinite(first).all():
+        return {"spacing": triple(spacing), "origin": triple(first)}
+    return {"spacing": triple(spacing), "notes": ("its axis mins are not numbers: the first voxel was put at 0",)}
 
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:

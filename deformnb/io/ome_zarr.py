@@ -461,7 +461,7 @@ def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
              for t in range(layout.frames) for c in range(layout.channels)]
     dtype, depth = np.dtype(level.array.dtype), max(1, min(level.chunks[0], level.grid.shape[0]))
     slab = depth * level.grid.shape[1] * level.grid.shape[2] * dtype.itemsize
-    found = [part.present() for part in parts] if len(parts) < _MOST_COUNTED // 64 else [None] * len(parts)
+    found = [part.present() if len(parts) < _MOST_COUNTED // 64 else None for part in parts]
     counted = [one for one in found if one is not None]
     missing, total = sum(np.count_nonzero(~one) for one in counted), sum(one.size for one in counted)
     notes = pyramid.notes

@@ -66,7 +66,8 @@ def _side_file(path: Path) -> dict[str, Any] | None:
     if not isinstance(fields, dict):
         raise fail(side, f"this side file should look like {_EXAMPLE}.")
     version = fields.get("version", _VERSION)
-    if fields.get("format", _FORMAT) != _FORMAT or not isinstance(version, int) or version > _VERSION:
+    if fields.get("format", _FORMAT) != _FORMAT or not isinstance(version, int) or not (
+            1 <= version <= _VERSION):
         raise fail(side, f"this side file is of another format or newer than version {_VERSION}.")
     return fields
 
@@ -161,6 +162,10 @@ def read_npy_header(path: Path) -> Header:
     side = _side_path(path)
     if "shape" in fields and _shape(side, fields) != list(shape):
         raise fail(path, f"it has shape {shape} but its side file {shown(side.name)} has {_shape(side, fields)}. "
+                         "Remove the side file if the array is new.")
+    if fields.get("dtype", dtype.name) != dtype.name or fields.get("byte_order", "little") not in ("little", "big"):
+        raise fail(path, f"its voxels are {dtype.name}, but its side file {shown(side.name)} has dtype "
+                         f"{shown(fields.get('dtype'), 40)} and byte_order {shown(fields.get('byte_order'), 40)}. "
                          "Remove the side file if the array is new.")
     return replace(header, blocks=_checked(path, fields, blocks), **_geometry(side, fields))
 

@@ -62,7 +62,10 @@ def _choose(file: VtkXml) -> tuple[Tag, tuple[str, ...]]:
         chosen = next((tag for tag in arrays if active is not None and tag.attributes.get("Name") == active), arrays[0])
         others = ", ".join(shown(tag.attributes.get("Name", "?"), 30) for tag in arrays[:10] if tag is not chosen)
         taken = shown(chosen.attributes.get("Name", "?"), 30)
-        return chosen, (f"of several arrays '{taken}' was taken; the others are: {others}",) if others else ()
+        notes: tuple[str, ...] = (f"of several arrays '{taken}' was taken; the others are: {others}",) if others else ()
+        if active is not None and chosen.attributes.get("Name") != active:
+            notes += (f"its active scalars '{shown(active, 30)}' are not there; '{taken}' was taken",)
+        return chosen, notes
     raise fail(file.path, "it has no array of points or cells, so there are no voxels.")
 
 

@@ -73,6 +73,8 @@ class VtkXml:
         self._scan()
         if not self.tags or self.tags[0].name != "VTKFile" or self.first(self.kind) is None:
             raise fail(self.path, f"this is no {self._called} file (tags VTKFile and {self.kind}).")
+        if self.root.get("type") != self.kind:
+            raise fail(self.path, f"its type is '{shown(self.root.get('type'))}', and its data are {self.kind}.")
         order = {"LittleEndian": "<", "BigEndian": ">"}.get(self.root.get("byte_order", "LittleEndian"))
         if order is None:
             raise fail(self.path, f"the byte_order '{shown(self.root['byte_order'])}' is unknown.")
