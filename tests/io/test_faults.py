@@ -377,7 +377,7 @@ def test_big_endian_voxels_that_are_not_finite_are_counted(tmp_path: Path) -> No
 @pytest.mark.parametrize(("old", "new", "words"), [
     (b"<?xml", b'<!DOCTYPE a [<!ENTITY b "c">]><?xml', "document type"),
     (b"<VTKFile", b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile', "document type"),
-    (b'type="ImageData"', b'type="PolyData"', None),  # the tags count, not this
+    (b'type="ImageData"', b'type="PolyData"', "its type is 'PolyData'"),
     (b"<ImageData", b"<Polydata", "damaged XML|not VTK image data"),
     (b"0 5 0 4 0 3", b"0 5 0 4 0 2", "180 bytes.*240"),
     (b'Extent="0 5 0 4 0 3">', b'Extent="0 5 0 4 0 2">', "pieces"),
@@ -566,6 +566,8 @@ def test_a_numpy_file_that_no_longer_fits_its_side_file(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((2, 2, 2)))
     refuse(tmp_path / "a.npy", "side file")
     np.save(tmp_path / "a.npy", np.zeros((4, 5, 6)))
+    refuse(tmp_path / "a.npy", "float64, but its side file")
+    np.save(tmp_path / "a.npy", np.zeros((4, 5, 6), np.int16))
     refuse(tmp_path / "a.npy", "CRC")
     (tmp_path / "a.npy.json").unlink()
     assert read_volume(tmp_path / "a.npy").grid.spacing == (1, 1, 1)
