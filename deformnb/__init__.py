@@ -16,13 +16,41 @@ Conventions
 What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.chunked``, ``dn.document``,
 ``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``,
 ``dn.datasets``, ``dn.lessons``, ``dn.widgets`` and ``dn.errors``.
-Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks.
+Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks. Where
+a Volume is required, whatever is one will do: an image of SimpleITK, ITK, nibabel, pyvista, VTK or xarray, a layer of
+napari, the path of a file, or an array, which has no place of its own and lies at the origin with voxels 1 apart.
 
 Names load on first use, so that ``import deformnb`` is quick and loads no widget, no VTK and no matplotlib.
 """
 
+from functools import partial
+from typing import Any
+
 import lazy_loader
 
+from deformnb._entrances import CONVERSIONS, READERS
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+
+def _read(kind: str, path: Any) -> Any:
+    """What a path stands for where an object is wanted; its reader is imported when the first one is given."""
+    io = __getattr__("io")
+    return {"volume": io.read_volume, "channels": io.read_channels, "mesh": io.read_mesh,
+            "grid": lambda path: io.describe_file(path).grid}[kind](path)
+
+
+def _converted(name: str, given: Any) -> Any:
+    """What an object of another package is where a volume is wanted; imported when the first one is given."""
+    from deformnb.volume import converters
+
+    return getattr(converters, name)(given)
+
+
+for _kind in ("volume", "channels", "mesh", "grid"):
+    READERS[_kind] = partial(_read, _kind)
+for _name in ("one_volume", "several_channels", "grid_of", "states_place"):
+    CONVERSIONS[_name] = partial(_converted, _name)
 
 __version__ = "0.1.0"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,3 +16,6 @@ Image: TypeAlias = NDArray[np.uint8]
 
 Float3: TypeAlias = tuple[float, float, float]
 """Three coordinates (x, y, z), or a length along each of three axes."""
+
+Spacing: TypeAlias = Sequence[float] | NDArray[Any] | float
+"""Distances of neighbouring voxels (x, y, z), or one number for all axes."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+import types
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import fields
+from functools import cache
 from pathlib import Path
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,3 +164,139 @@ def warn(notes: Iterable[str]) -> None:
         frame, level = frame.f_back, level + 1
     for note in dict.fromkeys(notes):
         warnings.warn(translate(note), DeformWarning, stacklevel=level)
+
+
+def check_fields(owner: Any, *names: str) -> None:
+    """Check the fields of a frozen dataclass by their annotations, and put the plain Python value of each in its place.
+
+    A number of NumPy becomes one of Python and a list a tuple; a number must be finite, a text is none, and neither
+    "yes" nor 1 is a truth value. Arrays get the annotated type; their shape is not looked at, nor are fields of Any.
+
+    Parameters
+    ----------
+    owner : the dataclass, in its ``__post_init__``.
+    names : of the fields to check; default is all.
+
+    Raises
+    ------
+    DeformError
+        Naming the field and what it must be.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Switch:
+    ...     is_on: bool
+    ...     def __post_init__(self):
+    ...         check_fields(self)
+    >>> Switch("yes")
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.DeformError: is on of a Switch must be True or False, got 'yes'.
+    """
+    kind: Any = type(owner)
+    for name, hint in _hints(kind):
+        if names and name not in names:
+            continue
+        given = getattr(owner, name)
+        value = _conformed(given, hint)
+        if value is _WRONG:
+            called = kind.__name__
+            article = "an" if called[0] in "AEIOU" else "a"
+            raise DeformError(f"{name.replace('_', ' ')} of {article} {called} must be {_in_words(hint)}, got "
+                              f"{shown_value(given)}.")
+        if value is not given:
+            object.__setattr__(owner, name, value)
+
+
+_WRONG: Any = object()
+
+
+@cache
+def _hints(kind: type) -> tuple[tuple[str, Any], ...]:
+    hints = get_type_hints(kind)
+    return tuple((one.name, hints[one.name]) for one in fields(kind))
+
+
+def _conformed(value: Any, hint: Any) -> Any:
+    """The value as the annotation wants it, or :data:`_WRONG`; what is no plain kind is taken as it is."""
+    origin, among = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return next((found for one in among if (found := _conformed(value, one)) is not _WRONG), _WRONG)
+    if origin is tuple:
+        return _conformed_tuple(value, among)
+    if hint in _PLAIN:
+        return _PLAIN[hint](value)
+    if origin is np.ndarray:
+        return _conformed_array(value, get_args(among[1])[0])
+    kind = origin or hint
+    return value if not isinstance(kind, type) or isinstance(value, kind) else _WRONG
+
+
+def _conformed_array(value: Any, kind: Any) -> Any:
+    """The value as an array of an annotated type; one of that type itself is not copied."""
+    if isinstance(value, np.ndarray) and (kind is Any or value.dtype == kind):
+        return value
+    if kind is np.bool_:
+        try:
+            array = np.asarray(value)
+        except (TypeError, ValueError):
+            return _WRONG
+        return array if array.dtype == np.bool_ or (array.size == 0 and array.dtype.kind in "fiu") else _WRONG
+    real = None if kind is Any or isinstance(value, type) else real_array(value)
+    return _WRONG if real is None else real.astype(kind, copy=False)
+
+
+def _conformed_tuple(value: Any, among: tuple[Any, ...]) -> Any:
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
+        return _WRONG
+    given = tuple(value)
+    hints = (among[0],) * len(given) if among[1:] == (...,) else among
+    if len(given) != len(hints):
+        return _WRONG
+    found = tuple(_conformed(one, hint) for one, hint in zip(given, hints, strict=True))
+    if any(one is _WRONG for one in found):
+        return _WRONG
+    is_same = isinstance(value, tuple) and all(one is before for one, before in zip(found, given, strict=True))
+    return value if is_same else found
+
+
+def _plain_number(value: Any) -> Any:
+    if isinstance(value, bool | np.bool_ | str | bytes) or not is_finite(value):
+        return _WRONG
+    return value if type(value) in (int, float) else float(np.asarray(value))
+
+
+def _plain_integer(value: Any) -> Any:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        return _WRONG
+    return value if type(value) is int else int(value)
+
+
+def _plain_flag(value: Any) -> Any:
+    return value if isinstance(value, bool) else bool(value) if isinstance(value, np.bool_) else _WRONG
+
+
+def _plain_text(value: Any) -> Any:
+    return (value if type(value) is str else str(value)) if isinstance(value, str) else _WRONG
+
+
+_PLAIN: dict[Any, Any] = {bool: _plain_flag, int: _plain_integer, float: _plain_number, str: _plain_text,
+                          type(None): lambda value: None if value is None else _WRONG}
+
+_WORDS = {bool: "True or False", int: "a whole number", float: "a finite number", str: "a text", type(None): "None"}
+_SEVERAL = {bool: "truth values", int: "whole numbers", float: "finite numbers", str: "texts"}
+
+
+def _in_words(hint: Any) -> str:
+    origin, among = get_origin(hint), get_args(hint)
+    if origin is np.ndarray:
+        return "an array"
+    if origin in (Union, types.UnionType):
+        return " or ".join(_in_words(one) for one in among)
+    if origin is tuple:
+        count = "" if among[1:] == (...,) else f"{len(among)} "
+        one = among[0]
+        return f"{count}{_SEVERAL.get(one, 'lists of them' if get_origin(one) else f'of type {one.__name__}')}"
+    return _WORDS.get(hint, f"a {(origin or hint).__name__}")

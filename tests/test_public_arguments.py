@@ -142,7 +142,7 @@ def test_pictures_take_what_can_be_meant_without_doubt(call: Callable[[Any], Any
     np.testing.assert_array_equal(found, wanted)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, "#", np.zeros((2, 3, 4)), float("nan"), -1, {}, object(), ControlPoints,
+@pytest.mark.parametrize("wrong", [None, 3, "#", np.zeros((2, 3, 4, 5)), float("nan"), -1, {}, object(), ControlPoints,
                                    [FIELD]], ids=lambda wrong: repr(wrong)[:20].split(" at ")[0])
 @pytest.mark.parametrize(("call", "right"), [
     (lambda w: render_volume(w, **SMALL), ()), (lambda w: render_volume(VOLUME, transfer=w, **SMALL), (None,)),
@@ -199,7 +199,8 @@ def test_pictures_refuse_all_else_by_name(call: Callable[[Any], Any], right: tup
             call(wrong)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, "+z", np.zeros((2, 3, 4)), object(), ControlPoints, Deformation, [FIELD]],
+@pytest.mark.parametrize("wrong", [None, 3, "+z", np.zeros((2, 3, 4, 5)), object(), ControlPoints, Deformation,
+                                   [FIELD]],
                          ids=lambda wrong: type(wrong).__name__)
 @pytest.mark.parametrize("call", [
     lambda w: warp(w, FIELD), lambda w: warp(w, DEFORMATION), lambda w: warp(VOLUME, w), Warper(VOLUME),

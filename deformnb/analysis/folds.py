@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion, unchanging_axes
 from deformnb.rbf.fields import AbstractField, HasField, as_field, grid_lines, raster_lines
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid, has_grid
 from deformnb.warping.foreground import IsTissue
 from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points
 
@@ -60,8 +60,8 @@ class Folds:
 
 
 
-def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume | Raster | Landmarks | ArrayLike, *,
-                         grid: Grid | Volume | None = None) -> NDArray[Any]:
+def jacobian_determinant(field: AbstractField | HasField, where: Grid | VolumeLike | Raster | Landmarks | ArrayLike, *,
+                         grid: Grid | VolumeLike | None = None) -> NDArray[Any]:
     """The determinant of ``1 + dD/dx``: 1 where areas are kept, 0 or less where the map folds.
 
     Parameters
@@ -88,12 +88,12 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume |
     >>> jacobian_determinant(grown, [[5.0, 7.0]]).round(9).tolist()
     [0.25]
     """
-    if isinstance(where, Grid | Volume):
+    if has_grid(where):
         where = as_grid(where)
         grid = where if grid is None else grid
     field = as_field(field, grid)
     if not isinstance(where, Grid | Raster):
-        x = checked_points(where, field)
+        x = checked_points(cast("ArrayLike | Landmarks", where), field)
         flat, out = x.reshape(-1, field.dim), np.empty(x.shape[:-1])
         for start in range(0, len(flat), POINTS_AT_A_TIME):
             own = slice(start, start + POINTS_AT_A_TIME)
@@ -105,8 +105,8 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | Volume |
     return lattice_out
 
 
-def folds_of(field: AbstractField | HasField, lattice: Grid | Volume | Raster, progress: Progress | None = None, *,
-             grid: Grid | Volume | None = None, is_tissue: IsTissue | None = None) -> Folds:
+def folds_of(field: AbstractField | HasField, lattice: Grid | VolumeLike | Raster, progress: Progress | None = None, *,
+             grid: Grid | VolumeLike | None = None, is_tissue: IsTissue | None = None) -> Folds:
     """The smallest determinant on a lattice, its place, and the share of the nodes that lie in folds.
 
     Parameters

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.volume.volume import Volume, as_volume, slabs
+from deformnb.volume.volume import Volume, VolumeLike, as_volumes, slabs
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class LabelVolume:
         return 100 * (self.after - self.before) / self.before if self.before else math.nan
 
 
-def label_volumes(before: Volume, after: Volume, names: Mapping[int, str] | None = None) -> tuple[LabelVolume, ...]:
+def label_volumes(before: VolumeLike, after: VolumeLike,
+                  names: Mapping[int, str] | None = None) -> tuple[LabelVolume, ...]:
     """The volume of each label before and after a deformation: number of voxels times the size of a voxel.
 
     Parameters
@@ -68,8 +69,9 @@ def label_volumes(before: Volume, after: Volume, names: Mapping[int, str] | None
     1 liver 4.0 6.0 50.0
     2  2.0 2.0 0.0
     """
-    counts = [_counts(volume) for volume in (before, after)]
-    sizes = [float(np.prod(volume.grid.spacing)) for volume in (before, after)]
+    both = as_volumes((before, after))
+    counts = [_counts(volume) for volume in both]
+    sizes = [float(np.prod(volume.grid.spacing)) for volume in both]
     named = names or {}
     return tuple(LabelVolume(label, named.get(label, ""), counts[0].get(label, 0) * sizes[0],
                              counts[1].get(label, 0) * sizes[1])
@@ -77,7 +79,7 @@ def label_volumes(before: Volume, after: Volume, names: Mapping[int, str] | None
 
 
 def _counts(volume: Volume) -> dict[int, int]:
-    values = as_volume(volume).values
+    values = volume.values
     if values.dtype.kind not in "iub":
         raise DeformError(f"labels are whole numbers, and the voxels of {shown_value(volume.name)} are {values.dtype}.")
     found: dict[int, int] = {}

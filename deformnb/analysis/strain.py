@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import adjugate, determinant, one_plus
 from deformnb.rbf.fields import AbstractField, HasField, as_field
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, VolumeLike
 from deformnb.warping.points import Landmarks, checked_points
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Stretches:
 
 
 def stretches(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
-              grid: Grid | Volume | None = None) -> Stretches:
+              grid: Grid | VolumeLike | None = None) -> Stretches:
     """The principal stretches of tissue that the deformation has brought to points (..., dim).
 
     Parameters

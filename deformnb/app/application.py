@@ -9,8 +9,7 @@ from os import PathLike
 
 from deformnb.document.deformation import Deformation
 from deformnb.session.session import Session
-from deformnb.volume.channels import Channels
-from deformnb.volume.volume import Volume
+from deformnb.volume.channels import ChannelsLike
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.worker import Worker
@@ -42,7 +41,7 @@ class Application:
     >>> app.close()
     """
 
-    def __init__(self, volume: Volume | Channels, deformation: Deformation | None = None, *, side: str | None = None,
+    def __init__(self, volume: ChannelsLike, deformation: Deformation | None = None, *, side: str | None = None,
                  viewer: str = "live", folder: str | PathLike[str] = ".", language: str | None = None) -> None:
         with parts_of_another():
             self.studio = Studio(volume, deformation, side=side, view=viewer, folder=folder, language=language)

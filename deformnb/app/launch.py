@@ -20,7 +20,7 @@ from deformnb.app.page import build_page, name_page
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.volume.channels import Channels
+from deformnb.volume.channels import ChannelsLike
 from deformnb.volume.plane import VIEWS
 from deformnb.volume.volume import Volume
 from deformnb.widgets.web.guard import checked_host, is_loopback
@@ -61,7 +61,7 @@ def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
     return PHANTOMS["fish"].make(progress=progress)
 
 
-def open_app(volume: Volume | Channels, deformation: Deformation | None = None, *, side: str | None = None,
+def open_app(volume: ChannelsLike, deformation: Deformation | None = None, *, side: str | None = None,
              viewer: str = "live", host: str = "127.0.0.1", port: int = 0, browser: bool = True,
              idle: float = IDLE_MINUTES, language: str | None = None) -> None:
     """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.

@@ -20,14 +20,16 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Float3, Progress
+from deformnb._typing import Progress, Spacing
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io import ome_zarr
 from deformnb.io.formats import describe_file
 from deformnb.io.headers import Damage, as_path, fail, regular_file, shown, unpacking, volume_shape
 from deformnb.io.memory import default_limit
-from deformnb.volume.volume import DTYPES, Grid, Volume, optional_package, voxel_checksum
+from deformnb.volume.converters import NO_PLACE, states_place
+from deformnb.volume.labelled import LabelledAxes, is_labelled, one_array
+from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, optional_package, voxel_checksum
 
 Part = tuple[slice, slice, slice]
 
@@ -401,7 +403,7 @@ class ChunkCache:
         return mine.result()
 
 
-def open_volume(source: Any, *, grid: Grid | None = None, spacing: Float3 | None = None, name: str | None = None,
+def open_volume(source: Any, *, grid: Grid | None = None, spacing: Spacing | None = None, name: str | None = None,
                 is_labels: bool | None = None, level: int = 0) -> LargeVolume:
     """A volume that is read in parts.
 
@@ -427,10 +429,12 @@ def open_volume(source: Any, *, grid: Grid | None = None, spacing: Float3 | None
     (1.0, 1.0, 2.0)
     """
     found = _opened(source, level)
+    if grid is not None or spacing is not None:
+        found = replace(found, notes=tuple(note for note in found.notes if note != NO_PLACE))
     if grid is not None:
         found = replace(found, grid=grid)
     if spacing is not None:
-        found = replace(found, grid=replace(found.grid, spacing=spacing))
+        found = replace(found, grid=replace(found.grid, spacing=as_spacing(spacing)))
     if is_labels is not None:
         found = replace(found, is_labels=is_labels)
     return found if name is None else replace(found, name=name)
@@ -439,15 +443,33 @@ def open_volume(source: Any, *, grid: Grid | None = None, spacing: Float3 | None
 def _opened(source: Any, level: int) -> LargeVolume:
     if isinstance(source, LargeVolume):
         return source
-    if isinstance(source, Volume):
-        return LargeVolume(_reader_of(source.values), source.grid, source.name, source.is_labels, notes=source.notes)
     if isinstance(source, str | os.PathLike):
         return _of_path(str(source), level)
+    if level != 0:
+        raise DeformError(f"an object in memory is no pyramid, so it has no level {shown_value(level)}.")
+    if is_labelled(source):
+        return _of_labelled(source)
+    if isinstance(source, Volume) or states_place(source):
+        volume = as_volume(source)
+        return LargeVolume(_reader_of(volume.values), volume.grid, volume.name, volume.is_labels, notes=volume.notes)
     shape, dtype = getattr(source, "shape", None), getattr(source, "dtype", None)
     if shape is None or dtype is None or len(shape) != 3:
         raise DeformError(f"a source is a volume, an array [z, y, x] or a path, got {shown_value(source)}.")
     grid = Grid((int(shape[0]), int(shape[1]), int(shape[2])))
-    return LargeVolume(_reader_of(source), grid, is_labels=np.dtype(dtype) == np.bool_)
+    return LargeVolume(_reader_of(source), grid, is_labels=np.dtype(dtype) == np.bool_, notes=(NO_PLACE,))
+
+
+def _of_labelled(given: Any) -> LargeVolume:
+    """The volume of an array of xarray, which may lie in chunks."""
+    array = one_array(given)
+    axes = LabelledAxes.of(array)
+    more = [dim for dim in axes.others if array.sizes[dim] > 1]
+    if more:
+        raise DeformError(f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
+                          f"pick one: array.isel({more[0]}=0).")
+    values = array.transpose(*axes.others, *axes.spatial).data.reshape(axes.grid.shape)
+    return LargeVolume(_reader_of(values), axes.grid, str(array.name or ""), values.dtype == np.bool_,
+                       notes=axes.notes(array))
 
 
 def _reader_of(array: Any) -> Reader:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Float3, Progress
+from deformnb._typing import Progress, Spacing
 from deformnb.chunked.sources import is_read_in_parts
 from deformnb.io import ome_zarr
 from deformnb.io.atomic import atomic_folder
 from deformnb.io.formats import located, plain_name, read_any_header
 from deformnb.io.headers import Damage, Header, fail
 from deformnb.io.memory import default_limit
+from deformnb.volume.volume import as_spacing
 
 _SLABS = 2**27  # bytes of the slices that are held at once
 
@@ -30,7 +31,7 @@ def must_be_unpacked(path: str | os.PathLike[str]) -> bool:
     return header.layout.is_single and _bytes(header) > default_limit()
 
 
-def unpack(path: str | os.PathLike[str], target: str | os.PathLike[str], *, spacing: Float3 | None = None,
+def unpack(path: str | os.PathLike[str], target: str | os.PathLike[str], *, spacing: Spacing | None = None,
            is_labels: bool | None = None, overwrite: bool = False, progress: Progress | None = None) -> None:
     """Write a volume file of any kind as OME-Zarr of one level, slice by slice, so that it can be read in parts.
 
@@ -64,7 +65,7 @@ def unpack(path: str | os.PathLike[str], target: str | os.PathLike[str], *, spac
         if not header.layout.is_single or header.transposed:
             raise fail(place, "only a volume of one channel and one moment, whose slices follow each other, is written "
                               f"as Zarr slice by slice, and this file holds {header.layout}.")
-        grid, _ = header.grid(spacing)
+        grid, _ = header.grid(None if spacing is None else as_spacing(spacing))
         depth = max(1, min(ome_zarr.CHUNK[0], _SLABS * header.shape[0] // max(1, _bytes(header))))
         with atomic_folder(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS) as folder:
             [array] = ome_zarr.create_pyramid(

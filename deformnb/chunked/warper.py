@@ -21,7 +21,7 @@ from deformnb.io import ome_zarr
 from deformnb.io.headers import as_path
 from deformnb.io.memory import check_room, default_limit
 from deformnb.rbf.fields import AbstractField, HasField, as_field
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid
 from deformnb.warping.planning import as_voxel, checked_method, processors
 
 # What all blocks in work take together by default: enough for two dozen of them, and little on any machine.
@@ -30,10 +30,11 @@ _MEMORY = 2**30
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
-def warp(source: Any, deformation: AbstractField | HasField, target: Any = None, *, output: Grid | Volume | None = None,
-         fill: float | None = None, method: str | None = None, memory: float | str | None = None, client: Any = None,
-         workers: int | None = None, chunks: Sequence[int] = ome_zarr.CHUNK, levels: int | None = None,
-         version: str = "0.5", overwrite: bool = False, progress: Progress | None = None) -> Any:
+def warp(source: Any, deformation: AbstractField | HasField, target: Any = None, *,
+         output: Grid | VolumeLike | None = None, fill: float | None = None, method: str | None = None,
+         memory: float | str | None = None, client: Any = None, workers: int | None = None,
+         chunks: Sequence[int] = ome_zarr.CHUNK, levels: int | None = None, version: str = "0.5",
+         overwrite: bool = False, progress: Progress | None = None) -> Any:
     """The deformed volume, ``output(x) = input(x + D(x))``, computed block by block.
 
     Each block reads only the part of the source that its displacements can reach. The voxels are those of

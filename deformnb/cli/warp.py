@@ -207,7 +207,7 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
             series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
                                  is_labels=options.labels or None)
             warp_series(series, read_transform(options.session, series.grid), options.output, fill=options.fill,
-                        method=options.method, progress=stage("deform"))
+                        method=options.method, overwrite=options.force, progress=stage("deform"))
         elif _is_in_parts(options):
             source = _opened_in_parts(options, stage)
             _write_parts(source, read_transform(options.session, source.grid), options, stage)
@@ -215,7 +215,8 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
             volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
             field = read_transform(options.session, volume)
             warped = warp(volume, field, fill=options.fill, method=options.method, progress=stage("deform"))
-            write_volume(warped, options.output, progress=stage(f"write {Path(options.output).name}"))
+            write_volume(warped, options.output, overwrite=options.force,
+                         progress=stage(f"write {Path(options.output).name}"))
 
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
@@ -251,9 +252,9 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
     note(*(text for text in warped.notes if text not in (*volume.notes, *differs)))
     progress = stage(f"write {target.name}")
     if is_segmentation_file(options.input) and target.suffix.lower() == ".nrrd":
-        write_segmentation(warped, target, options.input, progress=progress)
+        write_segmentation(warped, target, options.input, overwrite=options.force, progress=progress)
     else:
-        write_volume(warped, target, progress=progress)
+        write_volume(warped, target, overwrite=options.force, progress=progress)
     if options.volumes:
         _write_label_volumes(volume, warped, options)
 
@@ -268,7 +269,7 @@ def _write_label_volumes(before: Volume, after: Volume, options: argparse.Namesp
     table.writerow(["label", "name", "before_mm3", "after_mm3", "change_percent"])
     for row in label_volumes(before, after, read_label_names(options.input)):
         table.writerow([row.label, row.name, f"{row.before:.6g}", f"{row.after:.6g}", f"{row.change:.4g}"])
-    with atomic_write(options.volumes) as file:
+    with atomic_write(options.volumes, overwrite=options.force) as file:
         file.write(lines.getvalue().encode())
 
 
@@ -290,7 +291,7 @@ def _warp_series(document: Deformation, options: argparse.Namespace, stage: Stag
     given: dict[str, Any] = {} if output is None else {"output": output}
     target = Path(options.output)
     warp_series(series, Animation(document) if options.animate else document, target, fill=options.fill,
-                method=options.method, progress=stage(f"deform to {target.name}"), **given)
+                method=options.method, overwrite=options.force, progress=stage(f"deform to {target.name}"), **given)
 
 
 def _is_in_parts(options: argparse.Namespace) -> bool:
@@ -386,7 +387,7 @@ def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage
     stage("deform")
     moved = warp_mesh(mesh, field)
     note(*moved.notes)
-    write_mesh(moved, options.output)
+    write_mesh(moved, options.output, overwrite=options.force)
 
 
 def _follow_landmarks(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:
@@ -397,7 +398,7 @@ def _follow_landmarks(field: AbstractField, options: argparse.Namespace, stage: 
     stage("deform")
     moved = warp_landmarks(landmarks, field)
     note(*moved.notes)
-    write_landmarks(moved, options.output)
+    write_landmarks(moved, options.output, overwrite=options.force)
 
 
 def _check_follower(options: argparse.Namespace, target: Path) -> None:

@@ -15,7 +15,7 @@ from deformnb.errors import DeformError
 if TYPE_CHECKING:  # the grids themselves are read without JAX
     from deformnb.document.deformation import Deformation, Step
     from deformnb.rbf.fields import AbstractField
-    from deformnb.volume.volume import Grid, Volume
+    from deformnb.volume.volume import Grid, VolumeLike
 
 Nodes = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class GridScore:
 
 
 def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: ThompsonMap, *,
-                   grid: Grid | Volume | None = None) -> GridScore:
+                   grid: Grid | VolumeLike | None = None) -> GridScore:
     """Compare a deformation with one of Thompson's pairs, node by node.
 
     Parameters
@@ -118,7 +118,7 @@ def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: 
     return GridScore(reached, missing, np.linalg.norm(missing / pixel, axis=-1), before)
 
 
-def _field(what: object, grids: ThompsonMap, grid: Grid | Volume | None) -> AbstractField:
+def _field(what: object, grids: ThompsonMap, grid: Grid | VolumeLike | None) -> AbstractField:
     """The displacement of the picture."""
     from deformnb.document.deformation import MODES, Deformation, Step
     from deformnb.imaging.figures import picture_field

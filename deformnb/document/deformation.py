@@ -12,13 +12,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import shown_value, warn
+from deformnb.checks import check_fields, is_finite, shown_value, warn
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
@@ -32,13 +33,24 @@ from deformnb.rbf.rigid import RigidPart, part_conflicts
 from deformnb.rbf.slits import TipBlend, check_slits
 from deformnb.rbf.stages import Fit, check_parts_of_direction, check_stages
 from deformnb.rbf.support import lone_support
+from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid, Matrix3, Volume, as_finest_grid, as_grid, as_volume, voxel_checksum
+from deformnb.volume.volume import (
+    Grid,
+    Matrix3,
+    Volume,
+    VolumeLike,
+    as_finest_grid,
+    as_grid,
+    as_volume,
+    as_volumes,
+    voxel_checksum,
+)
 from deformnb.warping.inverse import Inverse, invert
 from deformnb.warping.map_checks import map_notes
 from deformnb.warping.points import Landmarks, warp_points
-from deformnb.warping.warper import warp_all
+from deformnb.warping.warper import like_given, warp_all
 
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
 """Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
@@ -104,9 +116,10 @@ class Step(AbstractFitSettings):
 
     def __post_init__(self) -> None:
         for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
-            if not isinstance(getattr(self, name), str):
+            if name != "curve" or not isinstance(self.curve, str):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         self._check_kinds()
+        check_fields(self, "extrusion", "curve", "knots", "enabled", "name", "extra", "cut_rule")
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
             known = ", ".join(EXTRUSIONS)
             raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
@@ -124,6 +137,8 @@ class Step(AbstractFitSettings):
             raise DeformError("control points in space are not extruded; leave the rule at 'replicate'.")
         self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
+        if self.extrusion != "modulate" and self.curve != "z":
+            EXTRUSIONS["modulate"](self.curve)  # kept for when the rule changes
         if self.chosen_support is None:
             object.__setattr__(self, "chosen_support", self.settings.choosing(self.maps).chosen_support)
 
@@ -288,6 +303,8 @@ _LISTS = {"maps": "sets of control points", "parts": "rigid parts", "cuts": "cut
 
 def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
     try:
+        if isinstance(value, str | bytes):
+            raise TypeError
         return tuple(value) if name in _LISTS else tuple(float(v) for v in value)
     except (TypeError, ValueError, OverflowError):
         what = _LISTS.get(name, "numbers" if name == "knots" else "numbers or a formula")
@@ -318,9 +335,18 @@ class VolumeReference:
     origin: tuple[float, float, float] | None = None
     direction: Matrix3 | None = None
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+        identity = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+        whole = Grid(self.shape, self.spacing, self.origin or (0, 0, 0), self.direction or identity)
+        for name in ("shape", "spacing", "origin", "direction"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, getattr(whole, name))
+
     @classmethod
-    def of(cls, volume: Volume) -> VolumeReference:
+    def of(cls, volume: VolumeLike) -> VolumeReference:
         """The reference of a volume; of a level of a pyramid that of the pyramid, whichever level it is."""
+        volume = as_volume(volume)
         grid = volume.finest_grid
         checksum = (voxel_checksum(volume.dtype, volume.shape, volume.values) if volume.level is None else
                     volume.level.checksum())
@@ -333,12 +359,14 @@ class VolumeReference:
             return None
         return Grid(self.shape, self.spacing, self.origin, self.direction)
 
-    def matches(self, volume: Volume) -> bool:
+    def matches(self, volume: VolumeLike) -> bool:
         """True if the voxels are the same; the name does not count."""
+        volume = as_volume(volume)
         return self.shape == volume.finest_grid.shape and self.sha256 == VolumeReference.of(volume).sha256
 
-    def has_labels(self, volume: Volume) -> bool:
+    def has_labels(self, volume: VolumeLike) -> bool:
         """True for labels as large as the volume: they have other voxels and may well belong to it."""
+        volume = as_volume(volume)
         return volume.is_labels and self.shape == volume.finest_grid.shape
 
 
@@ -380,8 +408,9 @@ class Keyframe:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", _checked_steps(self.steps, "a key frame"))
-        if not (np.isfinite(self.time) and self.time >= 0):
-            raise DeformError(f"the time of a key frame must be seconds from 0 on, got {self.time}.")
+        if not (is_finite(self.time) and self.time >= 0):
+            raise DeformError(f"the time of a key frame must be seconds from 0 on, got {shown_value(self.time)}.")
+        check_fields(self)
 
 
 MODES: dict[str, Callable[..., AbstractField]] = {"compose": compose, "blend": blend}
@@ -431,6 +460,9 @@ class Deformation:
                 raise DeformError(f"the key frames of a deformation are of type Keyframe, got {_kind(key)}; "
                                   "Keyframe(seconds, steps) makes one.")
         object.__setattr__(self, "keyframes", keys)
+        if isinstance(self.output, Volume):
+            object.__setattr__(self, "output", self.output.grid)
+        check_fields(self, "name", "volume", "extra")
         longest = max(map(len, (self.steps, *(key.steps for key in self.keyframes))))
         if longest > MOST_STEPS:
             raise DeformError(f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. "
@@ -454,7 +486,8 @@ class Deformation:
         return f"<Deformation{name}: {count} {'step' if count == 1 else 'steps'} ({self.mode}){keys}{made}>"
 
     @classmethod
-    def on_picture(cls, grid: Grid | Volume, view: str | Plane, points: ControlPoints, **options: Any) -> Deformation:
+    def on_picture(cls, grid: Grid | VolumeLike, view: str | Plane, points: ControlPoints,
+                   **options: Any) -> Deformation:
         """One step on a picture of a volume.
 
         Parameters
@@ -531,12 +564,12 @@ class Deformation:
         """Every step ``strength`` times as strong."""
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
 
-    def field(self, grid: Grid | Volume) -> AbstractField:
+    def field(self, grid: Grid | VolumeLike) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
         lattice = as_finest_grid(grid)
         return MODES[self.mode](*(step.field(lattice) for step in self.steps if step.enabled))
 
-    def inverse(self, grid: Grid | Volume, **options: Any) -> Inverse:
+    def inverse(self, grid: Grid | VolumeLike, **options: Any) -> Inverse:
         """The inverse of the map on the grid of a volume; options are those of :func:`deformnb.warping.inverse.invert`.
 
         Examples
@@ -548,7 +581,7 @@ class Deformation:
         """
         return invert(self, grid, **options)
 
-    def warp_points(self, points: ArrayLike | Landmarks, grid: Grid | Volume,
+    def warp_points(self, points: ArrayLike | Landmarks, grid: Grid | VolumeLike,
                     **options: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Points of the input in the result, and which of them have a place there.
 
@@ -599,7 +632,7 @@ class Deformation:
         known = self.older_spacing(grid)
         return grid if known is None else known.as_in_file(grid)
 
-    def difference(self, volume: Volume | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
+    def difference(self, volume: VolumeLike | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
         """Warning about a volume that this was not made on; empty for the one that it was made on.
 
         Labels that lie as the volume does belong to it. A document without a volume fits any.
@@ -609,6 +642,7 @@ class Deformation:
         volume : or its grid alone, where its voxels are not available.
         reference : makes that of the volume, where it is kept.
         """
+        volume = volume if isinstance(volume, Grid) else as_volume(volume)
         made, here = self.volume, self.own_grid(as_finest_grid(volume))
         if made is None:
             return ""
@@ -624,15 +658,23 @@ class Deformation:
         return (f"This document was made on the same voxels at another place or of another size ({then} then, {now} "
                 "now); its points may lie elsewhere.")
 
-    def apply(self, volume: Volume, **options: Any) -> Volume:
+    @overload
+    def apply(self, volume: Channels, **options: Any) -> Channels: ...
+
+    @overload
+    def apply(self, volume: VolumeLike, **options: Any) -> Volume: ...
+
+    def apply(self, volume: Channels | VolumeLike, **options: Any) -> Any:
         """The deformed volume on the document's ``output``; options are those of :func:`deformnb.warping.warper.warp`.
+
+        Channels become channels, an array of xarray becomes one, and all else that is a volume a Volume.
 
         The result has the notes of the volume, and those of this document. One that was made on a known volume with the
         wrong spacing of its file gives the voxels that it gave then, on a grid with the true spacing.
         """
-        return self.apply_all([as_volume(volume)], **options)[0]
+        return like_given(volume, partial(self.apply_all, **options))
 
-    def apply_all(self, volumes: Sequence[Volume], **options: Any) -> list[Volume]:
+    def apply_all(self, volumes: Sequence[VolumeLike], **options: Any) -> list[Volume]:
         """Several volumes on one grid, such as channels, each as by :meth:`apply`; the map is computed once.
 
         Raises
@@ -640,6 +682,7 @@ class Deformation:
         DeformError
             As :func:`deformnb.warping.warper.warp_all`.
         """
+        volumes = as_volumes(volumes)
         own = volumes[0].finest_grid
         known, grid = self.older_spacing(own), self.own_grid(own)
         output = self.output or grid

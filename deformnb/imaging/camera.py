@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deformnb.checks import finite_array, shown_value
+from deformnb.checks import check_fields, finite_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
@@ -27,6 +27,12 @@ class Camera:
     plane: Plane
     height: float
     distance: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not (self.height > 0 and (self.distance is None or self.distance > 0)):
+            raise DeformError(f"a camera needs a positive height, and a positive distance or None, got {self.height} "
+                              f"and {self.distance}.")
 
     def sample_distance(self, grid: Grid, rows: int) -> float:
         """Distance of samples along a ray: half a voxel (a whole one makes surfaces grainy), or a pixel if larger."""

@@ -21,7 +21,7 @@ from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, render
 from deformnb.io.movies import MOVIES, write_movie
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, as_transfer
-from deformnb.volume.volume import Grid, Volume, as_grid, as_volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
 from deformnb.warping.warper import Warper
 
 __all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
@@ -95,10 +95,10 @@ class Frames(Iterator[Image]):
             close()
 
 
-def deformation_frames(volume: Volume, deformation: Deformation | Step, *, strengths: int | Sequence[float] = 48,
+def deformation_frames(volume: VolumeLike, deformation: Deformation | Step, *, strengths: int | Sequence[float] = 48,
                        directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
                        size: tuple[int, int] = (640, 480), transfer: TransferFunction | str | None = None,
-                       shows: str = "after", output: Grid | Volume | None = None,
+                       shows: str = "after", output: Grid | VolumeLike | None = None,
                        background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
     """Pictures of a volume whose control points are dragged all the way and back.
 
@@ -148,11 +148,11 @@ def deformation_frames(volume: Volume, deformation: Deformation | Step, *, stren
                    backend)
 
 
-def animation_frames(volume: Volume, animation: Animation | Deformation, *, fps: float = 24.0,
+def animation_frames(volume: VolumeLike, animation: Animation | Deformation, *, fps: float = 24.0,
                      times: Sequence[float] | None = None, directions: ArrayLike = (0.4, 1.0, -0.3),
                      up: ArrayLike | None = None, size: tuple[int, int] = (640, 480),
                      transfer: TransferFunction | str | None = None,
-                     shows: str = "after", output: Grid | Volume | None = None,
+                     shows: str = "after", output: Grid | VolumeLike | None = None,
                      background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
     """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
 
@@ -187,13 +187,15 @@ def animation_frames(volume: Volume, animation: Animation | Deformation, *, fps:
                    backend)
 
 
-def _frames(volume: Volume, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
+def _frames(volume: VolumeLike, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
             directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | str | None,
-            shows: str, output: Grid | Volume | None, background: tuple[float, float, float], backend: str) -> Frames:
+            shows: str, output: Grid | VolumeLike | None, background: tuple[float, float, float],
+            backend: str) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
     if not isinstance(shows, str) or shows not in SHOWS:
         raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(SHOWS)}.")
-    grid = as_volume(volume).grid if output is None else as_grid(output)
+    volume = as_volume(volume)
+    grid = volume.grid if output is None else as_grid(output)
     planes = _planes(grid, directions, up, len(moments))
     function = as_transfer(transfer, volume)
     renderer = RENDERERS[renderer_named(backend)](function, size, background)  # refuses a wrong size or renderer

@@ -30,11 +30,11 @@ from deformnb.imaging.raycast import (
     knots,
 )
 from deformnb.rbf.fields import Identity
-from deformnb.volume.channels import ChannelDisplay, Channels
+from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
-from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_volume
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, VolumeLike, as_volume
 from deformnb.warping.warper import warp
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
@@ -124,9 +124,9 @@ OF_CHANNELS = ("mip", "slice", "mean")
 """Projections that channels have in their colours; the others have colours and opacities of a transfer function."""
 
 
-def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
+def project(volume: VolumeLike, view: str | Plane = "+y", method: str = "mip", *,
             transfer: TransferFunction | str | None = None, depth: float | None = None, spacing: float | None = None,
-            part: Part | None = None, eye: PerspectiveCamera | None = None, ambience: Volume | None = None,
+            part: Part | None = None, eye: PerspectiveCamera | None = None, ambience: VolumeLike | None = None,
             progress: Progress | None = None) -> Picture:
     """A picture of a volume.
 
@@ -157,9 +157,11 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
     [[12, 13, 14, 15], [16, 17, 18, 19], [20, 21, 22, 23]]
     """
     one_of(method, PROJECTIONS, "projection")
-    plane = Plane.along(as_volume(volume), view) if isinstance(view, str) else view
+    volume = as_volume(volume)
+    light = None if ambience is None else as_volume(ambience)
+    plane = Plane.along(volume, view) if isinstance(view, str) else view
     for name, given, kind in (("view", plane, Plane), ("part", part, Part), ("eye", eye, PerspectiveCamera),
-                              ("ambience", ambience, Volume)):
+                              ("ambience", light, Volume)):
         if not isinstance(given, kind) and (given is not None or kind is Plane):
             raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
@@ -168,7 +170,7 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
     if order is not None and spacing is None and part is None and eye is None and ambience is None:
         picture = _project_voxels(volume, plane, how, settings, depth, progress)
     else:
-        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, ambience, progress)
+        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, light, progress)
     if progress is not None:
         progress(1.0)
     if picture.values.ndim == 3:
@@ -176,7 +178,7 @@ def project(volume: Volume, view: str | Plane = "+y", method: str = "mip", *,
     return replace(picture, window=_window(picture.values, volume), unit="HU" if is_hounsfield(volume) else "")
 
 
-def project_channels(channels: Channels, view: str | Plane = "+y", method: str = "mip", *,
+def project_channels(channels: ChannelsLike, view: str | Plane = "+y", method: str = "mip", *,
                      displays: Sequence[ChannelDisplay] | None = None, depth: float | None = None,
                      progress: Progress | None = None) -> Picture:
     """A picture of channels in their colours, added up.
@@ -195,10 +197,12 @@ def project_channels(channels: Channels, view: str | Plane = "+y", method: str =
 
     Examples
     --------
+    >>> from deformnb.volume.channels import Channels
     >>> stained = Channels.from_array(np.eye(4, dtype=np.uint8)[None, :, :, None] * np.array([9, 0], np.uint8))
     >>> project_channels(stained, "+z").rgb8()[0, 0].tolist()
     [0, 255, 0]
     """
+    channels = as_channels(channels)
     one_of(method, OF_CHANNELS, "projection of channels")
     given = channels.displays() if displays is None else displays
     pictures: list[Picture] = []

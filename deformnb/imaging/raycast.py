@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import compiled, jnp, lax
+from deformnb.checks import check_fields
+from deformnb.errors import DeformError
 from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import Part
 from deformnb.volume.plane import Plane
@@ -217,6 +219,11 @@ class PerspectiveCamera:
     distance: float
     width: float
     height: float
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not min(self.distance, self.width, self.height) > 0:
+            raise DeformError(f"the distance, width and height of a camera are positive lengths, got {self}.")
 
     def lattice(self, grid: Grid, plane: Plane, spacing: float) -> Grid:
         """Samples along a plane's axes as wide as what is seen of it, and as deep as ``grid`` before the eye."""

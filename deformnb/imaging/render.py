@@ -28,13 +28,13 @@ from deformnb.io.headers import shown
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, as_transfer
-from deformnb.volume.volume import Grid, Volume, as_grid, as_volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
 from deformnb.warping.points import Landmarks, checked_points
 
 _SMALLEST = 8  # letters that can still be read, in pixels
 
 
-def render_volume(volume: Volume, *, transfer: TransferFunction | str | None = None,
+def render_volume(volume: VolumeLike, *, transfer: TransferFunction | str | None = None,
                   direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None, height: float | None = None,
                   size: tuple[int, int] = (800, 600), background: tuple[float, float, float] = (0.0, 0.0, 0.0),
                   backend: str = "auto", progress: Progress | None = None) -> Image:
@@ -65,7 +65,8 @@ def render_volume(volume: Volume, *, transfer: TransferFunction | str | None = N
     >>> render_volume(PHANTOMS["bar"].make((8, 8, 16)), size=(64, 48), backend="core").shape
     (48, 64, 3)
     """
-    renderer = RENDERERS[renderer_named(backend)](as_transfer(transfer, as_volume(volume)), size, background)
+    volume = as_volume(volume)
+    renderer = RENDERERS[renderer_named(backend)](as_transfer(transfer, volume), size, background)
     camera = _camera(volume.grid, direction, up, height, size)
     try:
         return renderer(volume, camera, progress)
@@ -85,7 +86,7 @@ def _camera(grid: Grid, direction: ArrayLike, up: ArrayLike | None, height: floa
     return Camera(plane, length)
 
 
-def image_places(points: ArrayLike | Landmarks, grid: Grid | Volume, *, direction: ArrayLike = (0.4, 1.0, -0.3),
+def image_places(points: ArrayLike | Landmarks, grid: Grid | VolumeLike, *, direction: ArrayLike = (0.4, 1.0, -0.3),
                  up: ArrayLike | None = None, height: float | None = None,
                  size: tuple[int, int] = (800, 600)) -> NDArray[np.float64]:
     """Project places (..., 3) in space, or landmarks, to :func:`render_volume`'s picture of a volume on this grid.
@@ -191,7 +192,7 @@ def renderer_named(name: str) -> str:
     return name
 
 
-def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | None = None,
+def render_pair(before: VolumeLike, after: VolumeLike, *, path: str | PathLike[str] | None = None,
                 captions: tuple[str, str] = ("before", "after"), transfer: TransferFunction | str | None = None,
                 direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
                 size: tuple[int, int] = (900, 640), backend: str = "auto",
@@ -209,8 +210,8 @@ def render_pair(before: Volume, after: Volume, *, path: str | PathLike[str] | No
     >>> render_pair(bar, bar, size=(64, 48)).ndim
     3
     """
-    function = as_transfer(transfer, as_volume(before))
-    as_volume(after)
+    before, after = as_volume(before), as_volume(after)
+    function = as_transfer(transfer, before)
     size, background = checked_size(size), checked_color(background)
     if not isinstance(captions, Sequence) or [isinstance(text, str) for text in captions] != [True, True]:
         raise DeformError(f"captions are two texts, got {shown_value(captions)}.")

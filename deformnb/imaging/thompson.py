@@ -31,7 +31,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Raster
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 
@@ -554,7 +554,7 @@ WIDTH = 7.2
 
 
 def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, lines: int = 12, overlay: str = "none",
-               magnify: float = 1.0, grid: Grid | Volume | None = None, key: int = 0, landmarks: bool = True,
+               magnify: float = 1.0, grid: Grid | VolumeLike | None = None, key: int = 0, landmarks: bool = True,
                title: str | None = None, unit: str = "mm", style: str = "paper", width: float = WIDTH,
                path: str | PathLike[str] | None = None) -> Figure:
     """The picture on a regular grid, and the deformed picture on the deformed grid.

@@ -7,7 +7,7 @@ that returns it. napari's axes are those of the array, so that places are (z, y,
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.channels import KINDS, Channels
+from deformnb.volume.channels import KINDS, Channels, ChannelsLike
+from deformnb.volume.converters import converted, is_layer
+from deformnb.volume.layers import LayerData, image_of_layer, layer_data, world_of_layer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
-
-LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
 
 _AXES = ("z", "y", "x")
 
 
-def to_napari(given: Volume | Channels | Landmarks | ControlPoints, *, unit: str | None = "mm") -> list[LayerData]:
+def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | None = "mm") -> list[LayerData]:
     """The layers of a volume, of channels, of landmarks or of control points.
 
     Parameters
@@ -67,7 +67,10 @@ def to_napari(given: Volume | Channels | Landmarks | ControlPoints, *, unit: str
     if isinstance(given, ControlPoints):
         return [_points(places, given.names, name, unit)
                 for name, places in (("sources", given.source), ("targets", given.target))]
-    raise DeformError(f"layers are made of a Volume, Channels, Landmarks or ControlPoints, got {shown_value(given)}.")
+    if isinstance(given, list | tuple) and not is_layer(given):
+        raise DeformError("layers are made of a Volume, Channels, Landmarks or ControlPoints, got "
+                          f"{shown_value(given)}.")
+    return to_napari(converted(given), unit=unit)
 
 
 def from_napari(layer: Any) -> Volume | Channels | Landmarks:
@@ -96,30 +99,10 @@ def from_napari(layer: Any) -> Volume | Channels | Landmarks:
     >>> volume.grid.spacing, volume.grid.origin
     ((1.0, 1.0, 5.0), (3.0, 0.0, 0.0))
     """
-    made = getattr(layer, "as_layer_data_tuple", None)
-    whole = made() if callable(made) and not isinstance(layer, type) else layer
-    if not isinstance(whole, tuple) or not 1 <= len(whole) <= 3:
-        raise DeformError(f"a layer is one of napari's or a tuple (data, attributes, type), got {shown_value(layer)}.")
-    defaults: tuple[Any, ...] = (None, {}, "image")
-    data, attributes, kind = whole + defaults[len(whole):]
+    data, attributes, kind = layer_data(layer)
     if kind == "points":
         return _landmarks(data, attributes)
-    if kind not in ("image", "labels"):
-        raise DeformError(f"a layer of {shown_value(kind)} is neither an image, nor labels, nor points.")
-    if isinstance(data, list | tuple):
-        raise DeformError("this is a layer of a pyramid of resolutions; pass one of its levels: layer.data[0].")
-    is_rgb = bool(attributes.get("rgb"))
-    dims = np.ndim(data) - is_rgb
-    if dims not in (2, 3):
-        raise DeformError(f"a volume has two or three dimensions, and this layer has {dims}; pick one time or channel.")
-    name = str(attributes.get("name") or "")
-    matrix = _world(attributes, dims)
-    if is_rgb:
-        channels = Channels.from_array(np.asarray(data), kind="rgba" if np.shape(data)[-1] == 4 else "rgb", name=name)
-        grid = Grid.from_affine(channels.grid.shape, matrix)
-        return channels.with_volumes([Volume(v.values, grid, v.name, notes=v.notes) for v in channels])
-    return Volume.from_affine(data if hasattr(data, "chunks") else np.asarray(data), matrix, name,
-                              True if kind == "labels" else None)
+    return image_of_layer((data, attributes, kind))
 
 
 def _attributes(grid: Grid, name: str, unit: str | None) -> dict[str, Any]:
@@ -141,47 +124,11 @@ def _points(points: NDArray[np.float64], names: tuple[str, ...], name: str, unit
                                     "axis_labels": _AXES[3 - dims:]}, "points"
 
 
-def _world(attributes: dict[str, Any], dims: int) -> NDArray[np.float64]:
-    """The 4 x 4 map of (x, y, z) indices to places that a layer's attributes mean.
-
-    napari applies scale, then shear, rotation and translation, and then the affine, all to axes in the array's order.
-    """
-    linear, shift = np.eye(dims), np.zeros(dims)
-    for key, value in (("shear", attributes.get("shear")), ("rotate", attributes.get("rotate"))):
-        if value is None:
-            continue
-        matrix = np.asarray(value, dtype=np.float64)
-        if matrix.shape == (dims, dims):
-            linear = matrix @ linear
-        elif matrix.any():
-            raise DeformError(f"the layer's {key} is {shown_value(value)}; a volume has straight axes, and a rotation "
-                              "here is a matrix: layer.rotate of a layer that napari has made.")
-    if attributes.get("scale") is not None:
-        linear = linear * _last(attributes["scale"], dims, "scale")
-    if attributes.get("translate") is not None:
-        shift = _last(attributes["translate"], dims, "translate")
-    if attributes.get("affine") is not None:
-        affine = np.asarray(getattr(attributes["affine"], "affine_matrix", attributes["affine"]), dtype=np.float64)
-        if affine.shape != (dims + 1, dims + 1):
-            raise DeformError(f"the layer's affine should be {dims + 1} x {dims + 1}, and is {affine.shape}.")
-        linear, shift = affine[:dims, :dims] @ linear, affine[:dims, :dims] @ shift + affine[:dims, dims]
-    world = np.eye(4)
-    world[:dims, :dims], world[:dims, 3] = linear[::-1, ::-1], shift[::-1]
-    return world
-
-
-def _last(value: Any, dims: int, key: str) -> NDArray[np.float64]:
-    numbers = np.asarray(value, dtype=np.float64)
-    if numbers.shape != (dims,):
-        raise DeformError(f"the layer's {key} should be {dims} numbers, and is {shown_value(value)}.")
-    return numbers
-
-
 def _landmarks(data: Any, attributes: dict[str, Any]) -> Landmarks:
     points = np.asarray(data, dtype=np.float64)
     points = points.reshape(-1, points.shape[-1] if points.ndim == 2 and points.shape[-1] in (2, 3) else 3)
     dims = points.shape[1]
-    world = _world(attributes, dims)
+    world = world_of_layer(attributes, dims)
     places = points[:, ::-1] @ world[:dims, :dims].T + world[:dims, 3]
     features = attributes.get("features")
     found = next((features[key] for key in ("name", "label") if features is not None and key in features), ())

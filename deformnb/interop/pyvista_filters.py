@@ -9,12 +9,12 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField
-from deformnb.volume.volume import Grid, Volume, optional_package
+from deformnb.volume.volume import Grid, Volume, VolumeLike, optional_package
 from deformnb.warping.points import warp_points
 from deformnb.warping.warper import deformed
 
 
-def warp_pyvista(data: Any, field: AbstractField | HasField, *, grid: Grid | Volume | None = None,
+def warp_pyvista(data: Any, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None, *,
                  progress: Progress | None = None) -> Any:
     """A pyvista data set deformed: an ImageData on its own points, any data set with points of its own moved.
 

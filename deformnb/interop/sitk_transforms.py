@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
-from deformnb.volume.volume import Grid, Volume, as_grid, optional_package
+from deformnb.volume.volume import Grid, VolumeLike, as_grid, optional_package
 
 
-def to_sitk_transform(field: AbstractField | HasField, grid: Grid | Volume) -> Any:
+def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) -> Any:
     """The ``SimpleITK.DisplacementFieldTransform`` of a deformation.
 
     ITK's resampling looks up every voxel of the result in the input, so the transform is the backward map, as here.

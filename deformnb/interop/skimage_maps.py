@@ -15,11 +15,11 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 
 def skimage_map(field: AbstractField | HasField,
-                lattice: Grid | Raster | Volume) -> Callable[[ArrayLike], NDArray[np.float64]]:
+                lattice: Grid | Raster | VolumeLike) -> Callable[[ArrayLike], NDArray[np.float64]]:
     """The ``inverse_map`` of ``skimage.transform.warp`` for a picture.
 
     Parameters
@@ -67,7 +67,7 @@ def skimage_map(field: AbstractField | HasField,
     return look_up
 
 
-def skimage_coordinates(field: AbstractField | HasField, lattice: Grid | Raster | Volume) -> NDArray[np.float64]:
+def skimage_coordinates(field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike) -> NDArray[np.float64]:
     """The coordinates for ``skimage.transform.warp`` or ``scipy.ndimage.map_coordinates``, of a volume or a picture.
 
     Parameters

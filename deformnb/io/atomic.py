@@ -6,8 +6,11 @@ A lock is a file that belongs to a process for as long as it lives: the system r
 process id in a file's name is a weaker sign: it is given to another process one day, and means nothing on another
 machine.
 
-The rule for all that a session writes, and for documents: a file is never replaced unless the session itself has opened
-or written its content, or permission is given (``overwrite=True``, or an answer in the front end).
+The rule of replacing, for everything that writes: a function that is called ``write_...`` or ``draw_...`` replaces
+what is there, atomically, as writers of NumPy, nibabel and SimpleITK do; ``overwrite=False`` has it refuse. Everything
+else that writes (a session's documents and exports, ``replay``, ``warp_series``, ``deformnb.chunked``, the commands)
+refuses unless permission is given: ``overwrite=True``, ``--force``, or an answer in the front end. A session replaces a
+document that it has itself opened or written, as long as nobody else has changed it.
 """
 
 from __future__ import annotations

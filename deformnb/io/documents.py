@@ -63,22 +63,23 @@ def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
 
 
 def write_deformation(deformation: Deformation, path: str | PathLike[str], *, known: KnownFiles | None = None,
-                      overwrite: bool = False) -> None:
+                      overwrite: bool = True) -> None:
     """Write a deformation to a file, whole or not at all.
 
     Parameters
     ----------
     path : ends in ``.json`` or has no suffix; any other is that of another kind of file.
-    known : files that may be replaced while they hold what they held when they were last read or written; default are
-        those of :func:`read_deformation` and of this function in this process. This one is known afterwards.
-    overwrite : whether any file may be replaced.
+    known : with ``overwrite=False``, files that may be replaced all the same while they hold what they held when they
+        were last read or written; default are those of :func:`read_deformation` and of this function in this process.
+        This one is known afterwards.
+    overwrite : whether an existing file may be replaced.
 
     Raises
     ------
     VolumeFileError
         If the path ends otherwise.
     FileChangedError
-        If the file is there and is not known, or was changed since.
+        With ``overwrite=False``, if the file is there and is not known, or was changed since.
 
     Examples
     --------

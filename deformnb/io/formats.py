@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Float3, Progress
+from deformnb._typing import Float3, Progress, Spacing
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io import dicom, images, metaimage, nifti, nrrd, ome_zarr, raw, tiff, vti
@@ -22,7 +22,7 @@ from deformnb.io.headers import SINGLE, Damage, Header, as_path, fail, human_byt
 from deformnb.io.memory import default_limit
 from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing
-from deformnb.volume.volume import Grid, PyramidLevel, Volume, voxel_checksum
+from deformnb.volume.volume import Grid, PyramidLevel, Volume, VolumeLike, as_spacing, as_volume, voxel_checksum
 
 Writer = Callable[[Volume, Path, bool, Progress | None], None]
 
@@ -191,7 +191,7 @@ def read_any_header(path: Path, series: str | int | None = None,
 
 
 def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
-                spacing: Float3 | None = None, is_labels: bool | None = None, stride: int = 1,
+                spacing: Spacing | None = None, is_labels: bool | None = None, stride: int = 1,
                 max_bytes: int | None = None, level: int | None = None, uneven_slices: str = "refuse",
                 progress: Progress | None = None) -> Volume:
     """Read a volume file or a folder of slices.
@@ -231,7 +231,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     """
     place = located(path)
     step = _checked_stride(stride)
-    _check_spacing(spacing)
+    spacing = _checked_spacing(spacing)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series, uneven_slices)
         if header.layout.frames == 1 and header.layout.kind != "channels":
@@ -258,7 +258,7 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
                   header.notes + notes + loaded.notes, found)
 
 
-def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: bool = True,
+def write_volume(volume: VolumeLike, path: str | os.PathLike[str], *, overwrite: bool = True,
                  progress: Progress | None = None) -> None:
     """Write a volume; the suffix chooses the format. The file is complete at once or untouched.
 
@@ -282,7 +282,7 @@ def write_volume(volume: Volume, path: str | os.PathLike[str], *, overwrite: boo
     >>> read_volume(file).shape
     (2, 3, 4)
     """
-    place = as_path(path)
+    place, volume = as_path(path), as_volume(volume)
     _, entry = format_of(place, writing=True)
     check_target(place, overwrite=overwrite, folder_marks=entry.folder_marks)
     assert entry.write is not None
@@ -363,9 +363,9 @@ def _checked_stride(stride: int) -> int:
     return int(stride)
 
 
-def _check_spacing(spacing: Float3 | None) -> None:
-    if spacing is not None:
-        Grid((1, 1, 1), spacing)  # an override is the caller's own: a negative one is a mistake, not a flipped file
+def _checked_spacing(spacing: Spacing | None) -> Float3 | None:
+    # An override is the caller's own: a negative one is a mistake, not a flipped file.
+    return None if spacing is None else Grid((1, 1, 1), as_spacing(spacing)).spacing
 
 
 def _kept(shape: tuple[int, int, int], stride: int) -> tuple[int, int, int]:

@@ -17,7 +17,7 @@ from deformnb.io.atomic import check_target
 from deformnb.io.headers import as_path, fail
 from deformnb.io.nrrd import segment_keys, segment_names
 from deformnb.io.texts import decoded
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import VolumeLike, as_volume
 
 LABEL_TABLES = (".csv", ".tsv", ".ctbl", ".txt", ".label")
 """Endings of the names of tables of label names."""
@@ -94,7 +94,7 @@ def is_segmentation_file(path: str | Path) -> bool:
     return path.suffix.lower() in (".nrrd", ".nhdr") and path.is_file() and bool(segment_keys(path))
 
 
-def write_segmentation(volume: Volume, path: str | Path, like: str | Path, *, overwrite: bool = True,
+def write_segmentation(volume: VolumeLike, path: str | Path, like: str | Path, *, overwrite: bool = True,
                        progress: Progress | None = None) -> None:
     """Write labels as a segmentation of 3D Slicer, with the names, colours and terms of the segments of another.
 
@@ -115,13 +115,14 @@ def write_segmentation(volume: Volume, path: str | Path, like: str | Path, *, ov
     --------
     >>> import tempfile
     >>> import numpy as np
+    >>> from deformnb.volume.volume import Volume
     >>> file = Path(tempfile.mkdtemp()) / "none.nrrd"
     >>> write_segmentation(Volume.from_array(np.zeros((2, 3, 4), np.uint8), is_labels=True), file, file)
     Traceback (most recent call last):
     ...
     deformnb.errors.VolumeFileError: ...
     """
-    path, like = as_path(path), as_path(like)
+    volume, path, like = as_volume(volume), as_path(path), as_path(like)
     if path.suffix.lower() != ".nrrd":
         raise fail(path, "the names of segments are written to .nrrd files only; name it .seg.nrrd.")
     if not is_segmentation_file(like):

@@ -48,7 +48,7 @@ from deformnb.io.landmark_texts import (
 )
 from deformnb.io.texts import decoded
 from deformnb.rbf.points import ControlPoints
-from deformnb.warping.points import Landmarks
+from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
 
 _LONGEST = 1 << 26  # bytes: some hundred thousand landmarks
 _FCSV_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
@@ -128,7 +128,7 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
     return {**rows, **{f"note {k + 1}": text for k, text in enumerate(found.notes)}}
 
 
-def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
+def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write landmarks, whole or not at all; the end of the name chooses the format.
 
     What a format has no room for is left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS.
@@ -141,7 +141,7 @@ def write_landmarks(landmarks: Landmarks, path: str | os.PathLike[str], *, overw
     >>> read_landmarks(file).points.tolist()
     [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     """
-    place = as_path(path)
+    place, landmarks = as_path(path), as_landmarks(landmarks)
     row = check_landmark_target(place)
     if landmarks.points.shape[1] not in row.dimensions:
         raise fail(place, f"a {row.description} holds places in space, and these landmarks have two coordinates.")

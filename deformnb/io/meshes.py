@@ -23,7 +23,7 @@ from deformnb.io.atomic import atomic_write
 from deformnb.io.headers import Damage, as_path, fail, human_bytes, integers, regular_file, shown
 from deformnb.io.memory import default_limit
 from deformnb.io.vtk_xml import StoredArray, Tag, VtkXml
-from deformnb.warping.mesh import Mesh
+from deformnb.warping.mesh import Mesh, MeshLike, as_mesh
 
 Polygons = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
 """Corners (N, 3), how many corners each face has, and their numbers one face after the other."""
@@ -451,7 +451,7 @@ def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
             "closed": "yes" if mesh.is_closed else "no, so it has no inside"}
 
 
-def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
+def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write a surface; the suffix chooses the format. The file is complete at once or untouched.
 
     PLY, OBJ and VTP keep all digits of the corners; STL rounds them to seven and writes each corner with each face.
@@ -469,7 +469,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str], *, overwrite: bool = Tr
     >>> read_mesh(file).faces.tolist()
     [[0, 1, 2]]
     """
-    place = as_path(path)
+    place, mesh = as_path(path), as_mesh(mesh)
     row = check_mesh_target(place)
     with atomic_write(place, overwrite=overwrite) as file:
         row.write(mesh, file)

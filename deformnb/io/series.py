@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Float3, Progress
+from deformnb._typing import Progress, Spacing
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io import images, metaimage, nifti, nrrd, ome_zarr, tiff
 from deformnb.io.atomic import atomic_write, check_target
@@ -23,8 +24,8 @@ from deformnb.io.formats import format_of, located, plain_name, read_any_header,
 from deformnb.io.headers import Damage, Header, Layout, as_path, fail, human_bytes
 from deformnb.io.memory import default_limit
 from deformnb.io.streams import packed, stored_dtype
-from deformnb.volume.channels import Channels, usual_names
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
+from deformnb.volume.volume import Grid, Volume, as_spacing
 
 _HEADERS: dict[str, Callable[[Path, Volume, Layout], bytes]] = {
     "nifti": nifti.series_header, "nrrd": nrrd.series_header, "metaimage": metaimage.series_header}
@@ -80,7 +81,7 @@ class Series:
                 yield Channels(volumes, self.layout.colours, self.layout.kind, self.name)
 
 
-def open_series(path: str | os.PathLike[str], *, spacing: Float3 | None = None,
+def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None,
                 is_labels: bool | None = None, max_bytes: int | None = None) -> Series:
     """Open a file of channels, colours or moments in time; only its header is read.
 
@@ -111,7 +112,7 @@ def open_series(path: str | os.PathLike[str], *, spacing: Float3 | None = None,
         kind, header = read_any_header(place)
         if kind == "image":
             header = images.read_colour_header(place)
-        grid, notes = header.grid(spacing)
+        grid, notes = header.grid(None if spacing is None else as_spacing(spacing))
         dtype = _kept_type(header)
         needed = grid.size * dtype.itemsize * header.layout.channels + header.working_bytes
         limit = default_limit() if max_bytes is None else max_bytes
@@ -123,7 +124,7 @@ def open_series(path: str | os.PathLike[str], *, spacing: Float3 | None = None,
     return Series(place, grid, header.layout, dtype, plain_name(place, kind), header.notes + notes, header, labels)
 
 
-def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Float3 | None = None) -> Channels:
+def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Spacing | None = None) -> Channels:
     """The channels of a file at one moment; a picture in its colours.
 
     Parameters
@@ -155,7 +156,7 @@ def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Floa
     raise AssertionError("a series ends early only with an error")
 
 
-def write_channels(channels: Channels, path: str | os.PathLike[str], *, overwrite: bool = True,
+def write_channels(channels: ChannelsLike, path: str | os.PathLike[str], *, overwrite: bool = True,
                    progress: Progress | None = None) -> None:
     """Write channels to one file: .nrrd, .nii.gz, .nii, .mha, .ome.tif, or colours of one slice to .png, .jpg or .webp.
 
@@ -173,10 +174,10 @@ def write_channels(channels: Channels, path: str | os.PathLike[str], *, overwrit
     >>> file.is_file()
     True
     """
-    write_series([channels], path, 1, overwrite=overwrite, progress=progress)
+    write_series([as_channels(channels)], path, 1, overwrite=overwrite, progress=progress)
 
 
-def write_series(moments: Iterable[Channels], path: str | os.PathLike[str], count: int, *, duration: float = 0.0,
+def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], count: int, *, duration: float = 0.0,
                  overwrite: bool = True, progress: Progress | None = None) -> None:
     """Write moments to one file, each as it comes; the file is complete at once or untouched.
 
@@ -210,7 +211,9 @@ def write_series(moments: Iterable[Channels], path: str | os.PathLike[str], coun
     target = as_path(path)
     kind, _ = format_of(target, writing=True)
     check_target(target, overwrite=overwrite)
-    queue = iter(moments)
+    if isinstance(moments, Volume | Channels | str | os.PathLike) or not isinstance(moments, Iterable):
+        raise DeformError(f"moments are a list of channels, got {shown_value(moments)}; write_channels writes one.")
+    queue: Iterator[Channels] = map(as_channels, moments)
     first = next(queue, None)
     if first is None or count < 1:
         raise DeformError("there is no moment to write.")

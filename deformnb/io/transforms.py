@@ -29,7 +29,7 @@ from deformnb.io.vtk_transforms import read_vti_field, write_vti_field
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, HasField, Identity, as_transform_field
 from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 from deformnb.warping.inverse import Inverse, invert
 
 
@@ -101,7 +101,7 @@ def _row(path: Path) -> TransformFormat | None:
     return next((row for row in TRANSFORM_FORMATS.values() if path.name.lower().endswith(row.suffixes)), None)
 
 
-def read_transform(path: str | os.PathLike[str], grid: Grid | Volume | None = None) -> AbstractField:
+def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None = None) -> AbstractField:
     r"""The backward displacement field of a transform file, which :func:`deformnb.warp` applies.
 
     Parameters
@@ -209,13 +209,13 @@ def _describe_part(part: AbstractField) -> str:
     return f"interpolant of {len(part.ids)} landmarks" if isinstance(part, RBFInterpolant) else type(part).__name__
 
 
-def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Refuse a place where :func:`write_transform` could not write, before any work.
 
     Raises
     ------
     VolumeFileError
-        If the file is there or cannot be written, or its name ends otherwise.
+        If the file cannot be written, or its name ends otherwise.
     """
     place = as_path(path)
     row = _row(place)
@@ -224,9 +224,9 @@ def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = Fa
     check_target(place, overwrite=overwrite, folder_marks=("zarr.json", ".zgroup") if row.is_folder else ())
 
 
-def write_transform(transform: AbstractField | HasField, path: str | os.PathLike[str], grid: Grid | Volume, *,
+def write_transform(transform: AbstractField | HasField, path: str | os.PathLike[str], grid: Grid | VolumeLike, *,
                     inverse: str | os.PathLike[str] | None = None, direction: str = "backward",
-                    overwrite: bool = False, progress: Progress | None = None) -> None:
+                    overwrite: bool = True, progress: Progress | None = None) -> None:
     """Write a deformation for ITK, ANTs, 3D Slicer, elastix, VTK or readers of OME-NGFF.
 
     Parameters
@@ -240,13 +240,13 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
     inverse : where the inverse of the map on the same grid is written too, a forward map; its header has its residual.
     direction : of the map, which its header states: "forward" for one that carries points of the input to the result,
         such as that of a file which says so. What :func:`deformnb.invert` finds is forward by itself.
-    overwrite : whether files that are there are replaced.
+    overwrite : whether existing files may be replaced.
     progress : called with the finished share from 0 to 1.
 
     Raises
     ------
     VolumeFileError
-        If the file is there or cannot be written, or its name ends otherwise.
+        If the file cannot be written, or its name ends otherwise.
     DeformError
         If the field is over a plane, or hides tissue along cuts, which no transform file can say: the message says so.
 

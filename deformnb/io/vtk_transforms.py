@@ -15,10 +15,10 @@ from deformnb._typing import Progress
 from deformnb.io.displacement_images import checked_displacements
 from deformnb.io.vti import read_vectors, write_vectors
 from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
-from deformnb.volume.volume import IDENTITY, Grid, Volume, as_grid, optional_package
+from deformnb.volume.volume import IDENTITY, Grid, VolumeLike, as_grid, optional_package
 
 
-def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | Volume) -> Any:
+def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLike) -> Any:
     """A vtkGridTransform with the displacements at the voxels of a grid, interpolated linearly.
 
     Parameters

@@ -17,7 +17,7 @@ from deformnb.lessons.coordinates import GOAL_NODES
 from deformnb.lessons.lesson import LESSONS
 from deformnb.lessons.studio_tasks import FishTask
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.words import translate
 
 _SIDE = "-x"  # from the left, where the head points left
@@ -44,7 +44,7 @@ class _Page:
     controls: tuple[str, ...]
 
 
-def lesson_start(name: str, volume: Volume) -> Deformation:
+def lesson_start(name: str, volume: VolumeLike) -> Deformation:
     """The points with which a lesson begins; none has been dragged.
 
     Parameters
@@ -63,11 +63,11 @@ def lesson_start(name: str, volume: Volume) -> Deformation:
     ('head', 'tail')
     """
     one_of(name, _PAGES, "lesson")
-    return _PAGES[name].begin(volume)
+    return _PAGES[name].begin(as_volume(volume))
 
 
 def write_lesson_page(name: str, path: str | os.PathLike[str], *, language: str | None = None,
-                      overwrite: bool = False) -> None:
+                      overwrite: bool = True) -> None:
     """Write a lesson's picture as one offline file in which points can be dragged; it warns when tissue leaves the box.
 
     Parameters
@@ -80,7 +80,7 @@ def write_lesson_page(name: str, path: str | os.PathLike[str], *, language: str 
     Raises
     ------
     DeformError
-        If there is no such lesson, or the file is there or cannot be written.
+        If there is no such lesson, or the file cannot be written.
 
     Examples
     --------

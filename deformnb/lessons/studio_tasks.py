@@ -15,7 +15,7 @@ from deformnb.imaging.demo import subject_box
 from deformnb.imaging.projection import project
 from deformnb.lessons.exercises import AbstractExercise, Result
 from deformnb.session.session import Session
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
 
 _NEAR = 0.5  # percent of the way, and pixels of the drawing: a smaller drag was not meant
@@ -79,7 +79,7 @@ class FishTask(AbstractExercise):
     target: str
     percent: float
 
-    def grids(self, volume: Volume, side: str = "-x") -> ThompsonMap:
+    def grids(self, volume: VolumeLike, side: str = "-x") -> ThompsonMap:
         """The pair laid around what is seen of a volume, as it will be scored.
 
         Examples

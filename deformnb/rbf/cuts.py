@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import in_full_precision, jax, jnp, lax, pytree
+from deformnb.checks import check_fields
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -70,6 +71,7 @@ class Cut:
     def __post_init__(self) -> None:
         if not isinstance(self.region, AbstractRegion):
             raise DeformError(f"a cut needs a region, got {type(self.region).__name__}.")
+        check_fields(self)
 
 
 def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, VolumeLike
 
 LONGEST = 200
 DEEPEST = 20
@@ -436,7 +436,7 @@ def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> fro
     return frozenset(() if own is None else (own,)).intersection(*(unchanging_axes(f, grid, sine) for f in parts))
 
 
-def extrude(plane: Plane, grid: Grid | Volume, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
+def extrude(plane: Plane, grid: Grid | VolumeLike, maps: Sequence[AbstractField], weights: Weights) -> Extrusion:
     """Extrude fields over a plane through the slices of ``grid``: zeta runs from its first slice to its last.
 
     Examples

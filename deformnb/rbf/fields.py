@@ -22,7 +22,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import aligned_empty
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 BLOCK = 2**16
 """Points at a time in loops over many: little memory, and few enough calls."""
@@ -153,7 +153,7 @@ class AbstractField(ABC):
             raise DeformError("a field in space has no values on the raster of a picture; sample it on a grid.")
         return self.on_outer_sum(*raster_lines(raster), min(raster.spacing))
 
-    def on_grid(self, grid: Grid | Volume) -> NDArray[np.float32]:
+    def on_grid(self, grid: Grid | VolumeLike) -> NDArray[np.float32]:
         """Displacements at the voxel centres of a grid (dim 3): float32 [z, y, x, 3]."""
         return np.ascontiguousarray(np.moveaxis(self.components_on_grid(as_grid(grid)), 0, -1))
 
@@ -172,7 +172,7 @@ class HasField(Protocol):
         """The backward displacements, or the method that finds them for a volume on a grid."""
 
 
-def as_field(given: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
+def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> AbstractField:
     """The field itself, or that of a deformation.
 
     Parameters
@@ -208,7 +208,7 @@ def as_field(given: AbstractField | HasField, grid: Grid | Volume | None = None)
     return own(lattice)
 
 
-def as_transform_field(given: AbstractField | HasField, grid: Grid | Volume) -> AbstractField:
+def as_transform_field(given: AbstractField | HasField, grid: Grid | VolumeLike) -> AbstractField:
     """The field of :func:`as_field`, if it is one that the transforms of other programs can hold.
 
     Raises
@@ -278,7 +278,7 @@ class DisplacementField(AbstractField):
         return f"<DisplacementField: {counts} samples {'over a plane' if self.dim == 2 else 'in space'}>"
 
     @classmethod
-    def sample(cls, field: AbstractField | HasField, lattice: Grid | Raster | Volume) -> DisplacementField:
+    def sample(cls, field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike) -> DisplacementField:
         """Samples of another field, or of a deformation of a volume on this grid."""
         if isinstance(lattice, Raster):
             found = as_field(field).on_raster(lattice)
@@ -501,7 +501,7 @@ def links_of(field: AbstractField) -> list[AbstractField]:
     return [*links_of(field.then), *links_of(field.first)] if isinstance(field, Composed) else [field]
 
 
-def compose(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
+def compose(*fields: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> AbstractField:
     """One field that does the given deformations one after the other, first to last; the identity in space if none.
 
     Parameters
@@ -525,7 +525,7 @@ def compose(*fields: AbstractField | HasField, grid: Grid | Volume | None = None
     return total
 
 
-def blend(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) -> AbstractField:
+def blend(*fields: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> AbstractField:
     """One field that is the sum of the given ones; the identity in space if none. Parameters as of :func:`compose`.
 
     Examples
@@ -541,7 +541,7 @@ def blend(*fields: AbstractField | HasField, grid: Grid | Volume | None = None) 
     return Identity(3) if not known else known[0] if len(known) == 1 else Blended(known)
 
 
-def _of_one_dimension(fields: Sequence[AbstractField | HasField], grid: Grid | Volume | None,
+def _of_one_dimension(fields: Sequence[AbstractField | HasField], grid: Grid | VolumeLike | None,
                       verb: str) -> tuple[AbstractField, ...]:
     known = tuple(as_field(f, grid) for f in fields)
     if len({f.dim for f in known}) > 1:

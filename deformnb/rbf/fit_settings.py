@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any
 
-from deformnb.checks import is_finite, shown_value
+from deformnb.checks import check_fields, is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
@@ -77,12 +77,15 @@ class AbstractFitSettings:
             raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
         check_stages(self.stages, ())
         check_direction(self.direction)
+        check_fields(self, "kernel", "support", "trend", "smoothing", "strength", "stages", "direction")
         if self.chosen_support is not None:
             object.__setattr__(self, "chosen_support", self._kept_support(self.chosen_support))
 
     def _kept_support(self, given: Any) -> ChosenSupport | None:
         try:
             kept = ChosenSupport(*given)
+            if isinstance(given, str) or not isinstance(kept.kernel, str) or not is_finite(kept.radius):
+                raise TypeError
         except TypeError:
             raise DeformError("the chosen support of a step must be a radius and the name of a kernel, got "
                               f"{given!r:.60}.") from None

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import LARGEST_COORDINATE, is_finite, shown_value
+from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, shown_value
 from deformnb.errors import DeformError
 
 _NAMES_SHOWN = 8  # by repr
@@ -82,17 +82,20 @@ class ControlPoints:
     radius: NDArray[np.float64] = field(default=None)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
+        check_fields(self, "source", "target", "ids", "names", "active", "weight")
         n = len(self.ids)
         if self.locked is None:
             object.__setattr__(self, "locked", np.zeros(n, dtype=bool))
         if self.radius is None:
             object.__setattr__(self, "radius", np.full(n, np.nan))
+        check_fields(self, "locked", "radius", "next_id")
         if self.source.ndim != 2 or self.source.shape[1] not in (2, 3) or self.source.shape != self.target.shape:
             raise DeformError(
                 "source and target must both have shape (N, 2) or (N, 3), "
                 f"got {self.source.shape} and {self.target.shape}."
             )
-        if {len(self.source), len(self.names), *map(len, self._of_each.values())} != {n}:
+        counts = [array.shape[0] if array.ndim else -1 for array in self._of_each.values()]
+        if {len(self.source), len(self.names), *counts} != {n}:
             raise DeformError(f"{len(self.source)} points need as many ids, names, switches, weights, locks and radii.")
         if len(set(self.ids)) != n:
             twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
@@ -100,7 +103,7 @@ class ControlPoints:
         self._check_numbers()
         for array in (self.source, self.target, *self._of_each.values()):
             array.flags.writeable = False
-        if isinstance(self.next_id, bool) or not isinstance(self.next_id, (int, np.integer)) or self.next_id > 2**53:
+        if self.next_id > 2**53:
             raise DeformError(f"the id of the next point must be a whole number, got {shown_value(self.next_id)}.")
         object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
 

@@ -21,10 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._jax import blockwise, in_full_precision, jax, jnp, lax, pytree, pytree_node
-from deformnb.checks import LARGEST_COORDINATE
+from deformnb.checks import LARGEST_COORDINATE, check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 
 LARGEST_SHAPE = 512
 """Vertices of a drawn line; drawing by hand gives some dozens."""
@@ -83,10 +83,8 @@ def _inside(region: AbstractRegion, low: NDArray[np.float64], high: NDArray[np.f
 
 
 def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        array = np.zeros(0)
+    given = real_array(values)
+    array = np.zeros(0) if given is None else given
     if array.ndim != 2 or array.shape[1] not in dims or not least <= len(array) <= LARGEST_SHAPE:
         raise DeformError(f"the {what} must be {least} to {LARGEST_SHAPE} places of {' or '.join(map(str, dims))} "
                           f"coordinates, got shape {array.shape}.")
@@ -471,13 +469,16 @@ class Mask(AbstractRegion):
         values = np.array(self.values)
         if values.dtype != np.bool_:
             raise DeformError(f"a mask holds True and False, got {values.dtype}; compare it with a label first.")
+        if isinstance(self.lattice, Volume):
+            object.__setattr__(self, "lattice", self.lattice.grid)
+        check_fields(self, "lattice")
         if values.shape != tuple(self.lattice.shape):
             raise DeformError(f"a mask of shape {values.shape} does not fit a lattice of {tuple(self.lattice.shape)}.")
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
 
     @classmethod
-    def from_labels(cls, volume: Volume, labels: int | Sequence[int] | None = None) -> Mask:
+    def from_labels(cls, volume: VolumeLike, labels: int | Sequence[int] | None = None) -> Mask:
         """The voxels of these labels of a volume, of any but 0 if None.
 
         Raises
@@ -485,6 +486,7 @@ class Mask(AbstractRegion):
         DeformError
             If no voxel has one of them; the message names the labels there are.
         """
+        volume = as_volume(volume)
         chosen = [labels] if isinstance(labels, int | np.integer) else labels
         values = volume.values != 0 if chosen is None else np.isin(volume.values, list(chosen))
         if not values.any():

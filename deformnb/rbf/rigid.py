@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import blockwise, in_full_precision, jax, jnp, pytree
+from deformnb.checks import check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import fit_rbf
@@ -76,10 +77,7 @@ class RigidMotion:
     shift: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        try:
-            m, t = np.array(self.matrix, dtype=np.float64), np.array(self.shift, dtype=np.float64)
-        except (TypeError, ValueError):
-            m, t = np.zeros((0, 0)), np.zeros(0)
+        m, t = _numbers(self.matrix), _numbers(self.shift)
         dim = t.size
         if t.shape not in ((2,), (3,)) or m.shape != (dim, dim) or not (np.isfinite(m).all() and np.isfinite(t).all()):
             raise DeformError("a rigid motion needs a matrix of 2 x 2 or 3 x 3 finite numbers and a shift of as many.")
@@ -149,10 +147,8 @@ class RigidMotion:
 
 def _numbers(value: ArrayLike | None) -> NDArray[np.float64]:
     """An array of float64; an empty one of nothing or of what are no numbers."""
-    try:
-        return np.asarray([] if value is None else value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.zeros(0)
+    found = None if value is None else real_array(value)
+    return np.zeros(0) if found is None else found
 
 
 def _path(turn: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -347,6 +343,7 @@ class RigidPart:
             raise DeformError(f"a rigid part needs a region, got {type(self.region).__name__}.")
         if self.region.kind == "line":
             raise DeformError("a line has no inside to stay rigid; use a polygon or a half space.")
+        check_fields(self, "motion", "weight", "reach", "name", "enabled")
         if self.weight not in WEIGHTS:
             raise DeformError(f"unknown weight {self.weight!r} of a rigid part; choose one of {', '.join(WEIGHTS)}.")
         if self.reach is not None and not (np.isfinite(self.reach) and self.reach > 0):

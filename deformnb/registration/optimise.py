@@ -39,9 +39,9 @@ from deformnb.registration.similarity import (
     valued,
 )
 from deformnb.volume.plane import Picture
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import VolumeLike, as_volume
 
-Pictured: TypeAlias = Picture | Volume
+Pictured: TypeAlias = Picture | VolumeLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +65,11 @@ class GreyImage:
             (du, dv), (a, b) = given.raster.spacing, given.raster.origin
             matrix = np.array([[0.0, 1 / dv], [1 / du, 0.0]])
             return cls(given.grey().astype(np.float64), matrix, -matrix @ np.array([a, b]))
-        if isinstance(given, Volume):
-            low, high = given.background, given.value_range[1]
-            values = np.clip((given.finite_values.astype(np.float64) - low) / ((high - low) or 1.0), 0, 1)
-            matrix = np.asarray(np.linalg.inv(given.grid.matrix)[::-1], np.float64)
-            return cls(values, matrix, -matrix @ np.asarray(given.grid.origin))
-        raise DeformError(f"what is matched must be a Picture or a Volume, got {type(given).__name__}.")
+        volume = as_volume(given)
+        low, high = volume.background, volume.value_range[1]
+        values = np.clip((volume.finite_values.astype(np.float64) - low) / ((high - low) or 1.0), 0, 1)
+        matrix = np.asarray(np.linalg.inv(volume.grid.matrix)[::-1], np.float64)
+        return cls(values, matrix, -matrix @ np.asarray(volume.grid.origin))
 
     @property
     def dim(self) -> int:

@@ -22,7 +22,7 @@ from deformnb.document.json_format import LONGEST, from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write, is_abandoned, sweep
 from deformnb.io.headers import shown
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, VolumeLike
 
 FORMAT = "deformnb-autosave"
 STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
@@ -182,7 +182,7 @@ def _read_all(folder: Path, prefix: str = "") -> list[SavedSession]:
 # -- for users ---------------------------------------------------------------------------------------------------------
 
 
-def saved_sessions(volume: Volume | VolumeReference, folder: Path | None = None, *,
+def saved_sessions(volume: VolumeLike | VolumeReference, folder: Path | None = None, *,
                    every: bool = False) -> list[SavedSession]:
     """Sessions on a volume that were lost, the newest first.
 
@@ -198,7 +198,7 @@ def saved_sessions(volume: Volume | VolumeReference, folder: Path | None = None,
     >>> saved_sessions(PHANTOMS["bar"].make((8, 8, 8)))
     []
     """
-    reference = VolumeReference.of(volume) if isinstance(volume, Volume) else volume
+    reference = volume if isinstance(volume, VolumeReference) else VolumeReference.of(volume)
     found = _read_all(folder or state_folder(), reference.sha256[:16])
     return [entry for entry in found if _same(entry.volume, reference) and (every or entry.is_lost)]
 

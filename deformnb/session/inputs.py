@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from deformnb._typing import Float3, Progress
+from deformnb._typing import Progress, Spacing
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import without_surrogates
 from deformnb.errors import DeformError
@@ -20,14 +19,15 @@ from deformnb.io.formats import describe_file, read_volume
 from deformnb.io.meshes import is_mesh, read_mesh
 from deformnb.io.series import is_series, open_series
 from deformnb.volume.channels import Channels
+from deformnb.volume.converters import converted
 from deformnb.volume.transfer import levels
-from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.mesh import Mesh, filled, grid_around, signed_distance
+from deformnb.volume.volume import Grid, Volume, as_spacing, as_volume
+from deformnb.warping.mesh import Mesh, as_mesh, filled, grid_around, is_surface, signed_distance
 
 
-def volume_from(given: Any, *, spacing: Sequence[float] | None = None, is_labels: bool | None = None,
+def volume_from(given: Any, *, spacing: Spacing | None = None, is_labels: bool | None = None,
                 level: int | None = None, progress: Progress | None = None) -> Volume:
-    """A volume from a volume, an array [z, y, x], a mesh, or the path of a file of a volume or a mesh.
+    """A volume of whatever is one, of a mesh, or of the path of a file of a volume or a mesh.
 
     Parameters
     ----------
@@ -35,14 +35,14 @@ def volume_from(given: Any, *, spacing: Sequence[float] | None = None, is_labels
     is_labels : whether the voxels of a file are labels; None as the file says.
     level : of a pyramid that is read, 0 for the finest; None for the finest that fits into memory.
     """
-    if isinstance(given, Volume):
-        return given
-    if isinstance(given, Mesh):
-        return body_of(given, progress)
+    if is_surface(given):
+        return body_of(as_mesh(given), progress)
     if not isinstance(given, str | PathLike):
-        return Volume.from_array(np.asarray(given))
+        found = as_volume(given)
+        found = found if spacing is None else replace(found, grid=replace(found.grid, spacing=as_spacing(spacing)))
+        return found if is_labels is None else found.decided(is_labels)
     if not is_mesh(given):
-        return read_volume(given, spacing=_three(spacing), is_labels=is_labels, level=level, progress=progress)
+        return read_volume(given, spacing=spacing, is_labels=is_labels, level=level, progress=progress)
     if spacing is not None:
         raise DeformError(f"a spacing is for volumes, and {Path(given).name} is a mesh.")
     return body_of(read_mesh(given), progress)
@@ -55,12 +55,15 @@ def subject_from(given: Any, **options: Any) -> Volume | Channels:
     ----------
     options : of :func:`volume_from`.
     """
-    if isinstance(given, Channels):
-        return given
     if isinstance(given, str | PathLike) and not is_mesh(given) and is_series(given):
-        series = open_series(given, spacing=_three(options.get("spacing")))
+        series = open_series(given, spacing=options.get("spacing"))
         if len(series) == 1:
             return next(iter(series))
+    if not isinstance(given, str | PathLike) and not is_surface(given):
+        found = converted(given)
+        if isinstance(found, Channels):
+            return found
+        given = found
     return volume_from(given, **options)
 
 
@@ -69,15 +72,10 @@ def as_volume_and_channels(subject: Volume | Channels) -> tuple[Volume, Channels
     return (subject.brightness(), subject) if isinstance(subject, Channels) else (subject, None)
 
 
-def grid_of_file(path: str | PathLike[str], spacing: Sequence[float] | None = None) -> Grid:
+def grid_of_file(path: str | PathLike[str], spacing: Spacing | None = None) -> Grid:
     """Grid of a volume, from the header of its file; of a mesh, the grid of the volume that is made of it."""
     grid = grid_around(read_mesh(path)) if is_mesh(path) else describe_file(path).grid
-    true = _three(spacing)
-    return grid if true is None else replace(grid, spacing=true)
-
-
-def _three(spacing: Sequence[float] | None) -> Float3 | None:
-    return None if spacing is None else (float(spacing[0]), float(spacing[1]), float(spacing[2]))
+    return grid if spacing is None else replace(grid, spacing=as_spacing(spacing))
 
 
 def body_of(mesh: Mesh, progress: Progress | None = None) -> Volume:

@@ -21,7 +21,7 @@ _TOGETHER_BYTES = 2**27
 
 
 def warp_series(source: Series | str | os.PathLike[str], field: AbstractField | HasField | Animation,
-                target: str | os.PathLike[str], *, overwrite: bool = True, progress: Progress | None = None,
+                target: str | os.PathLike[str], *, overwrite: bool = False, progress: Progress | None = None,
                 **options: Any) -> None:
     """Deform every channel at every moment of a file, and write them to another file.
 

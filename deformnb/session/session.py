@@ -44,13 +44,14 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts
 from deformnb.registration.outlines import HELD, hold_outline, outline
 from deformnb.session.history import History, HistoryNode
+from deformnb.session.inputs import as_deformation, as_volume_and_channels, source_of, subject_from
 from deformnb.session.view_state import ViewState, without_view_state
-from deformnb.volume.channels import ChannelDisplay, Channels
+from deformnb.volume.channels import ChannelDisplay, Channels, ChannelsLike, as_channels
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import SIDES, VIEWS, Picture, Plane, Slices
 from deformnb.volume.transfer import TransferFunction, levels, preset
-from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.points import Landmarks
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid
+from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
 from deformnb.warping.warper import warp_all
 
 
@@ -65,7 +66,7 @@ class Session(traitlets.HasTraits):
 
     Parameters
     ----------
-    volume : what is deformed; never changed.
+    volume : what is deformed; never changed. Whatever is a volume, channels or a mesh will do, as in the studio.
     deformation : to go on with, and to look at as it was saved; default is one step with a point in each corner of the
         picture that holds it still.
     view : side of the first picture, one of :data:`~deformnb.volume.plane.VIEWS`.
@@ -134,9 +135,14 @@ class Session(traitlets.HasTraits):
     output = traitlets.Instance(Grid, allow_none=True)
     source = traitlets.Unicode("")
 
-    def __init__(self, volume: Volume, deformation: Deformation | None = None, *, view: str | Plane = "+y",
-                 output: Grid | None = None, channels: Channels | None = None, **traits: Any) -> None:
-        deformation, view_state = ViewState.split(deformation or Deformation())
+    def __init__(self, volume: ChannelsLike, deformation: Deformation | str | PathLike[str] | None = None, *,
+                 view: str | Plane = "+y", output: Grid | VolumeLike | None = None,
+                 channels: ChannelsLike | None = None, **traits: Any) -> None:
+        traits.setdefault("source", source_of(volume))
+        volume, own = as_volume_and_channels(subject_from(volume))
+        channels = own if channels is None else as_channels(channels)
+        output = None if output is None else as_grid(output)
+        deformation, view_state = ViewState.split(as_deformation(deformation) or Deformation())
         deformation, laid = with_true_spacing(deformation, volume.finest_grid)
         if output is not None:
             deformation = replace(deformation, output=output)
@@ -239,7 +245,7 @@ class Session(traitlets.HasTraits):
             step = _renamed(self.step.with_points(points, key), key, before)
             self._become(self.deformation.with_step(self.index, step), label, kind)
 
-    def add_landmarks(self, landmarks: Landmarks) -> None:
+    def add_landmarks(self, landmarks: LandmarksLike) -> None:
         """Add control points at landmarks, dragged to their fixed places where they have any.
 
         Parameters
@@ -251,7 +257,7 @@ class Session(traitlets.HasTraits):
         DeformError
             If they have two coordinates and the step's points three, or the points cannot be fitted.
         """
-        plane = self.step.plane
+        landmarks, plane = as_landmarks(landmarks), self.step.plane
         if plane is None and landmarks.points.shape[1] == 2:
             raise DeformError("these landmarks lie on a picture, and the points of this step in space: choose another "
                               "step.")

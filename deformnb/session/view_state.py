@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from deformnb.checks import checked_window
+from deformnb.checks import check_fields, checked_window
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import Reader
 from deformnb.errors import DeformError
@@ -43,6 +43,9 @@ class ViewState:
     window: tuple[float, float] | None = None
     colour_map: str | None = None
     ambient_occlusion: bool | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def added_to(self, deformation: Deformation) -> Deformation:
         """A document with this view state."""

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._entrances import CONVERSIONS
 from deformnb._typing import Float3
-from deformnb.checks import checked_window, finite_array, shown_value
+from deformnb.checks import check_fields, checked_window, finite_array, shown_value
 from deformnb.errors import DeformError
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volumes
 
 KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
 """What channels are together, and how many they are then: any, or the parts of a colour."""
@@ -75,6 +76,7 @@ class ChannelDisplay:
             raise DeformError(f"{what}, got {shown_value(self.colour)}.")
         object.__setattr__(self, "colour", tuple(colour.tolist()))
         object.__setattr__(self, "window", checked_window(self.window))
+        check_fields(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,8 +110,8 @@ class Channels:
     name: str = ""
 
     def __post_init__(self) -> None:
-        volumes = tuple(self.volumes)
-        if not volumes or not all(isinstance(volume, Volume) for volume in volumes):
+        volumes = tuple(as_volumes(self.volumes))
+        if not volumes:
             raise DeformError(f"channels are one or more volumes, got {shown_value(self.volumes)}.")
         first = volumes[0]
         for volume in volumes[1:]:
@@ -117,9 +119,11 @@ class Channels:
                 raise DeformError(f"channels lie on one grid and have one voxel type, and {volume.name or 'one'!r} "
                                   f"({volume.dtype} on {volume.grid.shape}) differs from {first.name or 'another'!r} "
                                   f"({first.dtype} on {first.grid.shape}).")
+        check_fields(self, "kind", "name")
         if self.kind not in KINDS or KINDS[self.kind] not in (0, len(volumes)):
             raise DeformError(f"{len(volumes)} channels cannot be of the kind {shown_value(self.kind)}.")
-        colours = tuple(self.colours) or usual_colours(min(3, len(volumes)) if KINDS[self.kind] else len(volumes))
+        check_fields(self, "colours")
+        colours = self.colours or usual_colours(min(3, len(volumes)) if KINDS[self.kind] else len(volumes))
         colours += ((1.0, 1.0, 1.0),) * (self.kind == "rgba" and len(colours) == 3)
         if len(colours) != len(volumes):
             raise DeformError(f"{len(volumes)} channels need as many colours, got {shown_value(self.colours)}.")
@@ -175,9 +179,9 @@ class Channels:
             raise DeformError(f"a channel is a number below {len(self)} or a name, got {shown_value(which)}.")
         return self.volumes[which]
 
-    def with_volumes(self, volumes: Sequence[Volume]) -> Channels:
+    def with_volumes(self, volumes: Sequence[VolumeLike]) -> Channels:
         """The same channels with other voxels, such as those that :func:`deformnb.warp` has deformed."""
-        return replace(self, volumes=tuple(volumes))
+        return replace(self, volumes=tuple(as_volumes(volumes)))
 
     def brightness(self) -> Volume:
         """One grey volume of all channels, to project and drag on: luma of colours (ITU-R BT.601), else their largest.
@@ -235,6 +239,30 @@ class Channels:
             return 0.0, float(np.iinfo(volume.dtype).max)
         low, high = volume.value_range
         return low, high if high > low else low + 1.0
+
+
+ChannelsLike: TypeAlias = Channels | VolumeLike
+"""What channels are made of where they are wanted (:func:`as_channels`): Channels, what a volume is made of, an image
+of several components, or the path of a file."""
+
+
+def as_channels(given: ChannelsLike) -> Channels:
+    """The channels that any accepted object is; a single volume is one channel.
+
+    Raises
+    ------
+    DeformError
+        As :func:`~deformnb.volume.volume.as_volume`.
+
+    Examples
+    --------
+    >>> len(as_channels(Volume.from_array(np.eye(3))))
+    1
+    """
+    if isinstance(given, Channels):
+        return given
+    found: Channels = CONVERSIONS["several_channels"](given)
+    return found
 
 
 def luma(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

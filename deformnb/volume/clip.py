@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import check_fields, real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume
 
@@ -58,6 +59,15 @@ class Part:
     grid: Grid
     low: tuple[float, ...]
     high: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        check_fields(self, "grid")
+        for name in ("low", "high"):
+            sides = real_array(getattr(self, name))
+            if sides is None or sides.shape != (3,) or np.isnan(sides).any():
+                raise DeformError(f"the {name} sides of a part are three indices (i, j, k), -inf or inf, got "
+                                  f"{shown_value(getattr(self, name))}.")
+            object.__setattr__(self, name, tuple(sides.tolist()))
 
     @classmethod
     def of(cls, grid: Grid, clip: Clip, box: Grid | None = None) -> Part | None:

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
-from deformnb.volume.volume import Grid, Volume, optional_package, refuse_lazy
+from deformnb.volume.channels import Channels
+from deformnb.volume.volume import EVEN, Grid, Volume, VolumeLike, as_volume, optional_package, refuse_lazy
 
 _SPATIAL = ("z", "y", "x")
 _DIRECTION = "direction"
-
-# Coordinates are often rounded to float32 or to a few decimals; a step that differs by more than this is another step.
-_UNEVEN = 1e-3
+_COLOURS = ("rgb", "rgba", "colour", "color")
+_CHANNELS = ("c", "ch", "channel", "channels", "band", "component", *_COLOURS)
 
 
 def is_labelled(given: object) -> bool:
@@ -44,6 +44,17 @@ class LabelledAxes:
     spatial: tuple[Hashable, ...]
     others: tuple[Hashable, ...]
     grid: Grid
+
+    def notes(self, array: Any) -> tuple[str, ...]:
+        """What the array does not say and was taken: which dimension is which, and places without coordinates."""
+        found = []
+        if not {str(dim).lower() for dim in self.spatial} & set(_SPATIAL):
+            found.append(f"the dimensions {', '.join(map(str, self.spatial))} were taken as "
+                         f"{', '.join(_SPATIAL[3 - len(self.spatial):])}")
+        bare = [str(dim) for dim in self.spatial if dim not in array.coords]
+        if bare:
+            found.append(f"no coordinates along {', '.join(bare)}: voxels were taken to be 1 apart, the first at 0")
+        return tuple(found)
 
     @classmethod
     def of(cls, array: Any) -> LabelledAxes:
@@ -83,7 +94,7 @@ def _line(array: Any, dim: Hashable) -> tuple[float, float]:
         return float(values[0]), 1.0
     steps = np.diff(values.astype(np.float64))
     step = float((values[-1].astype(np.float64) - values[0].astype(np.float64)) / len(steps))
-    if step == 0 or np.abs(steps - step).max() > _UNEVEN * abs(step):
+    if step == 0 or np.abs(steps - step).max() > EVEN * abs(step):
         raise DeformError(f"the coordinates along {dim} are not evenly spaced (steps from {steps.min():.6g} to "
                           f"{steps.max():.6g}); interpolate the array onto even ones first: array.interp.")
     return float(values[0]), step
@@ -120,20 +131,68 @@ def from_xarray(array: Any, *, is_labels: bool | None = None) -> Volume:
     >>> from_xarray(xr.DataArray(np.zeros((2, 3, 4), np.uint8), dims=("z", "y", "x"))).shape
     (2, 3, 4)
     """
-    if not is_labelled(array):
-        raise DeformError(f"from_xarray takes an xarray.DataArray, not {type(array).__name__}.")
+    found = volume_or_channels(array, is_labels=is_labels)
+    if isinstance(found, Channels):
+        more = next(str(dim) for dim in one_array(array).dims if str(dim).lower() in _CHANNELS)
+        raise DeformError(f"a volume has the dimensions z, y and x and this array has {more} too; "
+                          f"pick one: array.isel({more}=0). dn.warp deforms all of them by one map.")
+    return found
+
+
+def one_array(given: Any) -> Any:
+    """The labelled array of an object of xarray: itself, the only variable of a Dataset, a Variable without places.
+
+    Raises
+    ------
+    DeformError
+        For a Dataset of several variables, and for anything else.
+    """
+    variables = getattr(given, "data_vars", None)
+    if variables is not None:
+        if len(variables) != 1:
+            raise DeformError(f"a Dataset of one variable is a volume, and this one has {len(variables)}"
+                              f"{': ' if len(variables) else ''}{', '.join(map(str, variables))}; pick one: "
+                              "dataset['name'].")
+        return next(iter(variables.values()))
+    if is_labelled(given):
+        return given
+    if type(given).__module__.partition(".")[0] == "xarray" and hasattr(given, "dims") and hasattr(given, "to_numpy"):
+        return optional_package("xarray").DataArray(given)
+    raise DeformError(f"from_xarray takes an xarray.DataArray, not {type(given).__name__}.")
+
+
+def volume_or_channels(given: Any, *, is_labels: bool | None = None) -> Volume | Channels:
+    """The volume of an object of xarray, or its channels where one more dimension is named so ("c", "channel", "rgb").
+
+    Parameters
+    ----------
+    given, is_labels : as in :func:`from_xarray`.
+
+    Raises
+    ------
+    DeformError
+        As :func:`from_xarray`, and for a Dataset of several variables.
+    """
+    array = one_array(given)
     refuse_lazy(array)
     axes = LabelledAxes.of(array)
     more = [dim for dim in axes.others if array.sizes[dim] > 1]
+    values = array.transpose(*axes.others, *axes.spatial).values
+    name = str(array.name or "")
+    if len(more) == 1 and str(more[0]).lower() in _CHANNELS:
+        stack = np.moveaxis(values.reshape(-1, *axes.grid.shape), 0, -1)
+        is_colour = str(more[0]).lower() in _COLOURS and stack.shape[-1] in (3, 4)
+        kind = {3: "rgb", 4: "rgba"}[stack.shape[-1]] if is_colour else "channels"
+        names = () if is_colour or more[0] not in array.coords else tuple(map(str, array.coords[more[0]].values))
+        return Channels.from_array(stack, axes.grid, names, kind=kind, name=name)
     if more:
         raise DeformError(f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
                           f"pick one: array.isel({more[0]}=0). dn.warp deforms all of them by one map.")
-    values = array.transpose(*axes.others, *axes.spatial).values.reshape(axes.grid.shape)
-    made = Volume.from_array(values, name=str(array.name or ""), is_labels=is_labels)
-    return replace(made, grid=axes.grid)
+    made = Volume.from_array(values.reshape(axes.grid.shape), name=name, is_labels=is_labels)
+    return replace(made, grid=axes.grid, notes=(*made.notes, *axes.notes(array)))
 
 
-def to_xarray(volume: Volume) -> Any:
+def to_xarray(volume: VolumeLike) -> Any:
     """An ``xarray.DataArray`` that shares the voxels: dimensions z, y, x with coordinates, and "direction".
 
     Examples
@@ -142,7 +201,7 @@ def to_xarray(volume: Volume) -> Any:
     >>> array.dims, array.coords["z"].values.tolist(), from_xarray(array).grid.origin
     (('z', 'y', 'x'), [0.0, 2.0], (5.0, 0.0, 0.0))
     """
-    xarray = optional_package("xarray")
+    xarray, volume = optional_package("xarray"), as_volume(volume)
     coords, direction = _coordinates(volume.grid, _SPATIAL)
     return xarray.DataArray(volume.values, coords, _SPATIAL, volume.name or None, {_DIRECTION: direction})
 
@@ -166,6 +225,7 @@ def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
     DeformError
         As :meth:`LabelledAxes.of`; and if it is not in memory.
     """
+    array = one_array(array)
     refuse_lazy(array)
     axes = LabelledAxes.of(array)
     ordered = array.transpose(*axes.others, *axes.spatial)

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Float3
-from deformnb.checks import finite_array
+from deformnb.checks import check_fields, finite_array
 from deformnb.errors import DeformError
 from deformnb.volume.colour_maps import colour_table
-from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, as_finest_grid, as_grid
+from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_finest_grid, as_grid
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
@@ -58,7 +58,8 @@ class Raster:
     origin: tuple[float, float]
 
     def __post_init__(self) -> None:
-        if len(self.shape) != 2 or min(self.shape) < 1:
+        check_fields(self)
+        if min(self.shape) < 1:
             raise DeformError(f"a raster needs at least one row and one column, got shape {self.shape}.")
         if not all(np.isfinite(s) and s > 0 for s in self.spacing):
             raise DeformError(f"pixel spacing must be two positive lengths, got {self.spacing}.")
@@ -107,6 +108,11 @@ class Slices:
     first: float
     spacing: float
     count: int
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not (self.spacing > 0 and self.count >= 1):
+            raise DeformError(f"slices are one or more, a positive length apart, got {self}.")
 
     def depth(self, index: int) -> float:
         """Depth c of a slice, counted from 0; of the first or last one where there is none."""
@@ -184,7 +190,7 @@ class Plane:
         return Plane(_triple(np.array(self.origin) + depth * np.array(self.normal), "origin"), self.u, self.v)
 
     @classmethod
-    def along(cls, grid: Grid | Volume, view: str = "+y", depth: float | None = None) -> Plane:
+    def along(cls, grid: Grid | VolumeLike, view: str = "+y", depth: float | None = None) -> Plane:
         """The plane of a picture of ``grid`` seen along one of its own axes.
 
         Parameters
@@ -241,12 +247,12 @@ class Plane:
         u = np.cross(v, n)
         return cls(_triple(origin, "origin"), _triple(u + 0.0, "u"), _triple(v + 0.0, "v"))
 
-    def depth_range(self, grid: Grid | Volume) -> tuple[float, float]:
+    def depth_range(self, grid: Grid | VolumeLike) -> tuple[float, float]:
         """Smallest and largest depth c of the voxel centres of ``grid``: zeta = 0 and 1 of an extrusion."""
         c = self.to_plane(as_finest_grid(grid).corners(centres=True))[:, 2]
         return float(c.min()), float(c.max())
 
-    def slices(self, grid: Grid | Volume) -> Slices:
+    def slices(self, grid: Grid | VolumeLike) -> Slices:
         """The slices of ``grid`` along the normal: its layers of voxels; aslant as near as the smallest voxel size.
 
         Examples

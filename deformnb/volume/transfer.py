@@ -10,9 +10,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import shown_value
+from deformnb.checks import check_fields, is_finite, one_of, real_array, shown_value
 from deformnb.errors import DeformError
-from deformnb.volume.volume import Volume, as_volume
+from deformnb.volume.volume import Volume, VolumeLike, as_volume
 
 # Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
 _HISTOGRAM_SLICES = 64
@@ -65,11 +65,14 @@ class TransferFunction:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.unit) and self.unit > 0):
-            raise DeformError(f"the unit thickness of opacities must be a positive length, got {self.unit}.")
+        if not (is_finite(self.unit) and self.unit > 0):
+            raise DeformError("the unit thickness of opacities must be a positive length, got "
+                              f"{shown_value(self.unit)}.")
+        check_fields(self, "unit", "notes")
         clipped = False
         for name, width in (("colors", 4), ("opacities", 2)):
-            nodes = np.asarray(getattr(self, name), dtype=np.float64)
+            given = real_array(getattr(self, name))
+            nodes = np.zeros(0) if given is None else given
             if nodes.ndim != 2 or nodes.shape[1:] != (width,) or len(nodes) == 0 or not np.isfinite(nodes).all():
                 raise DeformError(f"{name} of a transfer function need rows of {width} finite numbers.")
             if (np.diff(nodes[:, 0]) < 0).any():
@@ -543,7 +546,7 @@ PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
 """Transfer functions that fit themselves to a volume, by name; the first is the default."""
 
 
-def as_transfer(given: TransferFunction | str | None, volume: Volume) -> TransferFunction:
+def as_transfer(given: TransferFunction | str | None, volume: VolumeLike) -> TransferFunction:
     """A transfer function itself, or the preset of a name for a volume; None is the preset "specimen".
 
     Raises
@@ -559,7 +562,7 @@ def as_transfer(given: TransferFunction | str | None, volume: Volume) -> Transfe
     return given
 
 
-def preset(name: str, volume: Volume) -> TransferFunction:
+def preset(name: str, volume: VolumeLike) -> TransferFunction:
     """The preset of a name for a volume; DeformError listing the names if there is none.
 
     Examples
@@ -568,7 +571,4 @@ def preset(name: str, volume: Volume) -> TransferFunction:
     >>> len(preset("specimen", PHANTOMS["bar"].make((8, 8, 16))).opacities) > 2
     True
     """
-    try:
-        return PRESETS[name](as_volume(volume))
-    except KeyError:
-        raise DeformError(f"unknown transfer function {name!r}; choose one of {', '.join(PRESETS)}.") from None
+    return PRESETS[one_of(name, PRESETS, "transfer function")](as_volume(volume))

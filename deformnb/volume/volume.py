@@ -10,6 +10,7 @@ metadata. Every rule keeps all values exactly or refuses; nothing is rounded or 
 from __future__ import annotations
 
 import hashlib
+import math
 import mmap
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -17,13 +18,14 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from deformnb._typing import Float3
-from deformnb.checks import LARGEST_COORDINATE, finite_array, real_array, shown_value
+from deformnb._entrances import CONVERSIONS
+from deformnb._typing import Float3, Spacing
+from deformnb.checks import LARGEST_COORDINATE, check_fields, finite_array, real_array, shown_value
 from deformnb.errors import DeformError, FileChangedError, MissingPackageError
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
@@ -247,28 +249,64 @@ def optional_package(package: str) -> Any:
 
 
 def pyvista_parts(image: Any, scalars: str | None) -> tuple[NDArray[Any], NDArray[np.float64], str]:
-    """Voxels [z, y, x] (shared), the 4 x 4 affine of their indices, and the name of an image's point data.
+    """Voxels [z, y, x] (shared), the 4 x 4 affine of their indices, and the name of an image's data.
+
+    Data of points lie at the points, those of cells at the middles of the cells.
 
     Raises
     ------
     DeformError
-        If it is no image, or has no such point data.
+        If it is no regular grid, or has no such data.
     """
-    pyvista = optional_package("pyvista")
-    image = pyvista.wrap(image)
-    if not isinstance(image, pyvista.ImageData):
-        raise DeformError(f"from_pyvista takes an ImageData (a regular grid), not {type(image).__name__}.")
-    names = list(image.point_data.keys())
-    name = scalars if scalars is not None else image.point_data.active_scalars_name or (names or [""])[0]
-    if name not in names:
-        raise DeformError(f"the image has no point data called {name!r} (it has {names}); for cell data call "
-                          "image.cells_to_points() first.")
-    values = np.asarray(image.point_data[name])
+    image = _regular_image(image)
+    name, is_of_cells = _scalars_of(image, scalars)
+    values = np.asarray((image.cell_data if is_of_cells else image.point_data)[name])
     axes = np.asarray(image.direction_matrix) * np.asarray(image.spacing)
     # An extent need not start at 0, and VTK's origin is where index 0 would be.
     affine = np.eye(4)
-    affine[:3, :3], affine[:3, 3] = axes, np.asarray(image.origin) + axes @ np.asarray(image.extent[::2])
-    return values.reshape(*image.dimensions[::-1], *values.shape[1:]), affine, str(name)
+    affine[:3, :3] = axes
+    count = np.asarray(image.dimensions)
+    middle = np.where(count > 1, 0.5, 0.0) if is_of_cells else np.zeros(3)
+    affine[:3, 3] = np.asarray(image.origin) + axes @ (np.asarray(image.extent[::2]) + middle)
+    shape = np.maximum(count - is_of_cells, 1)[::-1].tolist()
+    return values.reshape(*shape, *values.shape[1:]), affine, name
+
+
+def _regular_image(image: Any) -> Any:
+    """A ``pyvista.ImageData`` of an image of pyvista or VTK, or of a rectilinear grid whose coordinates are even."""
+    pyvista = optional_package("pyvista")
+    image = pyvista.wrap(image)
+    if isinstance(image, pyvista.ImageData):
+        return image
+    if not isinstance(image, pyvista.RectilinearGrid):
+        raise DeformError(f"from_pyvista takes an ImageData (a regular grid), not {type(image).__name__}.")
+    lines = [np.asarray(line, dtype=np.float64) for line in (image.x, image.y, image.z)]
+    steps = [float((line[-1] - line[0]) / max(1, len(line) - 1)) for line in lines]
+    for name, line, step in zip("xyz", lines, steps, strict=True):
+        if len(line) > 1 and not (step > 0 and np.abs(np.diff(line) - step).max() <= EVEN * step):
+            raise DeformError(f"the coordinates along {name} of the RectilinearGrid are not evenly spaced and rising; "
+                              "resample it onto an ImageData first: pyvista.ImageData(...).sample(grid).")
+    regular = pyvista.ImageData(dimensions=image.dimensions, origin=[float(line[0]) for line in lines],
+                                spacing=[step or 1.0 for step in steps])
+    regular.point_data.update(image.point_data)
+    regular.cell_data.update(image.cell_data)
+    _, active = image.active_scalars_info
+    if active is not None:
+        regular.set_active_scalars(active)
+    return regular
+
+
+def _scalars_of(image: Any, scalars: str | None) -> tuple[str, bool]:
+    """The name of the data of an image that are its voxels, and whether they belong to its cells."""
+    points, cells = list(image.point_data.keys()), list(image.cell_data.keys())
+    association, active = image.active_scalars_info
+    name = scalars if scalars is not None else active if active is not None else (points or cells or [""])[0]
+    if name in cells and (name not in points or (scalars is None and str(association.name).upper() == "CELL")):
+        return str(name), True
+    if name in points:
+        return str(name), False
+    raise DeformError(f"the image has no data called {shown_value(name)} (it has {points} at its points and {cells} at "
+                      "its cells).")
 
 
 class MappedFile:
@@ -332,6 +370,9 @@ class MappedFile:
         return type(None), ()  # a pickled or deep copied array lies in memory
 
 
+# Coordinates are often rounded to float32 or to a few decimals; a step that differs by more than this is another step.
+EVEN = 1e-3
+
 Matrix3 = tuple[Float3, Float3, Float3]
 
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -361,8 +402,8 @@ class Grid:
     Parameters
     ----------
     shape : (nz, ny, nx), the shape of the array.
-    spacing : (x, y, z) distance of neighbouring voxel centres, in the volume's unit (usually mm); from 1e-12 to 1e12,
-        so that the size of a voxel is a number that float32 holds.
+    spacing : (x, y, z) distance of neighbouring voxel centres, in the volume's unit (usually mm), or one number for
+        all axes; from 1e-12 to 1e12, so that the size of a voxel is a number that float32 holds.
     origin : (x, y, z) of the centre of voxel [0, 0, 0].
     direction : 3 x 3, columns are the directions of the x, y and z index; orthonormal.
 
@@ -385,9 +426,9 @@ class Grid:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", checked_shape(self.shape))
-        for name in ("spacing", "origin"):
-            value = finite_array(getattr(self, name), (3,), f"{name} must be three finite numbers (x, y, z)")
-            object.__setattr__(self, name, tuple(value.tolist()))
+        object.__setattr__(self, "spacing", as_spacing(self.spacing))
+        origin = finite_array(self.origin, (3,), "origin must be three finite numbers (x, y, z)")
+        object.__setattr__(self, "origin", tuple(origin.tolist()))
         if min(self.spacing) <= 0:
             raise DeformError(
                 f"spacing must be positive, got {self.spacing}; a flipped axis belongs into direction "
@@ -556,11 +597,33 @@ class Grid:
         return Grid(tuple(int(n) for n in counts[::-1]), tuple(new), tuple(first), self.direction)  # type: ignore[arg-type]
 
 
+def as_spacing(given: Spacing) -> Float3:
+    """Three distances (x, y, z) of three finite numbers, or of one for all axes.
+
+    Raises
+    ------
+    DeformError
+        For anything else.
+
+    Examples
+    --------
+    >>> as_spacing(0.5), as_spacing([1, 1, 2])
+    ((0.5, 0.5, 0.5), (1.0, 1.0, 2.0))
+    """
+    value = real_array(given)
+    if value is not None and value.ndim == 0:
+        value = np.full(3, value)
+    three = finite_array(given if value is None else value, (3,),
+                         "spacing must be three finite numbers (x, y, z), or one for all axes")
+    x, y, z = three.tolist()
+    return x, y, z
+
+
 def checked_shape(shape: object) -> tuple[int, int, int]:
     """(nz, ny, nx) of whole numbers from 1 on; DeformError for anything else."""
     sizes = real_array(shape)
     whole = sizes is not None and sizes.shape == (3,) and bool((sizes == np.floor(sizes)).all())
-    if sizes is None or not whole or not min(sizes) >= 1 or sizes.prod() >= _MOST_VOXELS:
+    if sizes is None or not whole or not min(sizes) >= 1 or math.prod(sizes.tolist()) >= _MOST_VOXELS:
         raise DeformError("a volume needs at least one voxel along each of z, y, x, and below 2**60 in all; its shape "
                           f"is {shown_value(shape)}.")
     nz, ny, nx = (int(n) for n in sizes)
@@ -645,6 +708,7 @@ class Volume:
     level: PyramidLevel | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, "grid", "name", "is_labels", "notes", "level")
         if self.level is not None and (self.level.voxels, self.level.grids[self.level.number]) != (
                 id(self.values), self.grid):
             object.__setattr__(self, "level", None)
@@ -688,7 +752,7 @@ class Volume:
         return np.array(self.values, dtype=target) if copy else np.asarray(self.values, dtype=target)
 
     @classmethod
-    def from_array(cls, array: ArrayLike, spacing: Float3 = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
+    def from_array(cls, array: ArrayLike, spacing: Spacing = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
                    direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None) -> Volume:
         """A volume of any array of numbers [z, y, x]; a 2-D image [y, x] becomes one slice.
 
@@ -728,7 +792,7 @@ class Volume:
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
         labels = values.dtype == np.bool_ if is_labels is None else is_labels
         notes = axis_notes + cast_notes + value_notes(values) + (label_note(values) if is_labels is None else ())
-        return cls(values, Grid(shape, spacing, origin, direction), name, bool(labels), notes)
+        return cls(values, Grid(shape, as_spacing(spacing), origin, direction), name, bool(labels), notes)
 
     @classmethod
     def from_affine(cls, array: ArrayLike, affine: ArrayLike, name: str = "", is_labels: bool | None = None) -> Volume:
@@ -738,12 +802,18 @@ class Volume:
 
     @classmethod
     def from_pyvista(cls, image: Any, scalars: str | None = None, is_labels: bool | None = None) -> Volume:
-        """A volume that shares the point data of a pyvista or VTK image; ``scalars`` defaults to the active ones.
+        """A volume that shares the voxels of an image of pyvista or VTK, or of an even RectilinearGrid.
+
+        Parameters
+        ----------
+        image : its data of points lie at the points, those of cells at the middles of the cells.
+        scalars : name of the data; default are the active ones.
+        is_labels : as in :meth:`from_array`.
 
         Raises
         ------
         DeformError
-            If it is no image, or has no such point data of one component.
+            If it is no regular grid, or has no such data of one component.
         """
         values, affine, name = pyvista_parts(image, scalars)
         return cls.from_affine(values, affine, name, is_labels)
@@ -765,6 +835,9 @@ class Volume:
         """A volume that shares the voxels of a nibabel image; RAS becomes LPS and [x, y, z] becomes [z, y, x]."""
         optional_package("nibabel")
         values = np.asanyarray(image.dataobj)
+        if values.ndim > 3 and set(values.shape[3:]) == {1}:  # one moment of one component
+            values = values.reshape(values.shape[:3])
+        values = values.reshape(*values.shape, *(1,) * (3 - values.ndim)) if values.ndim else values
         return cls.from_affine(values.T, _RAS @ np.asarray(image.affine, dtype=np.float64), name, is_labels)
 
     @property
@@ -849,6 +922,12 @@ class Volume:
 Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in the class it would be a default
 
 
+VolumeLike: TypeAlias = Volume | ArrayLike | os.PathLike[str] | Any
+"""What a volume is made of wherever one is wanted (:func:`as_volume`): a Volume; an image of SimpleITK, ITK, nibabel,
+pyvista or VTK; a DataArray or a Dataset of one variable of xarray; a layer of napari; the path of a file; an array
+[z, y, x], which lies at the origin with voxels 1 apart. Every one of them lies where its own package says."""
+
+
 def _resized(box: Grid, old: Grid, new: Grid) -> Grid:
     """The box in voxels that are as many times larger as those of one grid are larger than those of another."""
     if box == old:
@@ -860,44 +939,73 @@ def _resized(box: Grid, old: Grid, new: Grid) -> Grid:
     return box.resampled(shape=(nz, ny, nx))
 
 
-def as_finest_grid(given: Grid | Volume) -> Grid:
+def as_finest_grid(given: Grid | VolumeLike) -> Grid:
     """The grid itself, or the one of a volume on which deformations are stated: :attr:`Volume.finest_grid`."""
     return given.finest_grid if isinstance(given, Volume) else as_grid(given)
 
 
-def as_grid(given: Grid | Volume) -> Grid:
-    """The grid itself, or that of a volume.
+def as_grid(given: Grid | VolumeLike) -> Grid:
+    """The grid itself, or that of a volume, of an image of another package or of a file, whose header alone is read.
 
     Raises
     ------
     DeformError
-        For anything else.
+        For anything else. An array has no grid: how far its voxels lie apart is not known.
 
     Examples
     --------
     >>> as_grid(Volume.from_array(np.eye(3))).shape
     (1, 3, 3)
     """
-    if isinstance(given, Volume):
-        return given.grid
-    if not isinstance(given, Grid):
-        raise DeformError(f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes "
-                          "one.")
-    return given
+    if isinstance(given, Grid | Volume):
+        return given if isinstance(given, Grid) else given.grid
+    found: Grid = CONVERSIONS["grid_of"](given)
+    return found
 
 
-def as_volume(given: Volume) -> Volume:
-    """The volume itself.
+def has_grid(given: object) -> bool:
+    """Check whether an object has a grid: a Grid, a Volume, an image of another package, or a path. No array has one.
+
+    Examples
+    --------
+    >>> has_grid(Grid((2, 3, 4))), has_grid(np.zeros((2, 3, 4)))
+    (True, False)
+    """
+    if isinstance(given, Grid | Volume | str | os.PathLike) or isinstance(getattr(given, "grid", None), Grid):
+        return True
+    return bool(CONVERSIONS["states_place"](given))
+
+
+def as_volume(given: VolumeLike) -> Volume:
+    """The volume that any accepted object is: see :data:`VolumeLike`.
 
     Raises
     ------
     DeformError
-        For anything else. An array is none: how far its voxels lie apart is not known.
+        For anything else, and for several channels, which are no single volume.
+
+    Examples
+    --------
+    >>> as_volume(np.zeros((2, 3, 4), np.uint8)).notes[-1][:31]
+    'an array has no place of its ow'
     """
-    if not isinstance(given, Volume):
-        raise DeformError(f"a Volume is needed, got {shown_value(given)}; Volume.from_array(array, spacing) makes one "
-                          "of an array, read_volume(path) of a file.")
-    return given
+    if isinstance(given, Volume):
+        return given
+    found: Volume = CONVERSIONS["one_volume"](given)
+    return found
+
+
+def as_volumes(given: Iterable[VolumeLike]) -> list[Volume]:
+    """The volumes that several objects are; a single one, which might be meant, is refused.
+
+    Raises
+    ------
+    DeformError
+        As :func:`as_volume`, and if it is no list of any.
+    """
+    if isinstance(given, Volume | str | os.PathLike) or not isinstance(given, Iterable):
+        raise DeformError(f"a list of volumes is needed, got {shown_value(given)}.")
+    return [as_volume(one) for one in given]
 
 
 def voxel_checksum(dtype: np.dtype[Any], shape: tuple[int, int, int], slices: Iterable[NDArray[Any]]) -> str:

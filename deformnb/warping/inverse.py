@@ -20,7 +20,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import unchanging_axes
 from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_field
 from deformnb.volume.plane import Raster
-from deformnb.volume.volume import Grid, Volume, as_grid
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points, default_tolerance, moved, warp_points
 
 Array = NDArray[np.float64]
@@ -87,8 +87,9 @@ class RoundTrip:
     reached: float
 
 
-def invert(field: AbstractField | HasField, lattice: Grid | Raster | Volume, *, grid: Grid | Volume | None = None,
-           tolerance: float | None = None, progress: Progress | None = None) -> Inverse:
+def invert(field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike, *,
+           grid: Grid | VolumeLike | None = None, tolerance: float | None = None,
+           progress: Progress | None = None) -> Inverse:
     """Forward displacements at all nodes of a lattice: F with ``y = x + F(x)`` and ``y + D(y) = x``.
 
     A field that is the same on every slice of the grid is inverted on one of them. Where a map folds, one of several
@@ -151,7 +152,7 @@ def invert(field: AbstractField | HasField, lattice: Grid | Raster | Volume, *, 
 
 
 def round_trip(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
-               grid: Grid | Volume | None = None) -> RoundTrip:
+               grid: Grid | VolumeLike | None = None) -> RoundTrip:
     """Points forward by the inverse of the map and back by the map itself: what is promised of them, measured.
 
     Parameters

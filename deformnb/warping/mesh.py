@@ -6,17 +6,19 @@ volume, and found again as an isosurface. It may also be moved directly: its ver
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._entrances import READERS
 from deformnb._typing import Progress
-from deformnb.checks import shown_value
+from deformnb.checks import check_fields, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
-from deformnb.volume.volume import Grid, Volume, as_grid, as_volume, optional_package
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume, optional_package
 from deformnb.warping import triangles
 from deformnb.warping.points import warp_points
 
@@ -61,6 +63,7 @@ class Mesh:
         if len(wrong):
             raise DeformError(f"face {wrong[0]} of the mesh has the corners {faces[wrong[0]].tolist()}, but there are "
                               f"only {len(points)} corners, counted from 0.")
+        check_fields(self, "name", "notes")
         for name, array in (("points", points), ("faces", faces)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -122,11 +125,32 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
     return np.array(array, dtype=dtype)
 
 
-def _as_mesh(given: Mesh) -> Mesh:
-    if not isinstance(given, Mesh):
-        raise DeformError(f"a Mesh is needed, got {shown_value(given)}; read_mesh(path) and Mesh(points, faces) make "
-                          "one.")
-    return given
+MeshLike: TypeAlias = Mesh | os.PathLike[str] | Any
+"""What a mesh is made of where one is wanted (:func:`as_mesh`): a Mesh, a PolyData of pyvista or VTK, the path of a
+file."""
+
+
+def is_surface(given: object) -> bool:
+    """Check whether an object is a Mesh, or a surface of pyvista or VTK, which need not be loaded for this."""
+    return isinstance(given, Mesh) or any(kind.__name__ == "vtkPolyData" for kind in type(given).__mro__)
+
+
+def as_mesh(given: MeshLike) -> Mesh:
+    """The mesh itself, that of a surface of pyvista or VTK, or of a file.
+
+    Raises
+    ------
+    DeformError
+        For anything else.
+    """
+    if isinstance(given, Mesh):
+        return given
+    if isinstance(given, str | os.PathLike):
+        found: Mesh = READERS["mesh"](given)
+        return found
+    if is_surface(given):
+        return Mesh.from_pyvista(given)
+    raise DeformError(f"a Mesh is needed, got {shown_value(given)}; read_mesh(path) and Mesh(points, faces) make one.")
 
 
 def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
@@ -139,8 +163,8 @@ def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
     return int((count % 2 == 1).sum()), bool((turns == 0).all())
 
 
-def signed_distance(mesh: Mesh, grid: Grid | Volume | None = None, *, size: int = 128, margin: float | None = None,
-                    progress: Progress | None = None) -> Volume:
+def signed_distance(mesh: MeshLike, grid: Grid | VolumeLike | None = None, *, size: int = 128,
+                    margin: float | None = None, progress: Progress | None = None) -> Volume:
     """A volume of the distance to a closed mesh: negative inside, zero on the surface, positive outside.
 
     Parameters
@@ -174,7 +198,8 @@ def signed_distance(mesh: Mesh, grid: Grid | Volume | None = None, *, size: int 
     >>> distance.shape, float(distance.values.min()) < -1
     ((16, 16, 16), True)
     """
-    merged = _as_mesh(mesh).merged()
+    mesh = as_mesh(mesh)
+    merged = mesh.merged()
     if not len(merged.faces):
         raise DeformError("the mesh has no faces, so there is no surface to be distant from.")
     missing, oriented = open_edges(merged.faces)
@@ -211,7 +236,7 @@ def grid_around(mesh: Mesh, *, size: int = 128, margin: float | None = None) -> 
     return Grid((int(count[2]), int(count[1]), int(count[0])), (spacing,) * 3, (first[0], first[1], first[2]))
 
 
-def filled(distance: Volume, *, ramp: float | None = None) -> Volume:
+def filled(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
     """The body of a signed distance as grey values, for all that shows scans: 255 inside, 0 outside, 127.5 between.
 
     Parameters
@@ -224,6 +249,7 @@ def filled(distance: Volume, *, ramp: float | None = None) -> Volume:
     >>> filled(Volume.from_array([[[-3.0, -1.0, 0.0, 1.0, 3.0]]])).values.tolist()
     [[[255, 191, 128, 64, 0]]]
     """
+    distance = as_volume(distance)
     width = 4 * min(distance.grid.spacing) if ramp is None else float(ramp)
     if not (np.isfinite(width) and width > 0):
         raise DeformError(f"the ramp must be a positive length, got {ramp!r}.")
@@ -232,7 +258,7 @@ def filled(distance: Volume, *, ramp: float | None = None) -> Volume:
     return replace(distance, values=grey.astype(np.uint8))
 
 
-def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> Mesh:
+def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: str = "below") -> Mesh:
     """The surface on which a volume has a value, found between voxels by linear interpolation.
 
     Parameters
@@ -260,7 +286,8 @@ def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> 
     """
     if inside not in ("below", "above"):
         raise DeformError(f"inside must be 'below' or 'above' the level, got {inside!r}.")
-    low, high = as_volume(volume).value_range
+    volume = as_volume(volume)
+    low, high = volume.value_range
     if not (np.isfinite(level) and low <= level <= high) or min(volume.shape) < 2:
         raise DeformError(f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g} and it "
                           f"has {' x '.join(map(str, volume.shape[::-1]))} voxels.")
@@ -281,7 +308,7 @@ def isosurface(volume: Volume, level: float = 0.0, *, inside: str = "below") -> 
     return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name)
 
 
-def warp_mesh(mesh: Mesh, field: AbstractField | HasField, *, grid: Grid | Volume | None = None) -> Mesh:
+def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> Mesh:
     """The mesh in the deformed volume: every corner goes where the field takes it, and the faces stay.
 
     Corners without a place in the result (where the map folds, or beyond a cut) follow their neighbours; a note has
@@ -305,7 +332,7 @@ def warp_mesh(mesh: Mesh, field: AbstractField | HasField, *, grid: Grid | Volum
     [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
     field = as_field(field, grid)
-    mesh = _as_mesh(mesh)
+    mesh = as_mesh(mesh)
     if field.dim != 3:
         raise DeformError("a mesh needs a field in space; extrude the field of a plane first.")
     moved, found = warp_points(mesh.points, field)

@@ -8,15 +8,16 @@ Landmarks are named places that follow a deformation; pairs of landmarks define 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import determinant, one_plus
-from deformnb.checks import real_array, shown_value
+from deformnb.checks import check_fields, real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
@@ -24,7 +25,7 @@ from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, searched
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, VolumeLike
 
 Array = NDArray[np.float64]
 
@@ -46,8 +47,8 @@ _TRIED = 4
 _NAMES_SHOWN = 8  # by repr
 
 
-def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, *, grid: Grid | Volume | None = None,
-                tolerance: float | None = None, max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
+def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None,
+                *, tolerance: float | None = None, max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
     """Map points of the input forward to the result: y with ``y + D(y) = x``, the inverse of the backward map.
 
     Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself
@@ -100,7 +101,9 @@ def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, 
 
 def checked_points(points: ArrayLike | Landmarks, field: AbstractField) -> Array:
     """A copy of points (..., dim) as float64; DeformError if they are not finite or not of the field's dimension."""
-    x = real_array(points.points if isinstance(points, Landmarks) else points)
+    given = points.points if isinstance(points, Landmarks) else points.source if isinstance(
+        points, ControlPoints) else points
+    x = real_array(given)
     if x is None:
         raise DeformError(f"points are numbers of shape (..., {field.dim}) or Landmarks, got {shown_value(points)}.")
     if x.ndim < 1 or x.shape[-1] != field.dim:
@@ -263,12 +266,16 @@ class Landmarks:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        check_fields(self, "notes")
         points = _places(self.points, "landmarks")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
             raise DeformError(f"landmark {bad[0]} is not finite ({points[bad[0]].tolist()}); correct it.")
         fixed = None if self.fixed is None else _places(self.fixed, "fixed places of landmarks")
+        if isinstance(self.names, str) or not isinstance(self.names, Iterable):
+            raise DeformError(f"the names of landmarks are a list of texts, got {shown_value(self.names)}.")
         names = tuple(map(str, self.names)) or ("",) * len(points)
+        check_fields(self, "active")
         active = np.ones(len(points), dtype=bool) if self.active is None else np.array(self.active, dtype=bool)
         if len(names) != len(points) or active.shape != (len(points),) or (
                 fixed is not None and fixed.shape != points.shape):
@@ -299,11 +306,39 @@ class Landmarks:
             names=[self.names[k] for k in whole])
 
 
+LandmarksLike: TypeAlias = Landmarks | ControlPoints | ArrayLike
+"""What landmarks are made of where they are wanted (:func:`as_landmarks`)."""
+
+
+def as_landmarks(given: LandmarksLike) -> Landmarks:
+    """Landmarks: themselves; control points, of which each is a pair of source and target; an array (N, 3) or (N, 2).
+
+    Raises
+    ------
+    DeformError
+        For anything else.
+
+    Examples
+    --------
+    >>> as_landmarks(ControlPoints.from_arrays([[1, 2]], [[3, 4]], names=["tip"])).fixed.tolist()
+    [[3.0, 4.0]]
+    """
+    if isinstance(given, Landmarks):
+        return given
+    if isinstance(given, ControlPoints):
+        return Landmarks(given.source, given.names, fixed=given.target, active=given.active)
+    array = real_array(given)
+    if array is None or array.ndim != 2:
+        raise DeformError(f"Landmarks are needed, got {shown_value(given)}; Landmarks(points, names), ControlPoints "
+                          "and arrays of shape (N, 3) are some.")
+    return Landmarks(array)
+
+
 def _places(given: Any, what: str) -> NDArray[np.float64]:
-    try:
-        array = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise DeformError(f"{what} must be numbers of shape (N, 3) or (N, 2).") from None
+    real = real_array(given)
+    array = np.zeros(()) if real is None else np.array(real)
+    if real is None:
+        raise DeformError(f"{what} must be numbers of shape (N, 3) or (N, 2).")
     if array.size == 0:
         array = array.reshape(0, array.shape[-1] if array.shape[-1:] in ((2,), (3,)) else 3)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
@@ -311,8 +346,8 @@ def _places(given: Any, what: str) -> NDArray[np.float64]:
     return array
 
 
-def warp_landmarks(landmarks: Landmarks, field: AbstractField | HasField, *,
-                   grid: Grid | Volume | None = None) -> Landmarks:
+def warp_landmarks(landmarks: LandmarksLike, field: AbstractField | HasField,
+                   grid: Grid | VolumeLike | None = None) -> Landmarks:
     """The landmarks in the deformed volume; a note names those without a place in it, which stay where they were.
 
     Parameters
@@ -327,8 +362,7 @@ def warp_landmarks(landmarks: Landmarks, field: AbstractField | HasField, *,
     >>> warp_landmarks(Landmarks([[1, 2, 3]]), Identity()).points.tolist()
     [[1.0, 2.0, 3.0]]
     """
-    if not isinstance(landmarks, Landmarks):
-        raise DeformError(f"Landmarks are needed, got {shown_value(landmarks)}; warp_points moves an array of points.")
+    landmarks = as_landmarks(landmarks)
     moved, found = warp_points(landmarks, field, grid=grid)
     notes = landmarks.notes
     if not found.all():

@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,12 @@ from deformnb.checks import shown_value, warn
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
+from deformnb.volume.channels import Channels
+from deformnb.volume.converters import converted
 from deformnb.volume.labelled import is_labelled, mapped
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
-from deformnb.volume.volume import DTYPES, Grid, Volume, as_grid, as_volume
+from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_volume, as_volumes
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.map_checks import map_notes
@@ -81,15 +83,28 @@ _Part = TypeVar("_Part")
 _ENDS = 0.25, 0.75, 1.0
 
 
-def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volume | None = None,
+@overload
+def warp(volume: Channels, field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
          fill: float | None = None, method: str | None = None, step: int = 1,
-         progress: Progress | None = None) -> Volume:
+         progress: Progress | None = None) -> Channels: ...
+
+
+@overload
+def warp(volume: VolumeLike, field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
+         fill: float | None = None, method: str | None = None, step: int = 1,
+         progress: Progress | None = None) -> Volume: ...
+
+
+def warp(volume: Channels | VolumeLike, field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
+         fill: float | None = None, method: str | None = None, step: int = 1,
+         progress: Progress | None = None) -> Any:
     """The deformed volume: ``output(x) = input(x + D(x))``.
 
     Parameters
     ----------
-    volume : the voxels to deform; NaN and infinity count as background. Or an ``xarray.DataArray`` with the dimensions
-        z, y and x: the result is one too, with its dimensions, coordinates and attributes, and what lies along its
+    volume : the voxels to deform; NaN and infinity count as background. Whatever is a volume will do
+        (:data:`~deformnb.volume.volume.VolumeLike`). Channels are deformed by one map, and the result is Channels too.
+        So is an ``xarray.DataArray``, whose result has its dimensions, coordinates and attributes: what lies along its
         other dimensions (channels, time) is deformed by the same map.
     field : backward displacements in space, of dimension 3; or a Deformation, which is applied.
     output : the grid of the result (field of view and resolution); default is the volume's.
@@ -105,8 +120,8 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
 
     Returns
     -------
-    Volume of the same voxel type, with the notes of the one that was given. Integers are rounded to the nearest, halves
-    upwards, and clipped to their type.
+    Volume of the same voxel type, with the notes of the one that was given; Channels of Channels, and a DataArray of
+    one. Integers are rounded to the nearest, halves upwards, and clipped to their type.
 
     Raises
     ------
@@ -133,9 +148,22 @@ def warp(volume: Volume, field: AbstractField | HasField, *, output: Grid | Volu
     options: dict[str, Any] = {"fill": fill, "method": method, "step": step}
     if output is not None:  # else a deformation has its own
         options["output"] = as_grid(output)
-    if is_labelled(volume):
-        return mapped(volume, partial(deformed, field=field, **options, progress=progress))
-    return deformed([as_volume(volume)], field, **options, progress=progress)[0]
+    return like_given(volume, partial(deformed, field=field, **options, progress=progress))
+
+
+def like_given(given: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
+    """What was given, deformed: channels as channels, an array of xarray as one, all else that is a volume as a Volume.
+
+    Parameters
+    ----------
+    warp : deforms volumes of one grid.
+    """
+    if is_labelled(given):
+        return mapped(given, warp)
+    subject = converted(given)
+    if isinstance(subject, Channels):
+        return subject.with_volumes(warp(list(subject)))
+    return warp([subject])[0]
 
 
 def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
@@ -177,7 +205,7 @@ class Warper:
     [0, 1, 2, 3, 4, 5, 6, 7]
     """
 
-    def __init__(self, volume: Volume, *, output: Grid | Volume | None = None, fill: float | None = None,
+    def __init__(self, volume: VolumeLike, *, output: Grid | VolumeLike | None = None, fill: float | None = None,
                  method: str | None = None, step: int = 1) -> None:
         volume = as_volume(volume)
         discrete = volume.is_labels or volume.dtype == np.bool_
@@ -531,7 +559,7 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
     return outs
 
 
-def warp_all(volumes: Sequence[Volume], field: AbstractField | HasField, *, output: Grid | Volume | None = None,
+def warp_all(volumes: Sequence[VolumeLike], field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
              fill: float | None = None, method: str | None = None, step: int = 1,
              progress: Progress | None = None) -> list[Volume]:
     """Several volumes on one grid, such as channels, deformed by one map, whose displacements are computed once.
@@ -554,11 +582,12 @@ def warp_all(volumes: Sequence[Volume], field: AbstractField | HasField, *, outp
     >>> [volume.values.sum() for volume in warp_all([red, green], Identity())]
     [np.float64(3.0), np.float64(9.0)]
     """
+    volumes = as_volumes(volumes)
     if not volumes:
         raise DeformError("there are no volumes to deform.")
-    grid = as_volume(volumes[0]).grid
+    grid = volumes[0].grid
     for volume in volumes:
-        if as_volume(volume).grid != grid:
+        if volume.grid != grid:
             raise DeformError(f"the volumes {volumes[0].name!r} and {volume.name!r} do not lie on one grid, so that "
                               "one map cannot move both; deform each by itself.")
     warpers = [Warper(volume, output=output, fill=fill, method=method, step=step) for volume in volumes]

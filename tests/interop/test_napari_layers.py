@@ -64,8 +64,8 @@ def test_channels_are_layers_in_their_colours_and_colours_are_one() -> None:
 def test_what_is_no_volume_is_refused(layer: object, said: str) -> None:
     with pytest.raises(dn.DeformError, match=said):
         from_napari(layer)
-    with pytest.raises(dn.DeformError, match="layers are made of"):
-        to_napari("text")  # type: ignore[arg-type]
+    with pytest.raises(dn.DeformError, match="a Volume is needed"):
+        to_napari(object())  # type: ignore[arg-type]
 
 
 @pytest.mark.nightly

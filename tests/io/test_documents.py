@@ -63,16 +63,16 @@ def test_only_what_this_process_has_read_or_written_is_replaced_unasked(tmp_path
     path = tmp_path / "a.json"
     path.write_bytes(b"a letter")
     with pytest.raises(FileChangedError, match=r"a\.json was there before, and was neither opened nor saved here"):
-        write_deformation(document(), path)
+        write_deformation(document(), path, overwrite=False)
     assert path.read_bytes() == b"a letter"
-    write_deformation(document(), path, overwrite=True)
-    write_deformation(Deformation(), path)  # a cell that runs again
+    write_deformation(document(), path)
+    write_deformation(Deformation(), path, overwrite=False)  # a cell that runs again
     theirs = to_json(document())
     path.write_text(theirs)
     with pytest.raises(FileChangedError, match="changed by someone else"):
-        write_deformation(Deformation(), path)
+        write_deformation(Deformation(), path, overwrite=False)
     assert path.read_text() == theirs
-    write_deformation(read_deformation(path), path)
+    write_deformation(read_deformation(path), path, overwrite=False)
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 
 
@@ -85,7 +85,7 @@ def test_of_two_that_make_a_file_at_once_the_second_is_refused(tmp_path: Path) -
         yield
 
     with writing_held_by(too_late), pytest.raises(FileChangedError):
-        write_deformation(document(), path)
+        write_deformation(document(), path, overwrite=False)
     assert path.read_bytes() == b"theirs"
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 

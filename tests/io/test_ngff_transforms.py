@@ -63,7 +63,7 @@ def test_zarr_and_numpy_read_the_same_map(grid: Grid, tmp_path: Path) -> None:
     assert "backward" in (tmp_path / "a.zarr" / "zarr.json").read_text()
     assert [file.name for file in tmp_path.iterdir()] == ["a.zarr"]
     with pytest.raises(VolumeFileError, match="exists already"):
-        write_transform(AFFINE, tmp_path / "a.zarr", grid)
+        write_transform(AFFINE, tmp_path / "a.zarr", grid, overwrite=False)
     (tmp_path / "b.zarr").mkdir()
     with pytest.raises(VolumeFileError, match="folder of something else"):
         write_transform(AFFINE, tmp_path / "b.zarr", grid, overwrite=True)

@@ -70,7 +70,7 @@ def test_simpleitk_resamples_what_is_written_to_the_same_voxels(suffix: str, tmp
     head = gzip.decompress(path.read_bytes()) if suffix == ".nii.gz" else path.read_bytes()
     assert b"backward" in head[:4000]
     with pytest.raises(DeformError, match=r"bend"):
-        write_transform(field, path, GRID)
+        write_transform(field, path, GRID, overwrite=False)
 
 
 @pytest.mark.parametrize("suffix", [".tfm", ".h5"])
@@ -217,7 +217,7 @@ def test_an_inverse_says_that_it_is_forward_and_how_well_it_was_found(tmp_path: 
     forth = POINTS + field.displacement(POINTS)
     assert np.abs(forth + read_transform(tmp_path / "back.nrrd").displacement(forth) - POINTS).max() < 0.3
     with pytest.raises(VolumeFileError, match=r"back\.nrrd"):  # and there.h5 is not replaced before
-        write_transform(field, tmp_path / "other.h5", GRID, inverse=tmp_path / "back.nrrd")
+        write_transform(field, tmp_path / "other.h5", GRID, inverse=tmp_path / "back.nrrd", overwrite=False)
     assert not (tmp_path / "other.h5").exists()
 
 

@@ -345,9 +345,10 @@ def test_pyvista_extents_names_and_lifetime() -> None:
     volume = Volume.from_pyvista(image, "b")
     np.testing.assert_allclose(volume.grid.index_to_point([0, 0, 0]), image.GetPoint(0), atol=1e-12)
     np.testing.assert_allclose(volume.grid.index_to_point([4, 3, 2]), image.GetPoint(59), atol=1e-12)
-    for name in ("c", "nothing"):
-        with pytest.raises(DeformError, match="no point data"):
-            Volume.from_pyvista(image, name)
+    cells = Volume.from_pyvista(image, "c")  # which lie at the middles of the cells
+    np.testing.assert_allclose(cells.grid.index_to_point([3, 2, 1]), image.cell_centers().points[23], atol=1e-6)
+    with pytest.raises(DeformError, match="no data called 'nothing'"):
+        Volume.from_pyvista(image, "nothing")
     del image
     gc.collect()
     np.testing.assert_array_equal(volume.values.reshape(-1), np.arange(60))

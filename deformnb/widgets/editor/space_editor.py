@@ -28,7 +28,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.edit_messages import EditMessage, Message, dropping, text, whole
@@ -96,9 +96,10 @@ class SpaceEditor(EditedPoints):
     panes: Any = traitlets.List().tag(sync=True)
     revision = traitlets.Int(0, help="counts changes of what is no trait: volume, before, options")
 
-    def __init__(self, volume: Volume, points: ControlPoints | None = None, *, before: AbstractField | None = None,
+    def __init__(self, volume: VolumeLike, points: ControlPoints | None = None, *, before: AbstractField | None = None,
                  options: dict[str, Any] | None = None, window: tuple[float, float] | None = None,
                  transfer: TransferFunction | str = "specimen", **settings: Any) -> None:
+        volume = as_volume(volume)
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._window, self._transfer = window, transfer
         self._before, self._options = before, dict(options or {})
@@ -136,7 +137,7 @@ class SpaceEditor(EditedPoints):
     @volume.setter
     def volume(self, volume: Volume) -> None:
         with self._lock:
-            traits = self._of_volume(volume)
+            traits = self._of_volume(as_volume(volume))
         with self.hold_sync():  # both in one message: a cursor must never meet another one's pictures
             for name, value in traits.items():
                 setattr(self, name, value)

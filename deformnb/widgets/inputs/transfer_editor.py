@@ -19,7 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.thumbnails import preset_thumbnails
 from deformnb.session.inputs import best_view
 from deformnb.volume.transfer import PRESETS, Histogram, TransferFunction, histogram, levels, preset
-from deformnb.volume.volume import Volume
+from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import AbstractEdited, is_number, nodes_from_json
 from deformnb.widgets.inputs.curve_editor import MOST_NODES
@@ -81,9 +81,9 @@ class TransferEditor(AbstractEdited):
                                 ).tag(sync=True)
     histogram = traitlets.Dict(help="bars behind the curve").tag(sync=True)
 
-    def __init__(self, volume: Volume, transfer: TransferFunction | str = "specimen", *, worker: Worker | None = None,
-                 **traits: Any) -> None:
-        self._volume = volume
+    def __init__(self, volume: VolumeLike, transfer: TransferFunction | str = "specimen", *,
+                 worker: Worker | None = None, **traits: Any) -> None:
+        self._volume = volume = as_volume(volume)
         self._given_worker = worker
         self._named: tuple[str, TransferFunction] | None = None
         counts, self._extent = shown_histogram(volume)
@@ -99,6 +99,7 @@ class TransferEditor(AbstractEdited):
 
     @volume.setter
     def volume(self, volume: Volume) -> None:
+        volume = as_volume(volume)
         counts, extent = shown_histogram(volume)
         name = self.preset_name
         self._volume, self._extent = volume, extent

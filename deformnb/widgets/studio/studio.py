@@ -38,9 +38,10 @@ from deformnb.session.inputs import (
     volume_from,
 )
 from deformnb.session.session import Session
-from deformnb.volume.channels import Channels
+from deformnb.volume.channels import ChannelsLike
+from deformnb.volume.converters import NO_PLACE
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike
 from deformnb.widgets.camera import on_picture
 from deformnb.widgets.cell_widgets import (
     close_all,
@@ -91,23 +92,28 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
     raise DeformError(f"unknown view {kind!r}; choose one of {', '.join(VIEW_KINDS)}, or give a view.")
 
 
-def as_labels(given: Any, volume: Volume) -> Volume | None:
-    """A label volume from a volume, a file, or an array that lies as the volume does; None for none."""
+def laid_on(given: Any, volume: Volume, name: str) -> Volume | None:
+    """A volume of whatever is one; an array, which has no place of its own, lies as another volume does; None of None.
+
+    Parameters
+    ----------
+    name : what it is: "labels" or "target".
+
+    Raises
+    ------
+    DeformError
+        If it is none, or an array of another shape.
+    """
     if given is None:
         return None
-    if isinstance(given, np.ndarray):
-        if given.shape != volume.shape:
-            raise DeformError(f"labels of shape {given.shape} do not lie on a volume of {volume.shape}; give a Volume "
-                              "with a grid of its own.")
-        return Volume(given, volume.grid, "labels")
-    return volume_from(given)
-
-
-def as_target(given: Any, volume: Volume) -> Volume | None:
-    """A volume to become alike, from a volume, a file, or an array that lies as the volume does; None for none."""
-    if isinstance(given, np.ndarray) and given.shape == volume.shape:
-        return Volume(given, volume.grid, "target")
-    return None if given is None else volume_from(given)
+    found = volume_from(given)
+    if NO_PLACE not in found.notes:
+        return found
+    if found.shape != volume.shape:
+        raise DeformError(f"{name} of shape {found.shape} do not lie on a volume of {volume.shape}; give a Volume "
+                          "with a grid of its own.")
+    notes = tuple(note for note in found.notes if note != NO_PLACE)
+    return Volume(found.values, volume.grid, name, found.is_labels, notes)
 
 
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
@@ -258,13 +264,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     children: Any
     deformation = traitlets.Instance(Deformation)
 
-    def __init__(self, volume: Volume | Channels | NDArray[Any] | str | PathLike[str],
-                 deformation: Deformation | str | PathLike[str] | None = None, *, side: str | Plane | None = None,
-                 method: str | None = None, transfer: Any = None, view: str | AbstractView = "live", height: int = 600,
-                 folder: str | PathLike[str] = ".", labels: Volume | NDArray[Any] | str | PathLike[str] | None = None,
-                 label_names: Mapping[int, str] | None = None,
-                 target: Volume | NDArray[Any] | str | PathLike[str] | None = None,
-                 output: Grid | None = None, language: str | None = None) -> None:
+    def __init__(self, volume: ChannelsLike, deformation: Deformation | str | PathLike[str] | None = None, *,
+                 side: str | Plane | None = None, method: str | None = None, transfer: Any = None,
+                 view: str | AbstractView = "live", height: int = 600, folder: str | PathLike[str] = ".",
+                 labels: VolumeLike | None = None, label_names: Mapping[int, str] | None = None,
+                 target: VolumeLike | None = None, output: Grid | VolumeLike | None = None,
+                 language: str | None = None) -> None:
         self._language = chosen_language(language)
         given, channels = as_volume_and_channels(subject_from(volume))
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
@@ -273,7 +278,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if isinstance(deformation, (str, PathLike)):
             session.files.remember(deformation)
         self._options = view, height, folder
-        self._begin(session, as_labels(labels, given), label_names, as_target(target, given))
+        self._begin(session, laid_on(labels, given, "labels"), label_names, laid_on(target, given, "target"))
 
     def _begin(self, session: Session, labels: Volume | None = None, label_names: Mapping[int, str] | None = None,
                target: Volume | None = None) -> None:
@@ -517,8 +522,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Go on with a saved document; can be undone."""
         self.session.open(path, allow_other_volume=allow_other_volume)
 
-    def open_volume(self, volume: Volume | Channels | NDArray[Any] | str | PathLike[str],
-                    deformation: Deformation | str | PathLike[str] | None = None, *,
+    def open_volume(self, volume: ChannelsLike, deformation: Deformation | str | PathLike[str] | None = None, *,
                     side: str | Plane | None = None) -> None:
         """Go on with another volume in this place, with a session, an editor and a view of its own.
 

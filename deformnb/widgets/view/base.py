@@ -26,7 +26,7 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.transfer import TransferFunction
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, VolumeLike
 from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
 
@@ -61,7 +61,7 @@ class AbstractView(ABC):
     _followed_output: Grid | None = None
 
     @abstractmethod
-    def show(self, volume: Volume) -> None:
+    def show(self, volume: VolumeLike) -> None:
         """Show another volume, without deformation, from the same side."""
 
     @abstractmethod

@@ -41,7 +41,7 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
 from deformnb.volume.transfer import TransferFunction, as_transfer
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
@@ -154,7 +154,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
     editor_map = traitlets.Int(0, min=0).tag(sync=True)
 
-    def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
+    def __init__(self, volume: VolumeLike | None = None, *, transfer: TransferFunction | str = "specimen",
                  limit: int = 256**3, map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._volume: Volume | None = None
@@ -193,7 +193,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
-    def show(self, volume: Volume, *, window: tuple[float, float] | None = None) -> None:
+    def show(self, volume: VolumeLike, *, window: tuple[float, float] | None = None) -> None:
         """Show another volume, without deformation, from the same side.
 
         Parameters
@@ -202,7 +202,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
             that, only this part is resolved, more finely: the voxels are then sent again, which the view reports.
         """
-        self._put(volume, window, None, None, None)
+        self._put(as_volume(volume), window, None, None, None)
         self._offer()
         self._update_server_renderer()
 
@@ -604,7 +604,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         pages = sorted(self._drawing.items(), key=lambda item: item[1])
         return pages[-1][0] if pages and pages[-1][1] >= by_card else None
 
-    def page_scene(self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen) -> PageScene:
+    def page_scene(self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int],
+                   seen: Seen) -> PageScene:
         """A renderer of exports whose pictures a page of this view draws, as its screenshots are.
 
         Parameters

@@ -30,7 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
-from deformnb.volume.volume import Grid, Volume
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared, turned
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
@@ -196,7 +196,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     target_ms = traitlets.Float(160.0, min=5.0, max=5000.0)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)
 
-    def __init__(self, volume: Volume | None = None, *, transfer: TransferFunction | str = "specimen",
+    def __init__(self, volume: VolumeLike | None = None, *, transfer: TransferFunction | str = "specimen",
                  method: str = "auto", map_size: int = 192, space_size: int = 64, transport: str = "comm",
                  **traits: Any) -> None:
         self._method = method
@@ -228,7 +228,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
-    def show(self, volume: Volume) -> None:
+    def show(self, volume: VolumeLike) -> None:
+        volume = as_volume(volume)
         _check(self._transfer, volume)
         self._stop_following()
         self._put(volume, _none, None)
