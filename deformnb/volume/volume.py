@@ -440,10 +440,13 @@ class Grid:
         if np.abs(self.origin).max() > LARGEST_COORDINATE:
             raise DeformError(f"the origin is {self.origin}; coordinates must be below {LARGEST_COORDINATE:g}.")
         direction = finite_array(self.direction, (3, 3), "direction must be 3 x 3 finite numbers")
-        if not np.allclose(direction.T @ direction, np.eye(3), atol=ORTHONORMAL_TOLERANCE):
+        with np.errstate(over="ignore", invalid="ignore"):
+            is_orthonormal = np.allclose(direction.T @ direction, np.eye(3), atol=ORTHONORMAL_TOLERANCE)
+            rounded = direction.round(4).tolist()
+        if not is_orthonormal:
             raise DeformError(
                 "direction must be orthonormal (unit columns at right angles); this one is sheared or scaled: "
-                f"{direction.round(4).tolist()}. Resample the volume onto a straight grid first."
+                f"{rounded}. Resample the volume onto a straight grid first."
             )
         object.__setattr__(self, "direction", tuple(tuple(float(v) for v in row) for row in direction))
 
