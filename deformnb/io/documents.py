@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 
+from deformnb.checks import shown_value
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.atomic import KnownFiles, atomic_write
 from deformnb.io.formats import FORMATS
-from deformnb.io.headers import fail, shown
+from deformnb.io.headers import as_path, fail, shown
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.rigid import RigidPart
 
@@ -46,16 +46,17 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
 
 def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
     """The deformation in a file, and the file's content; see :func:`read_deformation`."""
-    file = Path(path)
-    name = shown(path)
+    file, name = as_path(path), shown(path)
     try:
         if not file.is_file():
             what = "is a folder, not a file" if file.is_dir() else "is not an ordinary file"
             raise VolumeFileError(f"{name} {what}." if file.exists() else f"there is no file {name}.")
         with file.open("rb") as stream:
             data = stream.read(LONGEST + 1)
-    except OSError as error:
-        raise VolumeFileError(f"{name} cannot be read: {error.strerror}.") from None
+    except (OSError, ValueError) as error:  # a name with a NUL
+        if isinstance(error, VolumeFileError):
+            raise
+        raise VolumeFileError(f"{name} cannot be read: {getattr(error, 'strerror', None) or shown(error)}.") from None
     try:
         return from_json(data), data
     except DeformError as error:
@@ -89,6 +90,9 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
     deformnb.errors.VolumeFileError: drag.tfm: a deformation is written as JSON, and .tfm is another kind of file;
     name it drag.json (write_transform(deformation, path, volume) writes a transform of ITK).
     """
+    if not isinstance(deformation, Deformation):
+        raise DeformError(f"a Deformation is needed to be written, got {shown_value(deformation)}; a field is written "
+                          "by write_transform(field, path, grid).")
     check_json_target(path, "a deformation")
     data = to_json(deformation).encode("utf-8")
     files = _HERE if known is None else known
@@ -110,7 +114,7 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     VolumeFileError
         With a name that would do, and what writes a volume if the end of the path is that of one.
     """
-    place = Path(path)
+    place = as_path(path)
     name, suffix = place.name, "".join(place.suffixes[-2:]).lower()
     if place.suffix.lower() in ("", ".json") and suffix not in _OTHER_JSON:
         return

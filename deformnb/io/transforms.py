@@ -260,7 +260,7 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
     True
     """
     lattice, remark = as_grid(grid), _remark(transform, one_of(direction, tuple(REMARKS), "direction"))
-    places = [as_path(name) for name in (path, inverse) if name is not None]
+    places = [as_path(path), *([] if inverse is None else [as_path(inverse)])]
     for place in places:
         check_transform_target(place, overwrite=overwrite)
     field = as_transform_field(transform, lattice)

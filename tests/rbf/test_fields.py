@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
+from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.extrusion import Extrusion, interpolate, modulate
 from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity, compose
 from deformnb.rbf.fitting import fit_rbf
@@ -43,7 +44,10 @@ def fitted(dim: int, seed: int = 0, trend: str = "affine") -> AbstractField:
 @cache
 def planar() -> dict[str, AbstractField]:
     fit, stored = fitted(2), DisplacementField.sample(fitted(2, 1), RASTER)
-    return {"rbf": fit, "sampled": stored, "identity": Identity(2), "composed": Composed(fit, fitted(2, 2, "rigid")),
+    spline = BSplineField(np.random.default_rng(4).normal(0, 3, (6, 5, 2)), (-30.0, -40.0), ((19.0, 4.0), (-4.0, 19.0)),
+                          2)
+    return {"rbf": fit, "sampled": stored, "b-spline": spline, "identity": Identity(2),
+            "composed": Composed(fit, fitted(2, 2, "rigid")),
             "composed of samples": compose(fit, stored, fit)}
 
 
@@ -54,8 +58,10 @@ def spatial() -> dict[str, AbstractField]:
     extruded = Extrusion(oblique, (-10.0, 30.0), (fitted(2),), *modulate("1 - z^2"))
     keyed = Extrusion(Plane.along(grid_of(), "-y"), (0.0, 8.0), (Identity(2), fitted(2), planar()["sampled"]),
                       *interpolate([0.0, 0.4, 1.0]))
-    return {"rbf": fit, "sampled": DisplacementField.sample(fitted(3, 1), grid), "identity": Identity(3),
-            "extruded": extruded, "keyed": keyed, "composed": Composed(extruded, fit),
+    axes = ((18.0, 3.0, 0.0), (-3.0, 18.0, 0.0), (0.0, 1.0, 17.0))
+    spline = BSplineField(np.random.default_rng(5).normal(0, 3, (7, 6, 5, 3)), (-35.0, -40.0, -42.0), axes)
+    return {"rbf": fit, "sampled": DisplacementField.sample(fitted(3, 1), grid), "b-spline": spline,
+            "identity": Identity(3), "extruded": extruded, "keyed": keyed, "composed": Composed(extruded, fit),
             "three": compose(fit, DisplacementField.sample(fit, grid), keyed)}
 
 
@@ -63,8 +69,9 @@ def places(dim: int) -> np.ndarray:
     return np.random.default_rng(6).uniform(-10, 45, (3, 4, dim))
 
 
-FIELDS: list[tuple[int, str]] = [(2, n) for n in ("rbf", "sampled", "identity", "composed", "composed of samples")] + [
-    (3, n) for n in ("rbf", "sampled", "identity", "extruded", "keyed", "composed", "three")]
+FIELDS: list[tuple[int, str]] = [(2, n) for n in (
+    "rbf", "sampled", "b-spline", "identity", "composed", "composed of samples")] + [
+    (3, n) for n in ("rbf", "sampled", "b-spline", "identity", "extruded", "keyed", "composed", "three")]
 
 
 def field(dim: int, name: str) -> AbstractField:

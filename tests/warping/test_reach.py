@@ -13,6 +13,7 @@ import pytest
 
 from deformnb import ControlPoints, Cut, Deformation, HalfSpace, Line, RigidPart, compose, fit_rbf
 from deformnb._jax import float64
+from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
 from deformnb.rbf.kernels import BUILT_IN, KERNELS
 from deformnb.volume.volume import Grid
@@ -33,7 +34,7 @@ ON_PICTURE: dict[str, dict[str, Any]] = {
     "slit": {"cuts": (Cut(Line([(11.3, 4.0), (11.3, 20.0)], stops=(True, True))),)},
     "rigid": {"parts": (RigidPart(HalfSpace((-8.0, 0.0), (1.0, 0.2))),)}, "staged": {"stages": 3},
 }
-QUICK = ["cut", "wendland_c2", "thin_plate", "affine", "samples"]
+QUICK = ["cut", "wendland_c2", "thin_plate", "affine", "samples", "b-spline"]
 OTHERS = [*set(ON_PICTURE) - {"cut"}, *set(KERNELS) - {"wendland_c2", "thin_plate"}, "composed"]
 NAMES = [*QUICK, *(pytest.param(name, marks=pytest.mark.nightly) for name in sorted(OTHERS))]
 
@@ -50,6 +51,9 @@ def made(name: str) -> AbstractField:
         return compose(made("replicated"), made("wendland_c2"))
     if name == "samples":
         return DisplacementField.sample(made("wendland_c2"), GRID.resampled(shape=(5, 6, 7)))
+    if name == "b-spline":
+        return BSplineField(np.random.default_rng(3).normal(0, 2, (7, 6, 8, 3)), (-4.0, -12.0, -6.0),
+                            ((4.0, 1.0, 0.0), (-1.0, 9.0, 0.0), (0.0, 0.0, 6.0)))
     if name == "ripple":
         return Ripple()
     return Affine(np.array([[0.7, 0.3, 0], [-0.2, 1.1, 0.1], [0, 0.4, 0.9]]), np.array([1.0, 2.0, 3.0]))
