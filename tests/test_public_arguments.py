@@ -172,7 +172,7 @@ def test_pictures_take_what_can_be_meant_without_doubt(call: Callable[[Any], Any
     (lambda w: draw_grids(DEFORMATION, PICTURE, grid=w), (None,)),
     (lambda w: draw_grids(DEFORMATION, PICTURE, key=w), (3,)),
     (lambda w: draw_grids(DEFORMATION, PICTURE, title=w), (None, "#")),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, unit=w), ("#",)),
+    (lambda w: draw_grids(DEFORMATION, PICTURE, unit=w), (None, "#")),
     (lambda w: draw_grids(DEFORMATION, PICTURE, style=w), ()),
     (lambda w: draw_grids(DEFORMATION, PICTURE, width=w), (3,)),
     (lambda w: draw_grids(DEFORMATION, PICTURE, path=w), (None,)),

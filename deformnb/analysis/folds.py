@@ -93,7 +93,7 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | VolumeLi
         grid = where if grid is None else grid
     field = as_field(field, grid)
     if not isinstance(where, Grid | Raster):
-        x = checked_points(cast("ArrayLike | Landmarks", where), field)
+        x = checked_points(cast("ArrayLike | Landmarks", where), field, grid)
         flat, out = x.reshape(-1, field.dim), np.empty(x.shape[:-1])
         for start in range(0, len(flat), POINTS_AT_A_TIME):
             own = slice(start, start + POINTS_AT_A_TIME)

@@ -69,7 +69,8 @@ def label_volumes(before: VolumeLike, after: VolumeLike,
     1 liver 4.0 6.0 50.0
     2  2.0 2.0 0.0
     """
-    both = as_volumes((before, after))
+    first, second = as_volumes((before, after))
+    both = (first, second.in_unit(first.grid.unit))
     counts = [_counts(volume) for volume in both]
     sizes = [float(np.prod(volume.grid.spacing)) for volume in both]
     named = names or {}

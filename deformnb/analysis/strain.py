@@ -77,7 +77,7 @@ def stretches(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
     (1.125, [1.5, 0.75], [[1.0, 0.0], [0.0, 1.0]])
     """
     field = as_field(field, grid)
-    x, dim = checked_points(points, field), field.dim
+    x, dim = checked_points(points, field, grid), field.dim
     flat = x.reshape(-1, dim)
     area, principal, directions = np.empty(len(flat)), np.empty((len(flat), dim)), np.empty((len(flat), dim, dim))
     for start in range(0, len(flat), _POINTS_AT_A_TIME):

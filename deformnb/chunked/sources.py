@@ -212,7 +212,6 @@ class LargeVolume:
     grid : where they lie.
     name : shown to people.
     is_labels : voxels are names of regions.
-    unit : of lengths, as OME-Zarr names it; empty if it is not known.
     notes : remarks.
     levels : the grids of all resolutions of a pyramid, the finest first.
     path : of the file; None for an array.
@@ -233,7 +232,6 @@ class LargeVolume:
     grid: Grid
     name: str = ""
     is_labels: bool = False
-    unit: str = ""
     notes: tuple[str, ...] = ()
     levels: tuple[Grid, ...] = ()
     path: Path | None = None
@@ -252,6 +250,11 @@ class LargeVolume:
     def shape(self) -> tuple[int, int, int]:
         """(nz, ny, nx)."""
         return self.grid.shape
+
+    @property
+    def unit(self) -> str:
+        """The unit of lengths, as the grid has it; "" if it is not known."""
+        return self.grid.unit
 
     @property
     def finest_grid(self) -> Grid:
@@ -404,7 +407,7 @@ class ChunkCache:
 
 
 def open_volume(source: Any, *, grid: Grid | None = None, spacing: Spacing | None = None, name: str | None = None,
-                is_labels: bool | None = None, level: int = 0) -> LargeVolume:
+                is_labels: bool | None = None, level: int = 0, unit: str | None = None) -> LargeVolume:
     """A volume that is read in parts.
 
     Parameters
@@ -417,6 +420,7 @@ def open_volume(source: Any, *, grid: Grid | None = None, spacing: Spacing | Non
     name : shown to people.
     is_labels : voxels are names of regions; by default as the source says.
     level : of a pyramid, 0 for the finest.
+    unit : of lengths, where the source does not say it; its numbers stay as they are.
 
     Raises
     ------
@@ -435,6 +439,9 @@ def open_volume(source: Any, *, grid: Grid | None = None, spacing: Spacing | Non
         found = replace(found, grid=grid)
     if spacing is not None:
         found = replace(found, grid=replace(found.grid, spacing=as_spacing(spacing)))
+    if unit is not None:
+        found = replace(found, grid=replace(found.grid, unit=unit),
+                        levels=tuple(replace(one, unit=unit) for one in found.levels))
     if is_labels is not None:
         found = replace(found, is_labels=is_labels)
     return found if name is None else replace(found, name=name)
@@ -529,7 +536,7 @@ def _of_zarr(path: Path, level: int) -> LargeVolume:
     _check_chunk(path, chosen.chunk_bytes)
     name = path.name[:-len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name
     labels = chosen.array.dtype == np.bool_ if pyramid.is_labels is None else pyramid.is_labels
-    return LargeVolume(_Zarr(chosen), chosen.grid, name, bool(labels), pyramid.unit, pyramid.notes,
+    return LargeVolume(_Zarr(chosen), chosen.grid, name, bool(labels), pyramid.notes,
                        tuple(one.grid for one in pyramid.levels), path)
 
 
@@ -566,7 +573,7 @@ def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> Grid:
     sizes = item.attrs.get("element_size_um")
     if sizes is None or np.shape(sizes) != (3,):
         return Grid(shape)
-    return Grid(shape, tuple(float(s) for s in sizes[::-1]))  # type: ignore[arg-type]
+    return Grid(shape, tuple(float(s) for s in sizes[::-1]), unit="\u00b5m")  # type: ignore[arg-type]
 
 
 def _of_tiff(path: Path) -> LargeVolume:
@@ -579,7 +586,7 @@ def _of_tiff(path: Path) -> LargeVolume:
                              f"{about.grid.shape}.")
         _check_chunk(path, math.prod(array.chunks) * array.dtype.itemsize)
         stored, chunks = np.dtype(array.dtype), (1, *array.chunks)[-3:]
-    return LargeVolume(_Tiff(str(path), about.grid.shape, stored, chunks), about.grid, path.stem, about.is_labels, "",
+    return LargeVolume(_Tiff(str(path), about.grid.shape, stored, chunks), about.grid, path.stem, about.is_labels,
                        about.notes, path=path)
 
 
@@ -588,5 +595,5 @@ def _of_npy(path: Path) -> LargeVolume:
     array: Any = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.shape != about.grid.shape:
         raise fail(path, f"its array has shape {array.shape}, and its header says {about.grid.shape}.")
-    return LargeVolume(_reader_of(array), about.grid, path.stem, about.is_labels, "", about.notes, path=path)
+    return LargeVolume(_reader_of(array), about.grid, path.stem, about.is_labels, about.notes, path=path)
 

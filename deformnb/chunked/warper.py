@@ -21,7 +21,7 @@ from deformnb.io import ome_zarr
 from deformnb.io.headers import as_path
 from deformnb.io.memory import check_room, default_limit
 from deformnb.rbf.fields import AbstractField, HasField, as_field
-from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid
+from deformnb.volume.volume import Grid, Volume, VolumeLike, as_output
 from deformnb.warping.planning import as_voxel, checked_method, processors
 
 # What all blocks in work take together by default: enough for two dozen of them, and little on any machine.
@@ -99,7 +99,7 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     if field.dim != 3:
         raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
     own = getattr(deformation, "output", None)
-    grid = as_grid(output) if output is not None else own if isinstance(own, Grid) else volume.grid
+    grid = as_output(output if output is not None else own if isinstance(own, Grid) else volume.grid, volume.grid)
     method = checked_method(method, discrete=volume.discrete)
     allowed = execution.threads_of(client) if client is not None else processors()
     if workers is not None:
@@ -228,7 +228,7 @@ def _write(job: BlockWarp, at_once: int, target: Path, client: Any, progress: Pr
     about: dict[str, Any] = {"version": version, "levels": len(grids), "name": source.name}
     with unfinished_store(target, fingerprint(job, about), overwrite=overwrite, grids=grids, dtype=source.dtype,
                           name=source.name, is_labels=source.is_labels, fill=source.dtype.type(job.fill).item(),
-                          chunks=job.blocks.block, version=version, unit=source.unit or "millimeter") as store:
+                          chunks=job.blocks.block, version=version) as store:
         steps = list(_levels(job, store))
         total = sum(len(blocks) for _, blocks in steps)
         for level, (work, blocks) in enumerate(steps):

@@ -266,7 +266,8 @@ def _write_label_volumes(before: Volume, after: Volume, options: argparse.Namesp
 
     lines = io.StringIO()
     table = csv.writer(lines, lineterminator="\n")
-    table.writerow(["label", "name", "before_mm3", "after_mm3", "change_percent"])
+    cubes = before.grid.unit and f"_{before.grid.unit}3"
+    table.writerow(["label", "name", f"before{cubes}", f"after{cubes}", "change_percent"])
     for row in label_volumes(before, after, read_label_names(options.input)):
         table.writerow([row.label, row.name, f"{row.before:.6g}", f"{row.after:.6g}", f"{row.change:.4g}"])
     with atomic_write(options.volumes, overwrite=options.force) as file:

@@ -204,7 +204,8 @@ def _convert(data: Dataset, source: Path, path: Path) -> None:
     from deformnb.io import write_volume
 
     values = loadmat(source, variable_names=[data.variable])[data.variable]
-    write_volume(Volume.from_array(values.transpose(2, 1, 0), spacing=data.spacing or (1.0, 1.0, 1.0)), path)
+    write_volume(Volume.from_array(values.transpose(2, 1, 0), spacing=data.spacing or (1.0, 1.0, 1.0),
+                                   unit="mm" if data.spacing else ""), path)
 
 
 def load(name: str, *, progress: bool | Progress | None = None,

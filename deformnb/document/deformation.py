@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.checks import check_fields, is_finite, shown_value, warn
+from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
@@ -36,13 +37,14 @@ from deformnb.rbf.support import lone_support
 from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
+from deformnb.volume.units import checked_unit, ratio
 from deformnb.volume.volume import (
     Grid,
     Matrix3,
     Volume,
     VolumeLike,
     as_finest_grid,
-    as_grid,
+    as_output,
     as_volume,
     as_volumes,
     voxel_checksum,
@@ -119,6 +121,8 @@ class Step(AbstractFitSettings):
             if name != "curve" or not isinstance(self.curve, str):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         self._check_kinds()
+        unit = next((given.unit for given in self.maps if given.unit), "")
+        object.__setattr__(self, "maps", tuple(given.in_unit(unit) for given in self.maps))
         check_fields(self, "extrusion", "curve", "knots", "enabled", "name", "extra", "cut_rule")
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
             known = ", ".join(EXTRUSIONS)
@@ -249,6 +253,8 @@ class Step(AbstractFitSettings):
 
     def field(self, grid: Grid) -> AbstractField:
         """The backward displacement in space of this step on a volume's grid."""
+        if self.points.unit not in ("", grid.unit):
+            return rescaled_step(self, grid.unit).field(grid)
         regions, found = self.cut_regions, self.fits_of_regions(grid)
         sides = sorted({side for fits in found for side in fits})
         nothing = Identity(2 if self.plane else 3)
@@ -321,6 +327,7 @@ class VolumeReference:
     shape, spacing : of its grid.
     sha256 : of type, shape and voxels.
     origin, direction : of its grid; None in documents of before 1.2.
+    unit : of its grid; "" where it is not known, as in documents of before 2.2.
 
     Examples
     --------
@@ -334,6 +341,7 @@ class VolumeReference:
     sha256: str
     origin: tuple[float, float, float] | None = None
     direction: Matrix3 | None = None
+    unit: str = ""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -350,14 +358,21 @@ class VolumeReference:
         grid = volume.finest_grid
         checksum = (voxel_checksum(volume.dtype, volume.shape, volume.values) if volume.level is None else
                     volume.level.checksum())
-        return cls(volume.name, grid.shape, grid.spacing, checksum, grid.origin, grid.direction)
+        return cls(volume.name, grid.shape, grid.spacing, checksum, grid.origin, grid.direction, grid.unit)
 
     @property
     def grid(self) -> Grid | None:
         """Grid of the volume; None if that is not known."""
         if self.origin is None or self.direction is None:
             return None
-        return Grid(self.shape, self.spacing, self.origin, self.direction)
+        return Grid(self.shape, self.spacing, self.origin, self.direction, self.unit)
+
+    def in_unit(self, unit: str) -> VolumeReference:
+        """The same volume in numbers of another unit; one without a unit is taken to be in that one."""
+        if unit in ("", self.unit):
+            return self
+        grid = Grid(self.shape, self.spacing, self.origin or (0.0, 0.0, 0.0), unit=self.unit or unit).in_unit(unit)
+        return replace(self, spacing=grid.spacing, origin=self.origin and grid.origin, unit=unit)
 
     def matches(self, volume: VolumeLike) -> bool:
         """True if the voxels are the same; the name does not count."""
@@ -431,6 +446,8 @@ class Deformation:
     keyframes : of an animation, their times rising.
     easing, loop : names of :data:`EASINGS` and :data:`LOOPS`.
     output : the grid of the result, its field of view and resolution, wherever it is applied; None is the volume's own.
+    unit : of all lengths; by default that of its volume or of its points. Where it is not known, "", the numbers are
+        those of the volume that the document is applied to; else the document is converted to the unit of that volume.
 
     Examples
     --------
@@ -451,6 +468,7 @@ class Deformation:
     easing: str = "linear"
     loop: str = "once"
     output: Grid | None = None
+    unit: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "steps", _checked_steps(self.steps, "a deformation"))
@@ -474,9 +492,56 @@ class Deformation:
             if not isinstance(value, str) or value not in known:
                 raise DeformError(f"unknown {what} {shown_value(value)} of a deformation; choose one of "
                                   f"{', '.join(known)}.")
+        self._bring_to_one_unit()
         times = [key.time for key in self.keyframes]
         if any(late <= early for early, late in pairwise(times)):
             raise DeformError(f"the times of key frames must rise, each later than the one before, got {times}.")
+
+    def _bring_to_one_unit(self) -> None:
+        """State the unit once: here, and not with the points of every step."""
+        steps = (*self.steps, *(step for key in self.keyframes for step in key.steps))
+        parts: tuple[Any, ...] = (self.volume, self.output, *(step.points for step in steps))
+        unit = checked_unit(self.unit) or next((part.unit for part in parts if part is not None and part.unit), "")
+        object.__setattr__(self, "unit", unit)
+        if self.volume is not None:
+            object.__setattr__(self, "volume", self.volume.in_unit(unit))
+        if self.output is not None:
+            output = self.output.in_unit(unit)
+            object.__setattr__(self, "output", output if output.unit == unit else replace(output, unit=unit))
+        object.__setattr__(self, "steps", tuple(rescaled_step(step, unit) for step in self.steps))
+        if any(step.points.unit for key in self.keyframes for step in key.steps):
+            object.__setattr__(self, "keyframes", tuple(
+                replace(key, steps=tuple(rescaled_step(step, unit) for step in key.steps)) for key in self.keyframes))
+
+    def in_unit(self, unit: str) -> Deformation:
+        """The same deformation in numbers of another unit; itself where its own or the other one is not known.
+
+        Examples
+        --------
+        >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]], unit="mm")
+        >>> Deformation.in_space(points).in_unit("um").steps[0].points.target.tolist()
+        [[2000.0, 1000.0, 1000.0]]
+        """
+        to = checked_unit(unit)
+        if to in ("", self.unit) or not self.unit:
+            return self
+        known: dict[str, Deformation] = self.__dict__.setdefault("_in_units", {})  # with the fits of its steps
+        if to not in known:
+            scale = Scale(ratio(self.unit, to))
+            keys = tuple(Keyframe(key.time, tuple(map(scale.step, key.steps))) for key in self.keyframes)
+            known[to] = replace(self, steps=tuple(map(scale.step, self.steps)), keyframes=keys, unit=to,
+                                volume=self.volume and self.volume.in_unit(to),
+                                output=self.output and self.output.in_unit(to))
+        return known[to]
+
+    def _unit_notes(self, unit: str) -> tuple[str, ...]:
+        """A remark where this document and what it is applied to are in different units."""
+        if unit == self.unit or not self.unit:
+            return ()
+        if not unit:
+            note = "the unit of the volume is not known: its numbers were taken to be in"
+            return (f"{note} {self.unit}, as the document's are",)
+        return (f"the document is in {self.unit} and the volume in {unit}: its lengths were converted",)
 
     def __repr__(self) -> str:
         name = f" {self.name[:60]!r}" if self.name else ""
@@ -495,14 +560,16 @@ class Deformation:
         grid : a volume or its grid.
         view : one of :data:`~deformnb.volume.plane.VIEWS`, or any plane.
         points : control points in the picture's coordinates.
-        options : further fields of :class:`Step`.
+        options : further fields of :class:`Step`, lengths in the unit of the volume.
         """
+        unit = as_finest_grid(grid).unit
         plane = view if isinstance(view, Plane) else Plane.along(grid, view)
-        return cls((Step((as_control_points(points),), plane, **options),))
+        step = Step((as_control_points(points).in_unit(unit),), plane, **options)
+        return cls((step,), unit=unit or step.points.unit)
 
     @classmethod
     def in_space(cls, points: ControlPoints, **options: Any) -> Deformation:
-        """One step with control points (x, y, z) in space."""
+        """One step with control points (x, y, z) in space; lengths among the options are in the unit of the points."""
         return cls((Step((as_control_points(points),), None, **options),))
 
     def then(self, following: Step | Deformation) -> Deformation:
@@ -567,6 +634,9 @@ class Deformation:
     def field(self, grid: Grid | VolumeLike) -> AbstractField:
         """The backward displacement in space of all enabled steps, composed exactly or blended."""
         lattice = as_finest_grid(grid)
+        own = self.in_unit(lattice.unit)
+        if own is not self:
+            return own.field(lattice)
         return MODES[self.mode](*(step.field(lattice) for step in self.steps if step.enabled))
 
     def inverse(self, grid: Grid | VolumeLike, **options: Any) -> Inverse:
@@ -595,8 +665,9 @@ class Deformation:
 
     def _fit_notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits, each once."""
-        fits = (fit for step in self.steps if step.enabled for fit in step.fits(grid))
-        return tuple(dict.fromkeys(note for fit in fits for note in fit.notes))
+        steps = self.in_unit(grid.unit).steps
+        fits = (fit for step in steps if step.enabled for fit in step.fits(grid))
+        return (*self._unit_notes(grid.unit), *dict.fromkeys(note for fit in fits for note in fit.notes))
 
     def notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits ("points on one line ..."), each once, and that of a document with an older spacing.
@@ -616,7 +687,8 @@ class Deformation:
         """
         own = self.own_grid(grid)
         differs = "" if self.older_spacing(grid) else self.difference(grid)
-        found = (caution for step in self.steps if step.enabled for caution in step.cautions(own))
+        steps = self.in_unit(own.unit).steps
+        found = (caution for step in steps if step.enabled for caution in step.cautions(own))
         return tuple(dict.fromkeys([*([differs] if differs else []), *found]))
 
     def older_spacing(self, grid: Grid) -> KnownSpacing | None:
@@ -625,7 +697,10 @@ class Deformation:
         See :mod:`deformnb.volume.known_spacings`.
         """
         made = self.volume
-        return None if made is None else older_document(made.sha256, made.spacing, grid)
+        if made is None:
+            return None
+        spacing = made.spacing if made.grid is None else made.grid.in_unit(grid.unit).spacing
+        return older_document(made.sha256, spacing, grid)
 
     def own_grid(self, grid: Grid) -> Grid:
         """Grid of a volume in the coordinates of this document: its own grid, but for :meth:`older_spacing`."""
@@ -644,6 +719,7 @@ class Deformation:
         """
         volume = volume if isinstance(volume, Grid) else as_volume(volume)
         made, here = self.volume, self.own_grid(as_finest_grid(volume))
+        made = made if made is None else made.in_unit(here.unit)
         if made is None:
             return ""
         is_same = made.shape == here.shape and (isinstance(volume, Grid) or made.has_labels(volume) or made.sha256 == (
@@ -684,6 +760,11 @@ class Deformation:
         """
         volumes = as_volumes(volumes)
         own = volumes[0].finest_grid
+        here = self.in_unit(own.unit)
+        if here is not self:
+            notes = self._unit_notes(own.unit)
+            return [replace(done, notes=tuple(dict.fromkeys((*done.notes, *notes))))
+                    for done in here.apply_all(volumes, **options)]
         known, grid = self.older_spacing(own), self.own_grid(own)
         output = self.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
@@ -692,7 +773,7 @@ class Deformation:
                               f"spacing={known.header_spacing}.")
         field = self.field(grid)
         notes = tuple(note for note in self._fit_notes(grid) if note != FOLDS)  # of the fits; the map is checked below
-        cautions = (*self.cautions(own), *map_notes(volumes[0], field, as_grid(options.get("output") or output)))
+        cautions = (*self.cautions(own), *map_notes(volumes[0], field, as_output(options.get("output") or output, own)))
         if known is None:
             box = None if self.output is None else volumes[0].at_own_resolution(self.output)
             warped = warp_all(volumes, field, **{"output": box, **options})

@@ -243,7 +243,8 @@ VERSION = (2, 2)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
 result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, pivots of
 rigid parts, and the trend "affine" shrinks across thin directions; 2.1: lines whose cut stops inside the body; 2.2: the
-direction of a fit. Each is left out where a document has none."""
+direction of a fit, and the unit of all lengths, also of the volume and the grid of the result, which earlier documents
+do not state. Each is left out where a document has none."""
 
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may request; what there is no memory for is refused when it is made."""
@@ -255,7 +256,7 @@ LONGEST = 32 * 2**20
 """Characters; 2000 points of 40 steps fit ten times over."""
 
 # Left out of a document that has them.
-_USUAL = {"mode": "compose", "easing": "linear", "loop": "once"}
+_USUAL = {"mode": "compose", "easing": "linear", "loop": "once", "unit": ""}
 
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:

@@ -117,7 +117,7 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
           own: str) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
     looks = "".join(f", {key}={_text(getattr(deformation, key))}" for key, usual in _USUAL.items()
-                    if getattr(deformation, key) != usual)
+                    if key != "unit" and getattr(deformation, key) != usual)
     if deformation.output is not None:
         looks += f", output={_grid(deformation.output, grid, own)}"
     plain = not (deformation.name or deformation.keyframes or looks)
@@ -127,6 +127,7 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
         return f"dn.Deformation.on_picture(volume, {where}, {names[0]}{_options(step, shared)})"
     lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step, shared)})"
              for step, names in steps]
+    looks += f", unit={_text(deformation.unit)}" if deformation.unit else ""
     count = len(deformation.steps)
     options = f", name={_text(deformation.name)}" if deformation.name else ""
     if deformation.keyframes:
@@ -198,7 +199,7 @@ def _grid(output: Grid, grid: Grid, own: str) -> str:
     if grid.crop((z, y, x), output.shape) == output:
         return f"{own}.crop(({z}, {y}, {x}), {output.shape})"
     return (f"dn.Grid({output.shape}, spacing={output.spacing}, origin={output.origin}, "
-            f"direction={output.direction})")
+            f"direction={output.direction}{f', unit={output.unit!r}' if output.unit else ''})")
 
 
 def _options(step: Step, shared: _Shared) -> str:

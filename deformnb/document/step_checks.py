@@ -64,7 +64,8 @@ def fold_lattice(step: Step, grid: Grid) -> Grid:
     gap = (back - front) / (slices - 1) if slices > 1 else max(raster.spacing)
     start = step.plane.from_plane([*raster.origin, front])
     direction = tuple(tuple(row) for row in step.plane.frame.T.tolist())
-    return Grid((slices, *raster.shape), (*raster.spacing, gap), tuple(start.tolist()), direction)  # type: ignore[arg-type]
+    return Grid((slices, *raster.shape), (*raster.spacing, gap), tuple(start.tolist()), direction,  # type: ignore[arg-type]
+                grid.unit)
 
 
 def picture_raster(plane: Plane, grid: Grid, most: int = _ON_PLANE) -> Raster:
@@ -84,7 +85,7 @@ def _covering(grid: Grid, most: int) -> Grid:
     count = np.maximum(np.ceil(length / step - 1e-9).astype(int) + 1, 1)
     spacing = np.where(count > 1, length / np.maximum(count - 1, 1), step)
     shape = (int(count[2]), int(count[1]), int(count[0]))
-    return Grid(shape, tuple(spacing.tolist()), grid.origin, grid.direction)
+    return replace(grid, shape=shape, spacing=tuple(spacing.tolist()))
 
 
 def step_folds(step: Step, grid: Grid, field: AbstractField | None = None, is_tissue: IsTissue | None = None) -> Folds:
@@ -102,6 +103,7 @@ def step_folds(step: Step, grid: Grid, field: AbstractField | None = None, is_ti
 
 def document_folds(deformation: Deformation, grid: Grid) -> Folds:
     """The folds of a whole document: of its step on that step's lattice, or of several in space, 33 nodes a side."""
+    deformation = deformation.in_unit(grid.unit)
     steps = [step for step in deformation.steps if step.enabled]
     if len(steps) == 1:
         return step_folds(steps[0], grid)

@@ -373,4 +373,4 @@ def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Gri
     first = (low + high) / 2 - d * (count - 1) / 2
     shape = (int(count[2]), int(count[1]), int(count[0]))
     axes = tuple(map(tuple, plane.frame.T))
-    return Grid(shape, (d, d, d), tuple(plane.from_plane(first)), axes)  # type: ignore[arg-type]
+    return Grid(shape, (d, d, d), tuple(plane.from_plane(first)), axes, grid.unit)  # type: ignore[arg-type]

@@ -233,7 +233,8 @@ class PerspectiveCamera:
                             for length in (self.width, self.height, far - near))
         first = [-(wide - 1) / 2 * spacing, -(tall - 1) / 2 * spacing, (near + far - (deep - 1) * spacing) / 2]
         axes = tuple(map(tuple, plane.frame.T))
-        return Grid((deep, tall, wide), (spacing,) * 3, tuple(plane.from_plane(first)), axes)  # type: ignore[arg-type]
+        return Grid((deep, tall, wide), (spacing,) * 3, tuple(plane.from_plane(first)), axes,  # type: ignore[arg-type]
+                    grid.unit)
 
     def layer(self, lattice: Grid, plane: Plane, k: int) -> Grid:
         """The places of a layer of the lattice: wider the farther it is."""

@@ -104,7 +104,7 @@ def image_places(points: ArrayLike | Landmarks, grid: Grid | VolumeLike, *, dire
     >>> image_places([4.5, 0, 4.5], Grid((10, 10, 10)), direction=(0, 1, 0), height=10, size=(300, 200)).tolist()
     [149.5, 99.5]
     """
-    places, camera = checked_points(points, Identity(3)), _camera(as_grid(grid), direction, up, height, size)
+    places, camera = checked_points(points, Identity(3), grid), _camera(as_grid(grid), direction, up, height, size)
     return camera.plane.to_plane(places)[..., :2] * (size[1] / camera.height) + (np.array(size) - 1) / 2
 
 

@@ -555,7 +555,7 @@ WIDTH = 7.2
 
 def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, lines: int = 12, overlay: str = "none",
                magnify: float = 1.0, grid: Grid | VolumeLike | None = None, key: int = 0, landmarks: bool = True,
-               title: str | None = None, unit: str = "mm", style: str = "paper", width: float = WIDTH,
+               title: str | None = None, unit: str | None = None, style: str = "paper", width: float = WIDTH,
                path: str | PathLike[str] | None = None) -> Figure:
     """The picture on a regular grid, and the deformed picture on the deformed grid.
 
@@ -572,7 +572,7 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
     key : which set of control points of a step, for the rule "interpolate".
     landmarks : whether control points are drawn, with arrows to where they went.
     title : default is the name of the step, and facts about its fit.
-    unit : of lengths.
+    unit : of lengths, as it is written; default is that of the grid.
     style : a name of :data:`~deformnb.imaging.drawing.STYLES`; width : of the figure, inches.
     path : where to write a PNG, PDF or SVG, in place of an older file; nothing is written without it.
 
@@ -605,9 +605,12 @@ def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, li
         raise DeformError(f"the width of a figure must be a positive number of inches, got {width}.")
     if not isinstance(key, int | np.integer) or key < 0:
         raise DeformError(f"key is the number of a set of control points from 0 on, got {shown_value(key)}.")
-    if not isinstance(unit, str) or not isinstance(title, str | None):
+    if not isinstance(unit, str | None) or not isinstance(title, str | None):
         raise DeformError(f"title and unit are texts, got {shown_value(title)} and {shown_value(unit)}.")
     grid = None if grid is None else as_grid(grid)
+    if unit is None:
+        seen = grid or picture.grid
+        unit = "" if seen is None else seen.unit
     steps = steps_of(what, picture, magnify)
     grids = make_grids(field_of(what, steps, picture, magnify, grid, key), picture, lines)
     sheet = Sheet(picture, grids, overlay, STYLES[style], width)

@@ -18,13 +18,14 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.channels import KINDS, Channels, ChannelsLike
 from deformnb.volume.converters import converted, is_layer
 from deformnb.volume.layers import LayerData, image_of_layer, layer_data, world_of_layer
+from deformnb.volume.units import checked_unit
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
 
 _AXES = ("z", "y", "x")
 
 
-def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | None = "mm") -> list[LayerData]:
+def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | None = None) -> list[LayerData]:
     """The layers of a volume, of channels, of landmarks or of control points.
 
     Parameters
@@ -32,7 +33,8 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     given : a Volume makes an image, or labels where it holds labels; Channels an image each, in their colours and added
         up, or one image of colours (rgb); Landmarks a layer of points with the feature "name"; ControlPoints two layers
         of points, their sources and their targets.
-    unit : of lengths, which a volume does not know; None leaves it out ("pixel" in napari).
+    unit : into which lengths are converted; by default they stay in their own. What has none, as points without a
+        volume, is taken to be in this one; where neither is known it is left out ("pixel" in napari).
 
     Returns
     -------
@@ -42,7 +44,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     --------
     >>> import numpy as np
     >>> import deformnb as dn
-    >>> volume = dn.Volume.from_array(np.zeros((4, 5, 6), np.uint8), spacing=(1, 1, 2.5), origin=(7, 0, 0))
+    >>> volume = dn.Volume.from_array(np.zeros((4, 5, 6), np.uint8), spacing=(1, 1, 2.5), origin=(7, 0, 0), unit="mm")
     >>> [(data, attributes, kind)] = dn.interop.to_napari(volume)
     >>> kind, attributes["scale"], attributes["translate"], attributes["units"]
     ('image', (2.5, 1.0, 1.0), (0.0, 0.0, 7.0), ('mm', 'mm', 'mm'))
@@ -52,20 +54,24 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     >>> dn.interop.from_napari(layer).points.tolist()
     [[1.0, 2.0, 3.0]]
     """
+    to = "" if unit is None else checked_unit(unit)
+    if isinstance(given, Volume | Channels):
+        given = given.in_unit(to)
     if isinstance(given, Volume):
         labels = given.is_labels and given.dtype.kind in "iub"
         values = given.values.view(np.uint8) if given.dtype == np.bool_ else given.values
-        return [(values, _attributes(given.grid, given.name, unit), "labels" if labels else "image")]
+        return [(values, _attributes(given.grid, given.name, to), "labels" if labels else "image")]
     if isinstance(given, Channels):
         if KINDS[given.kind]:
-            return [(given.values, _attributes(given.grid, given.name, unit) | {"rgb": True}, "image")]
-        return [(volume.values, _attributes(volume.grid, volume.name, unit) | {
+            return [(given.values, _attributes(given.grid, given.name, to) | {"rgb": True}, "image")]
+        return [(volume.values, _attributes(volume.grid, volume.name, to) | {
             "colormap": np.array([[0, 0, 0, 1], [*colour, 1]], dtype=np.float32), "blending": "additive"}, "image")
                 for volume, colour in zip(given.volumes, given.colours, strict=True)]
     if isinstance(given, Landmarks):
-        return [_points(given.points, given.names, "landmarks", unit)]
+        given = given.in_unit(to)
+        return [_points(given.points, given.names, "landmarks", given.unit or to)]
     if isinstance(given, ControlPoints):
-        return [_points(places, given.names, name, unit)
+        return [_points(places, given.names, name, to)
                 for name, places in (("sources", given.source), ("targets", given.target))]
     if isinstance(given, list | tuple) and not is_layer(given):
         raise DeformError("layers are made of a Volume, Channels, Landmarks or ControlPoints, got "
@@ -84,7 +90,7 @@ def from_napari(layer: Any) -> Volume | Channels | Landmarks:
     Returns
     -------
     A Volume on the grid of the layer's scale, translate, rotate, shear and affine; Landmarks in the coordinates of its
-    world, named by a feature "name" or "label".
+    world, named by a feature "name" or "label"; both in the layer's unit, that of x where each axis has another one.
 
     Raises
     ------
@@ -105,7 +111,8 @@ def from_napari(layer: Any) -> Volume | Channels | Landmarks:
     return image_of_layer((data, attributes, kind))
 
 
-def _attributes(grid: Grid, name: str, unit: str | None) -> dict[str, Any]:
+def _attributes(grid: Grid, name: str, unit: str) -> dict[str, Any]:
+    unit = grid.unit or unit
     direction = np.asarray(grid.direction)
     attributes: dict[str, Any] = {"scale": grid.spacing[::-1], "axis_labels": _AXES}
     if (direction == np.eye(3)).all():
@@ -114,12 +121,12 @@ def _attributes(grid: Grid, name: str, unit: str | None) -> dict[str, Any]:
         affine = np.eye(4)
         affine[:3, :3], affine[:3, 3] = direction[::-1, ::-1], grid.origin[::-1]
         attributes["affine"] = affine
-    return attributes | ({"name": name} if name else {}) | ({"units": (unit,) * 3} if unit is not None else {})
+    return attributes | ({"name": name} if name else {}) | ({"units": (unit,) * 3} if unit else {})
 
 
-def _points(points: NDArray[np.float64], names: tuple[str, ...], name: str, unit: str | None) -> LayerData:
+def _points(points: NDArray[np.float64], names: tuple[str, ...], name: str, unit: str) -> LayerData:
     dims = points.shape[1]
-    units = {"units": (unit,) * dims} if unit is not None else {}
+    units = {"units": (unit,) * dims} if unit else {}
     return points[:, ::-1].copy(), {"name": name, "features": {"name": list(names)}, **units,
                                     "axis_labels": _AXES[3 - dims:]}, "points"
 
@@ -128,8 +135,8 @@ def _landmarks(data: Any, attributes: dict[str, Any]) -> Landmarks:
     points = np.asarray(data, dtype=np.float64)
     points = points.reshape(-1, points.shape[-1] if points.ndim == 2 and points.shape[-1] in (2, 3) else 3)
     dims = points.shape[1]
-    world = world_of_layer(attributes, dims)
+    world, unit, notes = world_of_layer(attributes, dims)
     places = points[:, ::-1] @ world[:dims, :dims].T + world[:dims, 3]
     features = attributes.get("features")
     found = next((features[key] for key in ("name", "label") if features is not None and key in features), ())
-    return Landmarks(places, tuple(map(str, found)))
+    return Landmarks(places, tuple(map(str, found)), notes=notes, unit=unit)

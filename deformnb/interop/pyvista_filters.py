@@ -10,7 +10,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField
 from deformnb.volume.volume import Grid, Volume, VolumeLike, optional_package
-from deformnb.warping.points import warp_points
+from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import deformed
 
 
@@ -60,7 +60,8 @@ def warp_pyvista(data: Any, field: AbstractField | HasField, grid: Grid | Volume
                           "data.cast_to_structured_grid(), or deform the data sets of a MultiBlock one by one.")
     moved = data.copy()
     places = np.asarray(data.points, dtype=np.float64)
-    target, found = warp_points(places, field, grid=grid)
+    # As landmarks in the millimetres that VTK's lengths are taken to be.
+    target, found = warp_points(Landmarks(places, unit="mm"), field, grid=grid)
     moved.points = np.where(found[:, None], target, places)
     for normals in {"Normals", data.point_data.active_normals_name} & set(moved.point_data.keys()):
         moved.point_data.remove(normals)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
+from deformnb.volume.units import ratio
 from deformnb.volume.volume import Grid, VolumeLike, as_grid, optional_package
 
 
@@ -20,7 +21,7 @@ def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) 
     ----------
     field : backward displacements in space, or a Deformation; of several steps it is their composition.
     grid : whose voxels are the samples, in float64; ITK interpolates linearly between them, and takes no displacement
-        outside.
+        outside. Lengths of the transform are millimetres where the unit of the grid is known.
 
     Raises
     ------
@@ -49,7 +50,8 @@ def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) 
     lattice = as_grid(grid)
     values = as_transform_field(field, lattice).on_grid(lattice).astype(np.float64)
     sitk = optional_package("SimpleITK")
-    return sitk.DisplacementFieldTransform(image_of_vectors(sitk, values, lattice))
+    values *= ratio(lattice.unit, "mm")
+    return sitk.DisplacementFieldTransform(image_of_vectors(sitk, values, lattice.in_unit("mm")))
 
 
 def image_of_vectors(sitk: Any, values: NDArray[np.floating[Any]], grid: Grid) -> Any:

@@ -367,7 +367,7 @@ def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], une
     def blocks() -> Iterator[NDArray[Any]]:
         return _resampled(slices, dtype, depths, step, count) if why else _blocks(slices, dtype)
 
-    return Header(path, shape, dtype, blocks, spacing, triple(first.position.tolist()), rows, notes=notes,
+    return Header(path, shape, dtype, blocks, spacing, triple(first.position.tolist()), rows, notes=notes, unit="mm",
                   working_bytes=max(2 * one.path.stat().st_size for one in slices) if first.frames > 1 else 0)
 
 

@@ -22,7 +22,17 @@ from deformnb.io.headers import SINGLE, Damage, Header, as_path, fail, human_byt
 from deformnb.io.memory import default_limit
 from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing
-from deformnb.volume.volume import Grid, PyramidLevel, Volume, VolumeLike, as_spacing, as_volume, voxel_checksum
+from deformnb.volume.units import checked_unit
+from deformnb.volume.volume import (
+    NIFTI_UNITS,
+    Grid,
+    PyramidLevel,
+    Volume,
+    VolumeLike,
+    as_spacing,
+    as_volume,
+    voxel_checksum,
+)
 
 Writer = Callable[[Volume, Path, bool, Progress | None], None]
 
@@ -38,6 +48,8 @@ class Format:
     write : writes (volume, path, overwrite, progress), None where a format is only read.
     description : for people.
     folder_marks : for a format that is a folder: names of files of which each such folder has one.
+    units : of lengths in which it is written; None for any. What is in another one is written in millimetres, which
+        programs mean where a format has no room for a unit, or where they do not look at it (NRRD).
 
     Examples
     --------
@@ -50,19 +62,33 @@ class Format:
     write: Writer | None
     description: str
     folder_marks: tuple[str, ...] = ()
+    units: tuple[str, ...] | None = ("mm",)
+
+    def written_unit(self, unit: str) -> str:
+        """The unit in which lengths of this one are written; what is not known stays so.
+
+        Examples
+        --------
+        >>> FORMATS["tiff"].written_unit("nm"), FORMATS["nifti"].written_unit("nm")
+        ('nm', 'mm')
+        """
+        return unit if not unit or self.units is None or unit in self.units else "mm"
 
 
 FORMATS: dict[str, Format] = {
-    "nifti": Format((".nii.gz", ".nii"), nifti.read_header, nifti.write, "NIfTI-1 and NIfTI-2 in one file"),
+    "nifti": Format((".nii.gz", ".nii"), nifti.read_header, nifti.write, "NIfTI-1 and NIfTI-2 in one file",
+                    units=tuple(NIFTI_UNITS)),
     "nrrd": Format((".nrrd", ".nhdr"), nrrd.read_header, nrrd.write, "NRRD, attached or detached"),
     "metaimage": Format((".mha", ".mhd"), metaimage.read_header, metaimage.write, "MetaImage, attached or detached"),
     "vti": Format((".vti",), vti.read_header, vti.write, "VTK image data (XML)"),
-    "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json"),
-    "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json"),
+    "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json",
+                    units=None),
+    "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json",
+                  units=None),
     "zarr": Format((ome_zarr.SUFFIX,), ome_zarr.read_header, ome_zarr.write, "OME-Zarr pyramid, a folder",
-                   ome_zarr.MARKS),
+                   ome_zarr.MARKS, None),
     "tiff": Format(tiff.SUFFIXES, tiff.read_header, tiff.write,
-                   "TIFF stack (written as OME-TIFF), or a folder of slices"),
+                   "TIFF stack (written as OME-TIFF), or a folder of slices", units=None),
     "image": Format(images.SUFFIXES, images.read_header, images.write,
                     "picture, as a volume of one slice"),
     "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
@@ -116,7 +142,7 @@ class FileDescription:
         z, y, x = self.grid.shape
         table = {
             "file": self.name, "kind": self.format, "voxels (x, y, z)": f"{x} x {y} x {z}", "type": str(self.dtype),
-            "spacing": " x ".join(f"{s:.6g}" for s in self.grid.spacing),
+            "spacing": " x ".join(f"{s:.6g}" for s in self.grid.spacing) + (self.grid.unit and f" {self.grid.unit}"),
             "origin": ", ".join(f"{o:.6g}" for o in self.grid.origin), "axes point to": self.grid.orientation,
             "labels": "yes" if self.is_labels else "no",
             "size": f"{human_bytes(self.file_bytes)} on disk, {human_bytes(self.memory_bytes)} in memory",
@@ -193,7 +219,7 @@ def read_any_header(path: Path, series: str | int | None = None,
 def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
                 spacing: Spacing | None = None, is_labels: bool | None = None, stride: int = 1,
                 max_bytes: int | None = None, level: int | None = None, uneven_slices: str = "refuse",
-                progress: Progress | None = None) -> Volume:
+                progress: Progress | None = None, unit: str | None = None) -> Volume:
     """Read a volume file or a folder of slices.
 
     Parameters
@@ -213,6 +239,8 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     uneven_slices : of a DICOM series: "refuse" one with missing or unevenly spaced slices or a tilted gantry, or
         "resample" it linearly onto a straight, even grid, with a note.
     progress : receives the share done, 0 to 1; may raise Cancelled.
+    unit : of the lengths, for a file that states none or a wrong one: a symbol or a name of
+        :data:`~deformnb.volume.units.UNITS`. By default that of the file; numbers stay as they are in any case.
 
     Raises
     ------
@@ -232,8 +260,10 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
     place = located(path)
     step = _checked_stride(stride)
     spacing = _checked_spacing(spacing)
+    given_unit = None if unit is None else checked_unit(unit)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series, uneven_slices)
+        header = header if given_unit is None else in_given_unit(header, given_unit)
         if header.layout.frames == 1 and header.layout.kind != "channels":
             header = grey_header(header)
         if not header.layout.is_single:
@@ -264,7 +294,8 @@ def write_volume(volume: VolumeLike, path: str | os.PathLike[str], *, overwrite:
 
     Parameters
     ----------
-    volume : the voxels and their grid; bool voxels become uint8 except in .npy and .raw.
+    volume : the voxels and their grid; bool voxels become uint8 except in .npy and .raw, lengths in a unit that the
+        format cannot state become millimetres.
     path : ends in a suffix of a writable row of :data:`FORMATS`.
     overwrite : whether an existing file may be replaced.
     progress : receives the share done, 0 to 1; may raise Cancelled.
@@ -286,7 +317,7 @@ def write_volume(volume: VolumeLike, path: str | os.PathLike[str], *, overwrite:
     _, entry = format_of(place, writing=True)
     check_target(place, overwrite=overwrite, folder_marks=entry.folder_marks)
     assert entry.write is not None
-    entry.write(volume, place, overwrite, progress)
+    entry.write(volume.in_unit(entry.written_unit(volume.grid.unit)), place, overwrite, progress)
 
 
 def describe_file(path: str | os.PathLike[str], *, series: str | int | None = None,
@@ -325,6 +356,11 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
     )
 
 
+def in_given_unit(header: Header, unit: str) -> Header:
+    """The header with the same numbers in another unit."""
+    return replace(header, unit=unit, levels=tuple(replace(level, unit=unit) for level in header.levels))
+
+
 def grey_header(header: Header) -> Header:
     """The header of colours as that of grey values, with a note."""
     def blocks() -> Iterator[NDArray[Any]]:
@@ -348,7 +384,7 @@ def _right_spacing(grid: Grid, notes: tuple[str, ...], header: Header,
         return voxel_checksum(header.loaded_dtype, header.shape, whole)
 
     known = known_spacing(grid, header.loaded_dtype, checksum)
-    return (grid, notes) if known is None else (replace(grid, spacing=known.spacing), (*notes, known.note))
+    return (grid, notes) if known is None else (replace(grid, spacing=known.spacing, unit="mm"), (*notes, known.note))
 
 
 def plain_name(path: Path, kind: str) -> str:

@@ -134,6 +134,7 @@ class Header:
     working_bytes : memory that reading takes beside the voxels: a page, a packed and an unpacked strip or tile.
     layout : channels and moments; the shape is that of one channel at one moment, the blocks are those of all.
     levels : headers of all resolutions of a pyramid, this one the first; empty for other files.
+    unit : of lengths, a symbol of :data:`~deformnb.volume.units.UNITS`; "" where the file states none.
     """
 
     path: Path
@@ -152,6 +153,7 @@ class Header:
     working_bytes: int = 0
     layout: Layout = SINGLE
     levels: tuple[Header, ...] = ()
+    unit: str = ""
 
     @property
     def is_scaled(self) -> bool:
@@ -172,10 +174,10 @@ class Header:
         notes: tuple[str, ...] = ()
         try:
             if self.affine is not None:
-                grid = Grid.from_affine(self.shape, self.affine)
+                grid = Grid.from_affine(self.shape, self.affine, self.unit)
                 return (grid if spacing is None else replace(grid, spacing=spacing)), notes
             lengths, direction, notes = straighten(self.spacing if spacing is None else spacing, self.direction)
-            return Grid(self.shape, lengths, self.origin, direction), notes
+            return Grid(self.shape, lengths, self.origin, direction, self.unit), notes
         except DeformError as error:
             raise fail(self.path, str(error)) from error
 

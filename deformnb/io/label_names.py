@@ -128,7 +128,7 @@ def write_segmentation(volume: VolumeLike, path: str | Path, like: str | Path, *
     if not is_segmentation_file(like):
         raise fail(like, "it is no segmentation of 3D Slicer (.seg.nrrd), whose segments have names.")
     check_target(path, overwrite=overwrite)
-    nrrd.write_segmentation(volume, path, segment_keys(like), overwrite, progress)
+    nrrd.write_segmentation(volume.in_unit("mm"), path, segment_keys(like), overwrite, progress)
 
 
 def _table(text: str) -> dict[int, str]:

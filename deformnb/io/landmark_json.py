@@ -7,6 +7,7 @@ place that is not set yet is infinite. Source: Slicer's markups schema 1.0.3; th
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,12 @@ import numpy as np
 from deformnb.errors import VolumeFileError
 from deformnb.io.headers import fail, shown
 from deformnb.io.landmark_places import coordinates, without_missing
+from deformnb.volume.units import UNITS, find_unit, ratio
 from deformnb.warping.points import Landmarks
 
 _RAS = {"RAS": True, "LPS": False, "0": True, "1": False}  # the numbers are those of old versions of Slicer
 _TO_LPS = np.array([-1.0, -1.0, 1.0])
 _START = 1 << 16  # bytes in which the names of a file's first keys stand
-
-UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1000.0, "meter": 1000.0, "metre": 1000.0,
-         "um": 1e-3, "µm": 1e-3, "\u03bcm": 1e-3, "micron": 1e-3, "microns": 1e-3, "micrometer": 1e-3,
-         "micrometre": 1e-3, "nm": 1e-6, "in": 25.4, "inch": 25.4}
-"""Millimetres of the units that files name."""
 
 
 def holds_landmarks(path: Path) -> str | None:
@@ -115,19 +112,22 @@ def is_ras(path: Path, word: Any) -> bool:
 
 
 def from_slicer(path: Path, names: list[str], places: list[list[float]], active: list[bool],
-                ras: list[bool]) -> Landmarks:
-    """Landmarks of places each of which is RAS or LPS."""
+                ras: list[bool], unit: str = "mm") -> Landmarks:
+    """Landmarks of places each of which is RAS or LPS; Slicer means millimetres where it states no unit."""
     points = np.array(places).reshape(-1, 3) * np.where(np.array(ras, dtype=bool)[:, None], _TO_LPS, 1.0)
-    return without_missing(path, points, names=names, active=active)
+    return replace(without_missing(path, points, names=names, active=active), unit=unit)
 
 
 def _read_markups(path: Path, lists: list[Any]) -> Landmarks:
     names, places, active, ras = list[str](), list[list[float]](), list[bool](), list[bool]()
+    first = ""
     for markup in lists:
         points = markup.get("controlPoints") if isinstance(markup, dict) else None
         if not isinstance(points, list):
             raise fail(path, "one of its markups has no list controlPoints.")
-        system, scale = is_ras(path, markup.get("coordinateSystem", "LPS")), _unit(path, markup)
+        system, unit = is_ras(path, markup.get("coordinateSystem", "LPS")), _unit(path, markup)
+        first = first or unit
+        scale = ratio(unit, first)
         for point in points:
             which = f"landmark {len(names) + 1}"
             if not isinstance(point, dict):
@@ -141,16 +141,17 @@ def _read_markups(path: Path, lists: list[Any]) -> Landmarks:
             names.append(str(point.get("label", "")))
             active.append(point.get("selected") is not False)
             ras.append(system)
-    return from_slicer(path, names, places, active, ras)
+    return from_slicer(path, names, places, active, ras, first)
 
 
-def _unit(path: Path, markup: dict[str, Any]) -> float:
-    """Millimetres of the unit of a markup, which is a text or a code such as ["mm", "UCUM", "millimeter"]."""
+def _unit(path: Path, markup: dict[str, Any]) -> str:
+    """The unit of a markup, which is a text or a code such as ["mm", "UCUM", "millimeter"]."""
     given = markup.get("coordinateUnits", "mm")
     word = given[0] if isinstance(given, list) and given else given
-    if not isinstance(word, str) or word not in UNITS:
+    found = find_unit(word)
+    if not found:
         raise _unknown_unit(path, given)
-    return UNITS[word]
+    return found
 
 
 def _unknown_unit(path: Path, given: Any) -> VolumeFileError:

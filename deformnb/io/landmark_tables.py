@@ -11,14 +11,14 @@ import csv
 import io
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from deformnb.io.headers import fail, shown
-from deformnb.io.landmark_json import UNITS
 from deformnb.io.landmark_places import coordinates, is_comment, is_missing, without_missing
+from deformnb.volume.units import find_unit, ratio
 from deformnb.warping.points import Landmarks
 
 Rows = list[tuple[int, list[str]]]
@@ -130,9 +130,10 @@ class _Columns:
 
     Parameters
     ----------
-    moving, fixed : by axis the position of its column, its sign and its millimetres.
+    moving, fixed : by axis the position of its column, and its sign and the ratio of its unit to that of all.
     name, active : positions of columns.
     notes : remarks.
+    unit : of the places; "" where no column states one.
     """
 
     moving: dict[int, tuple[int, float]] = field(default_factory=dict)
@@ -140,6 +141,7 @@ class _Columns:
     name: int | None = None
     active: int | None = None
     notes: tuple[str, ...] = ()
+    unit: str = ""
 
 
 def _read_named(path: Path, rows: Rows) -> Landmarks:
@@ -155,17 +157,17 @@ def _read_named(path: Path, rows: Rows) -> Landmarks:
         fixed.append(both[1])
         names.append("" if columns.name is None else cells[columns.name])
         active.append(columns.active is None or cells[columns.active].lower() not in _FALSE)
-    return without_missing(path, np.array(moving).reshape(-1, dim),
-                           np.array(fixed).reshape(-1, dim) if columns.fixed else None, names, active, columns.notes,
-                           has_open=True)
+    found = without_missing(path, np.array(moving).reshape(-1, dim),
+                            np.array(fixed).reshape(-1, dim) if columns.fixed else None, names, active, columns.notes,
+                            has_open=True)
+    return replace(found, unit=columns.unit)
 
 
 def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
-    found, units, napari = _Columns(), dict[str, float](), list[tuple[int, int]]()
+    found, units, napari = _Columns(), dict[int, str](), list[tuple[int, int]]()
     words = [_words(path, line, k, cell, units) for k, cell in enumerate(heading)]
     plain = {word for one in words for word in one}
     for k, one in enumerate(words):
-        unit = units.get(str(k), 1.0)
         if len(one) == 2 and one[0] == "axis" and one[1].isdecimal():
             napari.append((int(one[1]), k))
         axes = [word for word in one if word in _AXES]
@@ -175,7 +177,7 @@ def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
         if axes[0] not in "xyz" and not ({"r", "a", "s"} <= plain or {"l", "p", "s"} <= plain):
             continue
         axis, sign = _AXES[axes[0]]
-        (found.fixed if rest & _FIXED else found.moving).setdefault(axis, (k, sign * unit))
+        (found.fixed if rest & _FIXED else found.moving).setdefault(axis, (k, sign))
     if napari and not found.moving:
         last = max(number for number, _ in napari)
         found.moving = {last - number: (k, 1.0) for number, k in napari if last - number < 3}
@@ -187,25 +189,35 @@ def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
     joined = ["_".join(one) for one in words]
     found.name = next((k for name in _NAMES for k, one in enumerate(joined) if one == name and k not in taken), None)
     found.active = next((k for name in _ACTIVE for k, one in enumerate(joined) if one == name), None)
-    if set(units.values()) - {1.0}:
-        found.notes += ("the unit of the file was turned into millimetres",)
+    _bring_to_one_unit(found, units)
     return found
 
 
-def _words(path: Path, line: int, k: int, cell: str, units: dict[str, float]) -> list[str]:
-    """The words of a column's name without its unit, which is noted in millimetres."""
+def _bring_to_one_unit(found: _Columns, units: dict[int, str]) -> None:
+    """Multiply the columns of places so that all are in the unit of x, or of the first that states one."""
+    stated = [units.get(k, "") for places in (found.moving, found.fixed) for _, (k, _) in sorted(places.items())]
+    found.unit = next((unit for unit in stated if unit), "")
+    for places in (found.moving, found.fixed):
+        places.update({axis: (k, sign * ratio(units.get(k, ""), found.unit)) for axis, (k, sign) in places.items()})
+    if len(set(stated)) > 1:
+        found.notes += (f"its columns are measured in different units; all are in {found.unit} now",)
+
+
+def _words(path: Path, line: int, k: int, cell: str, units: dict[int, str]) -> list[str]:
+    """The words of a column's name without its unit, which is noted."""
     plain = cell.lower()
     unit = re.search(r"[(\[]\s*([^)\]]*?)\s*[)\]]\s*$", plain)
     if unit:
         plain = plain[:unit.start()]
     words = [word for word in re.split(r"[^a-z0-9µ\u03bc]+", plain) if word]
     words = [part for word in words for part in (list(word) if re.fullmatch(r"[xyz][12]", word) else [word])]
-    last = unit[1] if unit else words[-1] if len(words) > 1 and words[-1] in {*UNITS, *_VOXELS} else None
+    last = unit[1] if unit else words[-1] if len(words) > 1 and words[-1] not in _AXES else None
     if last in _VOXELS:
         raise fail(path, f"line {line}, column {k + 1}: {shown(cell, 30)!r} is in voxels, which have no place without "
                          "their volume.")
-    if last in UNITS:
-        units[str(k)] = UNITS[last]
+    known = find_unit(last)
+    if known:
+        units[k] = known
         words = words if unit else words[:-1]
     return words
 

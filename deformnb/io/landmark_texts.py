@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -241,7 +242,7 @@ def _read_elastix(path: Path, text: str) -> Landmarks:
         raise fail(path, "it holds indices of voxels, which have no place without their volume.")
     if len(lines) != 2 + _count(path, lines[1][1].strip(), lines[1][0]):
         raise fail(path, f"line {lines[1][0]} announces {lines[1][1].strip()} points, and {len(lines) - 2} follow.")
-    return _pair(path, [_number_rows(path, lines[2:])], [""])
+    return replace(_pair(path, [_number_rows(path, lines[2:])], [""]), unit="mm")  # as all lengths of ITK
 
 
 def _read_transformix(path: Path, text: str) -> Landmarks:
@@ -253,7 +254,7 @@ def _read_transformix(path: Path, text: str) -> Landmarks:
             if place is None:
                 raise fail(path, f"line {number} has no {name} = [ ... ], as transformix writes them.")
             rows.append((number, place[1]))
-    return _pair(path, [_number_rows(path, rows) for rows in found.values()], [""])
+    return replace(_pair(path, [_number_rows(path, rows) for rows in found.values()], [""]), unit="mm")
 
 
 def write_txt(landmarks: Landmarks) -> str:

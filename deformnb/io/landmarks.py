@@ -1,7 +1,8 @@
 """Landmark files: their table of formats, reading and writing, and the table of control points.
 
-Places are LPS always; a file that states RAS is turned round. Lengths are millimetres where a file states its unit,
-and otherwise those of the file. Of pairs the moving points are the places, the fixed ones their counterparts.
+Places are LPS always; a file that states RAS is turned round. Lengths stay in the unit that a file states; those of
+Slicer, ITK and elastix are millimetres, and of any other file without a unit the numbers are those of its volume. Of
+pairs the moving points are the places, the fixed ones their counterparts.
 
 Control points are read from the text that the table of points copies, a spreadsheet passes on, or BigWarp writes.
 """
@@ -66,6 +67,7 @@ class LandmarkFormat:
     description : for people.
     dimensions : of the places that it can hold; has_names, has_fixed : whether it holds names, and fixed places too.
     has_open : whether a fixed place may be open.
+    unit : of lengths, of programs that mean millimetres; "" where they mean that of the volume.
     """
 
     suffix: str
@@ -76,6 +78,7 @@ class LandmarkFormat:
     has_names: bool = False
     has_fixed: bool = False
     has_open: bool = False
+    unit: str = ""
 
 
 def is_landmarks(path: str | os.PathLike[str]) -> bool:
@@ -125,13 +128,15 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in (found.points.min(axis=0), found.points.max(axis=0)))
     rows = {"file": shown(place.name), "kind": check_landmark_target(place).description,
             "landmarks": str(len(found)), "from": low, "to": high, "pairs": "no" if found.fixed is None else "yes"}
+    rows |= {"unit": found.unit} if found.unit else {}
     return {**rows, **{f"note {k + 1}": text for k, text in enumerate(found.notes)}}
 
 
 def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write landmarks, whole or not at all; the end of the name chooses the format.
 
-    What a format has no room for is left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS.
+    What a format has no room for is left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS and in
+    millimetres, lists of points of elastix too; in other formats, which state no unit, numbers stay as they are.
 
     Examples
     --------
@@ -151,7 +156,7 @@ def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, o
             raise fail(place, f"landmark {int(np.argmax(is_open)) + 1} has no fixed place, and a {row.description} has "
                               "no room for an open one; leave it out, or write a .csv.")
     with atomic_write(place, overwrite=overwrite) as file:
-        file.write(row.write(landmarks).encode("utf-8"))
+        file.write(row.write(landmarks.in_unit(row.unit)).encode("utf-8"))
 
 
 def check_landmark_target(path: Path) -> LandmarkFormat:
@@ -223,10 +228,12 @@ def _write_fcsv(landmarks: Landmarks) -> str:
 
 
 LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
-    "markups": LandmarkFormat(".mrk.json", read_json, write_markups, "file of Slicer's markups", has_names=True),
+    "markups": LandmarkFormat(".mrk.json", read_json, write_markups, "file of Slicer's markups", has_names=True,
+                              unit="mm"),
     "bigwarp json": LandmarkFormat(".bigwarp.json", read_json, write_bigwarp_json, "JSON of BigWarp's landmarks",
                                    (2, 3), has_names=True, has_fixed=True, has_open=True),
-    "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True),
+    "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True,
+                           unit="mm"),
     "table": LandmarkFormat(".points.csv", read_csv, write_table, "table with a line of names (OpenSim Creator)",
                             (2, 3), has_names=True, has_fixed=True, has_open=True),
     "bigwarp": LandmarkFormat(".csv", read_csv, write_bigwarp, "file of BigWarp's landmarks, or a table", (2, 3),
@@ -239,7 +246,7 @@ LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
     "morphologika": LandmarkFormat(".morphologika.txt", read_txt, write_morphologika, "Morphologika file", (2, 3),
                                    has_fixed=True),
     "elastix": LandmarkFormat(".txt", _read_text, write_txt, "list of points of elastix, Morphologika's, or a table",
-                              (2, 3)),
+                              (2, 3), unit="mm"),
     "pygem": LandmarkFormat(".prm", read_prm, write_prm, "parameter file of PyGeM", has_fixed=True),
 }
 """All kinds of landmark files by name."""
@@ -413,7 +420,8 @@ def _merged(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
             for name, value in record.items():
                 columns[name][k] = value
     names = tuple(columns.pop("name"))
-    arrays = {name: np.array(values, dtype=getattr(into, name).dtype) for name, values in columns.items()}
+    arrays: dict[str, Any] = {name: np.array(values, dtype=getattr(into, name).dtype)
+                              for name, values in columns.items()}
     for name in ("source", "target"):
         arrays[name] = arrays[name].reshape(-1, into.dim)
     made = replace(into, ids=tuple(ids), names=names, next_id=max([into.next_id, *(i + 1 for i in ids)]), **arrays)

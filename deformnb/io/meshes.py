@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -404,13 +404,15 @@ def is_mesh(path: str | os.PathLike[str]) -> bool:
     return _row(Path(path)) is not None
 
 
-def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: str = "mm") -> Mesh:
     """Read a surface; polygons become triangles, colours and textures are left out.
 
     Parameters
     ----------
     path : a file of one of :data:`MESH_FORMATS`.
     name : of the mesh; by default the file's name without its suffix.
+    unit : of its lengths, which none of these files states: by default millimetres, as :func:`write_mesh` writes them
+        and 3D Slicer means them.
 
     Raises
     ------
@@ -437,7 +439,7 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None) -> Mesh:
         mesh = _mesh(*row.read(place), place.stem if name is None else name)
     if not len(mesh.faces):
         raise fail(place, f"there are no faces in it: it is no {row.description} of a surface, or it is damaged.")
-    return mesh
+    return replace(mesh, unit=unit)
 
 
 def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -455,6 +457,7 @@ def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool 
     """Write a surface; the suffix chooses the format. The file is complete at once or untouched.
 
     PLY, OBJ and VTP keep all digits of the corners; STL rounds them to seven and writes each corner with each face.
+    None of them states a unit: where that of the mesh is known its lengths are written in millimetres.
 
     Raises
     ------
@@ -472,7 +475,7 @@ def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool 
     place, mesh = as_path(path), as_mesh(mesh)
     row = check_mesh_target(place)
     with atomic_write(place, overwrite=overwrite) as file:
-        row.write(mesh, file)
+        row.write(mesh.in_unit("mm"), file)
 
 
 def check_mesh_target(path: Path) -> MeshFormat:

@@ -44,6 +44,7 @@ from deformnb.io.streams import (
     write_packed,
     write_pair,
 )
+from deformnb.volume.units import stated_unit
 from deformnb.volume.volume import Matrix3, Volume
 
 _TYPES = {
@@ -132,9 +133,13 @@ def read_header(path: Path) -> Header:
     source = _source(path, fields, end, sizes, dtype.itemsize * channels, dtype)
     labels = True if comment.split(";")[0] == _LABELS else None
     spacing, origin, direction = _geometry(path, fields, dimension)
+    # ITK, whose format this is, means millimetres and never writes the field.
+    unit, unit_notes = stated_unit(fields.get("distanceunits", "mm"))
+    notes += unit_notes
     crc = proven_crc(comment, fields["elementdatafile"])
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
-    return Header(path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout)
+    return Header(path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout,
+                  unit=unit)
 
 
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
@@ -247,6 +252,7 @@ def _header_text(volume: Volume, data_file: str, crc: int | None = None,
         "Offset = " + words((*grid.origin, 0.0)[:axes]),
         "ElementSpacing = " + words((*grid.spacing, layout.duration or 1.0)[:axes]),
         "DimSize = " + words((*volume.shape[::-1], layout.frames)[:axes]),
+        *([] if grid.unit == "mm" else [f"DistanceUnits = {grid.unit or '?'}"]),  # without one ITK means millimetres
         *([f"ElementNumberOfChannels = {layout.channels}"] if layout.channels > 1 else []),
         f"ElementType = {_NAMES[stored_dtype(volume).str[1:]]}",
         f"ElementDataFile = {data_file}",

@@ -25,7 +25,8 @@ from deformnb.io.atomic import atomic_folder
 from deformnb.io.headers import fail, human_bytes, shown, unpacking
 from deformnb.io.memory import available_memory
 from deformnb.io.transform_parts import sampled_parts
-from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose
+from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose, with_unit
+from deformnb.volume.units import UNITS, common_unit, find_unit
 from deformnb.volume.volume import IDENTITY, Grid, optional_package
 
 _VERSION = "0.6"
@@ -62,7 +63,8 @@ def write_ngff(field: AbstractField, path: Path, grid: Grid, remark: str, overwr
         ends = {"input": {"name": _SYSTEM}, "output": {"name": _SYSTEM}, "name": direction}
         one = steps[0] if steps else {"type": "identity"}
         whole = ends | ({"type": "sequence", "transformations": steps} if len(steps) > 1 else one)
-        scene = {"coordinateSystems": [{"name": _SYSTEM, "axes": _space()}], "coordinateTransformations": [whole]}
+        systems = [{"name": _SYSTEM, "axes": _space(grid.unit)}]
+        scene = {"coordinateSystems": systems, "coordinateTransformations": [whole]}
         root.attrs.update({"ome": {"version": _VERSION, "scene": scene}, "deformnb_transform": remark})
 
 
@@ -84,7 +86,7 @@ def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str
     component = {"name": "c", "type": "displacement", "discrete": True}
     group.attrs["ome"] = {"version": _VERSION, "multiscales": [{
         "name": name.rpartition("/")[2],
-        "coordinateSystems": [{"name": "displacements", "axes": [component, *_space()]}],
+        "coordinateSystems": [{"name": "displacements", "axes": [component, *_space(grid.unit)]}],
         "datasets": [{"path": "0", "coordinateTransformations": [level]}]}]}
     step = {"type": "displacements", "path": f"{name}/0", "interpolation": "linear"}
     if plain:
@@ -94,8 +96,9 @@ def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str
     return [to_axes, step, {"type": "affine", "affine": _rows(turned, origin)}]
 
 
-def _space() -> list[dict[str, str]]:
-    return [{"name": axis, "type": "space"} for axis in _AXES]
+def _space(unit: str) -> list[dict[str, str]]:
+    stated = {"unit": UNITS[unit].name} if unit else {}
+    return [{"name": axis, "type": "space", **stated} for axis in _AXES]
 
 
 def _rows(matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> list[list[float]]:
@@ -122,12 +125,18 @@ def read_ngff(path: Path, _grid: Grid | None) -> AbstractField:
     if len(every) != 1:
         names = ", ".join(shown(one.get("name", one.get("type")), 30) for one in every[:10])
         raise fail(path, f"one transformation is read, and its metadata hold {len(every)}{': ' * bool(names)}{names}.")
-    axes = _axes_of(path, owner, every[0])
-    return _Reader(path, axes).field(every[0])
+    axes, units = _axes_of(path, owner, every[0])
+    field = _Reader(path, axes).field(every[0])
+    unit, factors, _ = common_unit([units[name] for name in "xyz"])
+    if len(set(factors)) > 1:  # to the axes' own units and back
+        none, scale = np.zeros(3), np.array(factors)
+        field = compose(Affine(np.diag(scale), none), field, Affine(np.diag(1 / scale), none))
+    return with_unit(field, unit)
 
 
-def _axes_of(path: Path, owner: dict[str, Any], transformation: dict[str, Any]) -> tuple[str, ...]:
-    """Names of the axes of the coordinate system that a transformation is of."""
+def _axes_of(path: Path, owner: dict[str, Any],
+             transformation: dict[str, Any]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Names and units of the axes of the coordinate system that a transformation is of."""
     ends = [transformation.get(end) for end in ("input", "output")]
     names = [end.get("name") if isinstance(end, dict) else end for end in ends]
     systems = owner.get("coordinateSystems")
@@ -144,7 +153,7 @@ def _axes_of(path: Path, owner: dict[str, Any], transformation: dict[str, Any]) 
         if isinstance(orientation, dict) and orientation.get("value") != lps[str(axis["name"])]:
             raise fail(path, f"its axis {axis['name']} runs {shown(orientation.get('value'), 40)}; only systems in LPS "
                              "are read.")
-    return axes[0]
+    return axes[0], {str(axis["name"]): find_unit(axis.get("unit", "")) or "" for axis in found[0]}
 
 
 def _listed(given: Any) -> list[Any]:

@@ -21,7 +21,7 @@ from deformnb._typing import Float3, Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.headers import SINGLE, Header, Layout, checked_layout, fail, triple, volume_shape
 from deformnb.io.streams import Source, layout_blocks, take, write_packed
-from deformnb.volume.volume import IDENTITY, Grid, Matrix3, Volume
+from deformnb.volume.volume import IDENTITY, NIFTI_UNITS, Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
@@ -34,7 +34,7 @@ _CHANNELS_NAME = b"channels"  # intent_name of channels that are no vector: NIfT
 _VECTOR_INTENT = 1007  # NIFTI_INTENT_VECTOR: the fifth axis are parts of one voxel
 _DISPLACEMENT_INTENT = 1006  # NIFTI_INTENT_DISPVECT: vectors of displacements
 _VECTOR_INTENTS = (_DISPLACEMENT_INTENT, _VECTOR_INTENT)
-_UNITS = {1: "metres", 3: "micrometres"}  # 2 is millimetres, 0 unknown
+_UNITS = {code: unit for unit, code in NIFTI_UNITS.items()}
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
 _FIRST_VOXEL = 352
@@ -132,13 +132,13 @@ def read_header(path: Path) -> Header:
     affine, place_notes = _affine(path, fields)
     spacing = triple(list(fields.pixdim[1:4]))
     direction, origin = _qform(path, fields) if affine is None else (IDENTITY, (0.0, 0.0, 0.0))
-    units = _UNITS.get(fields.units & 7)
-    if units:
-        notes += (f"lengths of the file are in {units} and stay so",)
+    code = fields.units & 7
+    if code not in _UNITS:
+        notes += (f"the code {code} of its unit of lengths is none of NIfTI; its numbers stay as they are",)
     blocks = layout_blocks(source, shape, dtype, layout)
     return Header(path, shape, dtype, blocks, spacing, origin, direction, affine, slope, intercept,
                   is_labels=True if fields.intent == _LABEL_INTENT else None,
-                  notes=notes + scale_notes + place_notes, layout=layout)
+                  notes=notes + scale_notes + place_notes, layout=layout, unit=_UNITS.get(code, ""))
 
 
 def _sizes(sizes: list[int]) -> tuple[list[int], tuple[str, ...]]:
@@ -284,7 +284,7 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     put("3h", 68, intent, code, 8 * volume.dtype.itemsize * (layout.channels if is_colour else 1))
     put("8f", 76, flip, *grid.spacing, layout.duration, 0, 0, 0)
     put("3f", 108, _FIRST_VOXEL, 1, 0)
-    put("B", 123, 2 + 8 * (layout.frames > 1))  # millimetres and seconds
+    put("B", 123, NIFTI_UNITS[grid.unit] + 8 * (layout.frames > 1))  # and seconds
     put("2h", 252, 1, 1)
     put("6f", 256, *_quaternion(turn * [1, 1, flip]), *affine[:3, 3])
     put("12f", 280, *affine[:3].ravel())
@@ -304,7 +304,7 @@ def _quaternion(turn: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
-    """Write NIfTI-1; sform and qform are the same, lengths in millimetres, bool becomes uint8."""
+    """Write NIfTI-1; sform and qform are the same, lengths in a unit of NIfTI, bool becomes uint8."""
     check_size(path, volume)
     encoding = "gzip" if path.suffix.lower() == ".gz" else "raw"
     write_packed(volume, path, _packed_header(volume), encoding, overwrite, progress)

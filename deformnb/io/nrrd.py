@@ -48,6 +48,7 @@ from deformnb.io.streams import (
     write_packed,
     write_pair,
 )
+from deformnb.volume.units import common_unit, stated_unit
 from deformnb.volume.volume import Volume
 
 _TYPES = {
@@ -74,6 +75,8 @@ _SPACES = {
     "left-anterior-superior": (1.0, -1.0, 1.0), "las": (1.0, -1.0, 1.0),
     "scanner-xyz": (1.0, 1.0, 1.0), "3d-right-handed": (1.0, 1.0, 1.0), "3d-left-handed": (1.0, 1.0, 1.0),
 }
+
+_SPACES_OF_PATIENTS = re.compile(r"anterior|posterior|^(lps|ras|las)$")
 
 # Axes of these kinds are places; an axis of any other kind (colours, vectors, tensors, time) is none.
 _VECTORS = {"vector", "covariant-vector", "normal", "2-vector", "3-vector", "4-vector", "3-gradient", "3-normal"}
@@ -158,13 +161,15 @@ def read_header(path: Path) -> Header:
     layout = checked_layout(path, described_layout(layout, keys.get(_CHANNELS_KEY, "")))
     shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
     source = _source(path, fields, end, files, sizes, dtype)
-    affine = _affine(path, fields, axes, dimension)
+    unit, factors, unit_notes = _unit(path, fields, axes)
+    affine = _affine(path, fields, axes, dimension, factors)
     notes += affine.pop("notes", ())
     # What 3D Slicer saves as a segmentation holds the numbers of segments, although no field of NRRD says so.
     labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
     crc = proven_crc(comments, fields.get("datafile", ""))
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
-    return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes, layout=layout, **affine)
+    return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes + unit_notes, layout=layout, unit=unit,
+                  **affine)
 
 
 def segment_keys(path: Path) -> dict[str, str]:
@@ -293,16 +298,39 @@ def _skipped_lines(path: Path, target: Path, offset: int, lines: int) -> int:
     return ends[lines - 1]
 
 
-def _affine(path: Path, fields: dict[str, str], axes: list[int], dimension: int) -> dict[str, Any]:
+def _unit(path: Path, fields: dict[str, str],
+          axes: list[int]) -> tuple[str, NDArray[np.float64], tuple[str, ...]]:
+    """The unit of lengths, by how much the numbers along the three axes are multiplied to be in it, and notes.
+
+    Units of the space belong to its coordinates, others to the axes of the array. Where a file has neither, one that
+    lies in a patient is in millimetres, as ITK and 3D Slicer mean it.
+    """
+    name = "spaceunits" if "spaceunits" in fields else "units"
+    if name not in fields:
+        is_patient = fields.get("space", "").lower() in _SPACES and _SPACES_OF_PATIENTS.search(fields["space"].lower())
+        return "mm" if is_patient else "", np.ones(3), ()
+    words = [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', fields[name])]
+    wanted = list(range(min(3, len(words)))) if name == "spaceunits" else axes[:3]
+    if not wanted or max(wanted) >= len(words):
+        raise fail(path, f"the field '{'space units' if name == 'spaceunits' else name}' names {len(words)} units for "
+                         f"{len(axes)} axes.")
+    stated = [stated_unit(words[axis]) for axis in wanted]
+    units = [unit for unit, _ in stated]
+    unit, factors, notes = common_unit(units + units[:1] * (3 - len(units)))
+    return unit, np.array(factors), tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
+
+
+def _affine(path: Path, fields: dict[str, str], axes: list[int], dimension: int,
+            factors: NDArray[np.float64]) -> dict[str, Any]:
     """Geometry of the header, as arguments of Header."""
     space = fields.get("space", "").lower()
     if space and space not in _SPACES:
         raise fail(path, f"the space '{shown(space)}' is not supported; save it in left-posterior-superior.")
-    signs = np.array(_SPACES.get(space, (1.0, 1.0, 1.0)))
+    signs = np.array(_SPACES.get(space, (1.0, 1.0, 1.0))) * factors
     origin = _vectors(path, "space origin", fields["spaceorigin"])[:1] if "spaceorigin" in fields else []
     corner = _three(path, "space origin", origin[0] if origin else [0.0, 0.0, 0.0])
     if "spacedirections" not in fields:
-        known = _spacings(path, fields, axes, dimension)
+        known = _spacings(path, fields, axes, dimension, factors)
         return known | ({"origin": triple((signs * corner).tolist())} if origin else {})
     vectors = _vectors(path, "space directions", fields["spacedirections"])
     affine = np.eye(4)
@@ -321,7 +349,8 @@ def _three(path: Path, field: str, vector: list[float] | None) -> NDArray[np.flo
     return np.array([*vector, 0.0][:3])  # a fourth one is time, of ITK's series
 
 
-def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: int) -> dict[str, Any]:
+def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: int,
+              factors: NDArray[np.float64]) -> dict[str, Any]:
     def per_axis(name: str, shown_name: str, missing: float) -> list[float]:
         if name not in fields:
             return [missing] * 3
@@ -337,9 +366,10 @@ def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: in
     # "axis min" is the border of a cell, or the place of a node.
     first = [low + (step / 2 if axis < len(centres) and centres[axis] == "cell" else 0.0)
              for low, step, axis in zip(minimum, spacing, [*axes, 99, 99][:3], strict=True)]
+    lengths = triple((factors * spacing).tolist())
     if np.isfinite(first).all():
-        return {"spacing": triple(spacing), "origin": triple(first)}
-    return {"spacing": triple(spacing), "notes": ("its axis mins are not numbers: the first voxel was put at 0",)}
+        return {"spacing": lengths, "origin": triple((factors * first).tolist())}
+    return {"spacing": lengths, "notes": ("its axis mins are not numbers: the first voxel was put at 0",)}
 
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
@@ -399,6 +429,8 @@ def _header_text(volume: Volume, encoding: str, data_file: str | None = None, cr
         f"encoding: {encoding}",
         "space origin: (" + ",".join(map(repr, grid.origin)) + ")",
     ]
+    # In millimetres a file says nothing, as ITK and 3D Slicer write it: see _unit.
+    lines += [] if grid.unit == "mm" else ["space units: " + " ".join([f'"{grid.unit}"'] * 3)]
     lines += [f"{_LABELS_KEY}:=yes"] if volume.is_labels and not keys else []
     lines += [f"{_CHANNELS_KEY}:={layout_description(layout)}"] if parts else []
     lines += [f"{key}:={value}" for key, value in keys.items()]

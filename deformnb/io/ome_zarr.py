@@ -36,6 +36,7 @@ from deformnb.io.headers import (
     unpacking,
     volume_shape,
 )
+from deformnb.volume.units import UNITS, common_unit, stated_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
 if TYPE_CHECKING:
@@ -163,7 +164,6 @@ class Pyramid:
 
     levels: tuple[Level, ...]
     is_labels: bool | None
-    unit: str
     notes: tuple[str, ...] = ()
     layout: Layout = SINGLE
 
@@ -185,7 +185,7 @@ def open_pyramid(path: Path) -> Pyramid:
         if isinstance(node, zarr.Array):
             level, layout = _level(path, node, _plain_axes(path, node), None, None, {})
             note = "a Zarr array without the metadata of OME-Zarr has no spacing: 1 along each axis"
-            return Pyramid((level,), None, "", (note,), layout)
+            return Pyramid((level,), None, (note,), layout)
         return _of_group(path, node)
     except (DeformError, MemoryError):
         raise
@@ -255,9 +255,8 @@ def _of_group(path: Path, group: zarr.Group) -> Pyramid:
     notes: tuple[str, ...] = (f"of its {len(scales)} multiscale images the first was read",) if len(scales) > 1 else ()
     axes = _axes(path, about, str(about.get("version", ome.get("version", ""))))
     names = [str(axis["name"]) for axis in axes]
-    units = {str(axis["unit"]) for axis in axes if axis.get("type") == "space" and isinstance(axis.get("unit"), str)}
-    if len(units) > 1:
-        raise fail(path, f"its axes have different units ({shown(', '.join(sorted(units)))}).")
+    unit, factors, more = _unit(axes)
+    notes += more
     datasets = about.get("datasets")
     if not isinstance(datasets, list) or not 1 <= len(datasets) <= _MOST_LEVELS:
         raise fail(path, f"its datasets should be 1 to {_MOST_LEVELS} arrays.")
@@ -266,20 +265,18 @@ def _of_group(path: Path, group: zarr.Group) -> Pyramid:
         dataset = _mapping(path, entry, f"datasets[{k}]")
         array = _array(path, group, dataset.get("path"))
         level, layout = _level(path, array, names, about, dataset, attributes)
-        levels.append(level)
+        levels.append(replace(level, grid=_in_one_unit(path, level.grid, unit, factors)))
         layouts.append(layout)
     sizes = [level.grid.size for level in levels]
     if sorted(sizes, reverse=True) != sizes or len({level.array.dtype for level in levels}) > 1:
         raise fail(path, "its levels do not go from fine to coarse with voxels of one type.")
     if len({(layout.frames, layout.channels) for layout in layouts}) > 1:
         raise fail(path, "its levels have different numbers of moments or channels.")
-    unit = next(iter(units), "")
-    notes += () if unit in ("", "millimeter") else (f"lengths are in units of {shown(unit)}",)
     notes += _doubts(levels, about, datasets)
     labels: bool | None = "image-label" in ome or "image-label" in attributes
     if not labels and about.get("type") != "mean":  # coarser levels that are means are of amounts
         labels = None
-    return Pyramid(tuple(levels), labels, unit, notes, _named_layout(layouts[0], ome, attributes, axes))
+    return Pyramid(tuple(levels), labels, notes, _named_layout(layouts[0], ome, attributes, axes))
 
 
 def _of_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Pyramid:
@@ -360,6 +357,26 @@ def _doubts(levels: list[Level], about: Mapping[str, Any], datasets: list[Any]) 
         if (np.abs(ends[0] - ends[1]) > 1.01 * np.asarray(grid.spacing)).any():
             notes += (f"level {k} of the pyramid has another extent than the finest: its scale or its size is wrong",)
     return notes
+
+
+def _unit(axes: list[Mapping[str, Any]]) -> tuple[str, tuple[float, ...], tuple[str, ...]]:
+    """The unit of lengths, by how much the numbers along x, y and z are multiplied to be in it, and notes."""
+    given = {str(axis["name"]): axis.get("unit") or "" for axis in axes}
+    stated = [stated_unit(given[name]) for name in "xyz" if name in given]
+    units = [unit for unit, _ in stated]
+    unit, factors, notes = common_unit(units + units[:1] * (3 - len(units)))
+    return unit, factors, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
+
+
+def _in_one_unit(path: Path, grid: Grid, unit: str, factors: tuple[float, ...]) -> Grid:
+    """The grid with its lengths along x, y and z brought to one unit."""
+    lengths = np.asarray(grid.spacing) * factors
+    place = np.asarray(grid.direction) @ (np.asarray(grid.direction).T @ np.asarray(grid.origin) * factors)
+    try:
+        return replace(grid, spacing=tuple(lengths), origin=tuple(place) if len(set(factors)) > 1 else grid.origin,
+                       unit=unit)
+    except DeformError as error:
+        raise fail(path, f"its coordinates are unusable: {shown(error, 200)}") from error
 
 
 def _mapping(path: Path, value: Any, what: str) -> Mapping[str, Any]:
@@ -470,7 +487,7 @@ def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
         notes += (f"{missing} of {total} chunks are not there: their voxels have the fill value {fill}",)
     return Header(path, level.grid.shape, dtype, lambda: _blocks(parts, depth, found), level.grid.spacing,
                   level.grid.origin, level.grid.direction, is_labels=pyramid.is_labels, notes=notes,
-                  working_bytes=slab + (_AT_ONCE + 1) * level.chunk_bytes, layout=layout)
+                  unit=level.grid.unit, working_bytes=slab + (_AT_ONCE + 1) * level.chunk_bytes, layout=layout)
 
 
 def _axis_places(level: Level) -> dict[str, int]:
@@ -507,7 +524,7 @@ def coarser(grid: Grid) -> Grid:
     spacing = np.where(whole, 2.0, 1.0) * grid.spacing
     origin = grid.index_to_point(np.where(whole, 0.5, 0.0))
     nz, ny, nx = (-(-n // 2) for n in grid.shape)
-    return Grid((nz, ny, nx), tuple(spacing), tuple(origin), grid.direction)
+    return replace(grid, shape=(nz, ny, nx), spacing=tuple(spacing), origin=tuple(origin))
 
 
 def level_grids(grid: Grid, levels: int | None = None) -> list[Grid]:
@@ -551,20 +568,19 @@ def halved(values: NDArray[Any], *, discrete: bool) -> NDArray[Any]:
 
 
 def create_pyramid(path: Path, grids: list[Grid], dtype: np.dtype[Any], *, name: str = "", is_labels: bool = False,
-                   fill: Any = 0, chunks: tuple[int, int, int] = CHUNK, version: str = "0.5",
-                   unit: str = "millimeter") -> list[Any]:
+                   fill: Any = 0, chunks: tuple[int, int, int] = CHUNK, version: str = "0.5") -> list[Any]:
     """An empty pyramid in a new folder; returns its Zarr arrays, the finest first.
 
     Parameters
     ----------
-    grids : of the levels; see :func:`level_grids`.
+    grids : of the levels, whose unit is written; see :func:`level_grids`.
     fill : value of voxels that are never written.
     version : a name of :data:`VERSIONS`.
     """
     zarr = zarr_package()
     if version not in VERSIONS:
         raise DeformError(f"unknown version {shown(version)} of OME-Zarr; choose one of {', '.join(VERSIONS)}.")
-    about = _metadata(grids, name, is_labels, unit)
+    about = _metadata(grids, name, is_labels)
     attributes: dict[str, Any]
     if version == "0.5":
         label = {"image-label": {"version": "0.5"}} if is_labels else {}
@@ -583,8 +599,9 @@ def create_pyramid(path: Path, grids: list[Grid], dtype: np.dtype[Any], *, name:
         min(c, n) for c, n in zip(chunks, grid.shape, strict=True)), **options) for k, grid in enumerate(grids)]
 
 
-def _metadata(grids: list[Grid], name: str, is_labels: bool, unit: str) -> dict[str, Any]:
-    axes = [{"name": axis, "type": "space", **({"unit": unit} if unit else {})} for axis in "zyx"]
+def _metadata(grids: list[Grid], name: str, is_labels: bool) -> dict[str, Any]:
+    unit = {"unit": UNITS[grids[0].unit].name} if grids[0].unit else {}
+    axes = [{"name": axis, "type": "space", **unit} for axis in "zyx"]
     datasets = []
     for k, grid in enumerate(grids):
         place = np.asarray(grid.direction).T @ np.asarray(grid.origin)  # along the grid's own axes

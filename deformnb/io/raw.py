@@ -5,10 +5,10 @@ file is JSON::
 
     {"format": "deformnb volume", "version": 1, "shape": [56, 324, 301], "dtype": "uint8", "byte_order": "little",
      "offset": 0, "spacing": [1.0, 1.0, 1.4], "origin": [0, 0, 0], "direction": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-     "is_labels": false, "crc32": 305419896}
+     "unit": "mm", "is_labels": false, "crc32": 305419896}
 
-Shape is z, y, x; spacing and origin are x, y, z. For raw voxels only "shape" and "dtype" are needed ("byte_order" too
-if a voxel has several bytes); "crc32", if given, must be that of the voxels' bytes.
+Shape is z, y, x; spacing and origin are x, y, z, in the unit. For raw voxels only "shape" and "dtype" are needed
+("byte_order" too if a voxel has several bytes); "crc32", if given, must be that of the voxels' bytes.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.headers import Blocks, Header, fail, shown, volume_shape
 from deformnb.io.streams import Source, checked_bytes, slabs_of_bytes
+from deformnb.volume.units import stated_unit
 from deformnb.volume.volume import Volume, cast
 
 _FORMAT = "deformnb volume"
@@ -83,8 +84,8 @@ def _numbers(side: Path, fields: dict[str, Any], name: str, shape: tuple[int, ..
         raise fail(side, f"the field '{name}' should be {many} numbers but is {shown(fields[name])}.") from error
 
 
-def _geometry(side: Path, fields: dict[str, Any]) -> dict[str, Any]:
-    """Entries of a side file beyond type and shape, as arguments of Header."""
+def _geometry(side: Path, fields: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Entries of a side file beyond type and shape, as arguments of Header, and a note on an unknown unit."""
     known: dict[str, Any] = {}
     for name, shape in (("spacing", (3,)), ("origin", (3,)), ("direction", (3, 3))):
         if name in fields:
@@ -94,7 +95,8 @@ def _geometry(side: Path, fields: dict[str, Any]) -> dict[str, Any]:
         if not isinstance(fields["is_labels"], bool):
             raise fail(side, "the field 'is_labels' should be true or false.")
         known["is_labels"] = fields["is_labels"]
-    return known
+    unit, notes = stated_unit(fields.get("unit", ""))
+    return known | {"unit": unit}, notes
 
 
 def _shape(side: Path, fields: dict[str, Any]) -> list[int]:
@@ -125,7 +127,8 @@ def read_raw_header(path: Path) -> Header:
     shape, notes = volume_shape(side, sizes, dtype.itemsize)
     dtype = dtype.newbyteorder(">" if order == "big" else "<")
     blocks = _checked(path, fields, Source(path, offset).blocks(shape, dtype))
-    return Header(path, shape, dtype, blocks, notes=notes, **_geometry(side, fields))
+    known, unit_notes = _geometry(side, fields)
+    return Header(path, shape, dtype, blocks, notes=notes + unit_notes, **known)
 
 
 def _checked(path: Path, fields: dict[str, Any], blocks: Blocks) -> Blocks:
@@ -167,7 +170,8 @@ def read_npy_header(path: Path) -> Header:
         raise fail(path, f"its voxels are {dtype.name}, but its side file {shown(side.name)} has dtype "
                          f"{shown(fields.get('dtype'), 40)} and byte_order {shown(fields.get('byte_order'), 40)}. "
                          "Remove the side file if the array is new.")
-    return replace(header, blocks=_checked(path, fields, blocks), **_geometry(side, fields))
+    known, unit_notes = _geometry(side, fields)
+    return replace(header, blocks=_checked(path, fields, blocks), notes=notes + unit_notes, **known)
 
 
 def _npy_fields(path: Path, text: bytes) -> tuple[np.dtype[Any], bool, list[int]]:
@@ -227,7 +231,7 @@ def _side_text(volume: Volume, crc: int) -> bytes:
     fields = {
         "format": _FORMAT, "version": _VERSION, "shape": volume.shape, "dtype": volume.dtype.name,
         "byte_order": "little", "spacing": grid.spacing, "origin": grid.origin, "direction": grid.direction,
-        "is_labels": volume.is_labels, "crc32": crc,
+        **({"unit": grid.unit} if grid.unit else {}), "is_labels": volume.is_labels, "crc32": crc,
     }
     lines = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in fields.items())
     return f"{{\n{lines}\n}}\n".encode()

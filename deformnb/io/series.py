@@ -20,11 +20,12 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io import images, metaimage, nifti, nrrd, ome_zarr, tiff
 from deformnb.io.atomic import atomic_write, check_target
-from deformnb.io.formats import format_of, located, plain_name, read_any_header, write_volume
+from deformnb.io.formats import format_of, in_given_unit, located, plain_name, read_any_header, write_volume
 from deformnb.io.headers import Damage, Header, Layout, as_path, fail, human_bytes
 from deformnb.io.memory import default_limit
 from deformnb.io.streams import packed, stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
+from deformnb.volume.units import checked_unit
 from deformnb.volume.volume import Grid, Volume, as_spacing
 
 _HEADERS: dict[str, Callable[[Path, Volume, Layout], bytes]] = {
@@ -81,8 +82,8 @@ class Series:
                 yield Channels(volumes, self.layout.colours, self.layout.kind, self.name)
 
 
-def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None,
-                is_labels: bool | None = None, max_bytes: int | None = None) -> Series:
+def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None, is_labels: bool | None = None,
+                max_bytes: int | None = None, unit: str | None = None) -> Series:
     """Open a file of channels, colours or moments in time; only its header is read.
 
     Parameters
@@ -92,6 +93,7 @@ def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None,
     spacing : (x, y, z) instead of the file's.
     is_labels : voxels are names of regions; by default as in the file.
     max_bytes : refuse a file one moment of which takes more memory; by default 60 % of what is free here.
+    unit : of the lengths, instead of the file's.
 
     Raises
     ------
@@ -112,6 +114,7 @@ def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None,
         kind, header = read_any_header(place)
         if kind == "image":
             header = images.read_colour_header(place)
+        header = header if unit is None else in_given_unit(header, checked_unit(unit))
         grid, notes = header.grid(None if spacing is None else as_spacing(spacing))
         dtype = _kept_type(header)
         needed = grid.size * dtype.itemsize * header.layout.channels + header.working_bytes
@@ -209,11 +212,16 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
     True
     """
     target = as_path(path)
-    kind, _ = format_of(target, writing=True)
+    kind, entry = format_of(target, writing=True)
     check_target(target, overwrite=overwrite)
     if isinstance(moments, Volume | Channels | str | os.PathLike) or not isinstance(moments, Iterable):
         raise DeformError(f"moments are a list of channels, got {shown_value(moments)}; write_channels writes one.")
-    queue: Iterator[Channels] = map(as_channels, moments)
+
+    def in_written_unit(moment: Channels) -> Channels:
+        channels = as_channels(moment)
+        return channels.in_unit(entry.written_unit(channels.grid.unit))
+
+    queue: Iterator[Channels] = map(in_written_unit, moments)
     first = next(queue, None)
     if first is None or count < 1:
         raise DeformError("there is no moment to write.")

@@ -51,6 +51,7 @@ from deformnb.io.tiff_pages import (
     page_of,
     whole_numbers,
 )
+from deformnb.volume.units import common_unit, ratio, stated_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, optional_package, voxel_checksum
 
 SUFFIXES = (".ome.tif", ".ome.tiff", ".tif", ".tiff")
@@ -122,7 +123,7 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
     if layout.frames * planes > 1:
         blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, planes, slices))  # noqa: E731
     return Header(path, shape, first.dtype, blocks, spacing or (1.0, 1.0, 1.0), notes=notes,
-                  working_bytes=working_bytes, layout=layout)
+                  working_bytes=working_bytes, layout=layout, unit=found.unit)
 
 
 def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layout, int]:
@@ -234,12 +235,14 @@ class _Described:
 
     Parameters
     ----------
+    unit : of the spacing; "" where it is not known.
     count : pages that the file has at least, which ImageJ may have put one after another behind a single one.
     layout : its channels, still those in colours too, and moments.
     order : of the pages, the axis that changes fastest first.
     """
 
     spacing: Float3 | None = None
+    unit: str = ""
     count: int = 1
     notes: tuple[str, ...] = ()
     layout: Layout = SINGLE
@@ -259,8 +262,8 @@ def _described(path: Path, text: str, tags: Tags) -> _Described:
         # ImageJ keeps colours of RGB in the pixels, and its other channels in pages that change fastest.
         layout = Layout(counts.get("frames", 1), counts.get("channels", 1),
                         duration=_positive(fields.get("finterval", "")) or 0.0)
-        return _Described(_imagej_spacing(fields, tags), counts.get("images", 1), _unit_note(fields.get("unit", "")),
-                          layout, "CZT")
+        spacing, unit, notes = _imagej_lengths(fields, tags)
+        return _Described(spacing, unit, counts.get("images", 1), notes, layout, "CZT")
     if "<OME" in text[:2000]:
         pixels = re.search(r"<Pixels[^>]*>", text)
         found = dict(_ATTRIBUTE.findall(pixels[0])) if pixels else {}
@@ -270,10 +273,20 @@ def _described(path: Path, text: str, tags: Tags) -> _Described:
             raise fail(path, f"its DimensionOrder is {shown(found['DimensionOrder'], 20)}, which OME does not define.")
         lengths = [_positive(found.get(f"PhysicalSize{axis}", "")) for axis in "XYZ"]
         if lengths[0] and lengths[1]:
-            return _Described((lengths[0], lengths[1], lengths[2] or 1.0), 1,
-                              _unit_note(found.get("PhysicalSizeXUnit", "µm")), layout, order)
+            units = [html.unescape(found.get(f"PhysicalSize{axis}Unit", "\u00b5m")) for axis in "XYZ"]
+            spacing, unit, notes = _in_one_unit((lengths[0], lengths[1], lengths[2] or 1.0),
+                                                units if lengths[2] else [*units[:2], units[0]])
+            return _Described(spacing, unit, 1, notes, layout, order)
         return _Described(layout=layout, order=order)
     return _Described()
+
+
+def _in_one_unit(lengths: Float3, units: list[str]) -> tuple[Float3, str, tuple[str, ...]]:
+    """Lengths along x, y and z in the unit of x, with that unit and notes."""
+    stated = [stated_unit(unit) for unit in units]
+    unit, (a, b, c), notes = common_unit([one for one, _ in stated])
+    x, y, z = lengths
+    return (x * a, y * b, z * c), unit, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
 
 
 def _ome_layout(pixels: dict[str, str], text: str) -> Layout:
@@ -306,10 +319,6 @@ def _annotated(header: Header, text: str) -> Header:
                    is_labels=True if found.get("labels") == ["yes"] else header.is_labels)
 
 
-def _unit_note(unit: str) -> tuple[str, ...]:
-    return (f"lengths of the file are in {shown(unit, 20)} and stay so",) if unit not in ("", "mm", "pixel") else ()
-
-
 def _positive(text: str) -> float | None:
     try:
         value = float(text)
@@ -318,18 +327,26 @@ def _positive(text: str) -> float | None:
     return value if math.isfinite(value) and value > 0 else None
 
 
-def _imagej_spacing(fields: dict[str, str], tags: Tags) -> Float3 | None:
-    if not fields.get("unit") and "spacing" not in fields:
-        return None
+def _imagej_lengths(fields: dict[str, str], tags: Tags) -> tuple[Float3 | None, str, tuple[str, ...]]:
+    """Spacing, unit and notes of ImageJ's description, which has yunit and zunit only where they are others."""
+    unit = fields.get("unit", "")
+    if not unit and "spacing" not in fields:
+        return None, "", ()
 
     def length(tag: int) -> float:
         above, below = (*whole_numbers(tags, tag).tolist(), 0, 0)[:2]
         return below / above if above > 0 and below > 0 else 1.0
 
-    return length(XRES), length(YRES), _positive(fields.get("spacing", "")) or 1.0
+    lengths = length(XRES), length(YRES), _positive(fields.get("spacing", "")) or 1.0
+    return _in_one_unit(lengths, [unit, fields.get("yunit", unit), fields.get("zunit", unit)])
 
 
 # -- writing ---------------------------------------------------------------------------------------------------------
+
+_MOST_RATIONAL = 1e9
+
+# Without one OME means micrometres; this is its word for lengths whose unit is not known.
+_NO_UNIT = "reference frame"
 
 # A classic TIFF has room for 4 GiB; its tables and its description take some of that.
 _MOST_CLASSIC = 2**32 - 2**25
@@ -373,9 +390,15 @@ def write_pages(pages: Iterator[NDArray[Any]], path: Path, like: Volume, layout:
         colour["extrasamples"] = ["unassalpha"]
     with atomic_write(path, overwrite=overwrite, needed=size) as file, tifffile.TiffWriter(
             file, bigtiff=size > _MOST_CLASSIC, ome=True, byteorder="<") as writer:
-        writer.write(pages, shape=shape, dtype=dtype, software="deformnb", resolutionunit="CENTIMETER",
-                     resolution=(10 / grid.spacing[0], 10 / grid.spacing[1]),
+        writer.write(pages, shape=shape, dtype=dtype, software="deformnb", **_resolution(grid),
                      metadata=_ome_metadata(like, layout, identity or uuid4(), is_colour), **colour)
+
+
+def _resolution(grid: Grid) -> dict[str, Any]:
+    """Pixels of a centimetre, as tifffile takes them; nothing where a rational of 32 bits cannot hold their number."""
+    across = tuple(ratio("cm", grid.unit or "mm") / length for length in grid.spacing[:2])
+    held = all(1 / _MOST_RATIONAL < count < _MOST_RATIONAL for count in across)
+    return {"resolution": across, "resolutionunit": "CENTIMETER"} if held else {}
 
 
 def _ome_metadata(like: Volume, layout: Layout, identity: UUID, is_colour: bool) -> dict[str, Any]:
@@ -384,7 +407,7 @@ def _ome_metadata(like: Volume, layout: Layout, identity: UUID, is_colour: bool)
     about: dict[str, Any] = {"axes": "TCZYXS" if is_colour else "TCZYX", "Name": like.name, "Creator": "deformnb",
                              "UUID": str(identity)}
     for axis, length in zip("XYZ", grid.spacing, strict=True):
-        about |= {f"PhysicalSize{axis}": length, f"PhysicalSize{axis}Unit": "mm"}
+        about |= {f"PhysicalSize{axis}": length, f"PhysicalSize{axis}Unit": grid.unit or _NO_UNIT}
     if layout.duration:
         about |= {"TimeIncrement": layout.duration, "TimeIncrementUnit": "s"}
     if layout.channels > 1 and not is_colour:

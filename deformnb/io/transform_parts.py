@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,4 +54,4 @@ def _padded(grid: Grid, reach: NDArray[np.float64]) -> Grid:
     more = np.ceil(reach / np.asarray(grid.spacing)).astype(int)
     shape = tuple(int(n + 2 * m) for n, m in zip(grid.shape, more[::-1], strict=True))
     x, y, z = grid.index_to_point(-more).tolist()
-    return Grid(shape, grid.spacing, (x, y, z), grid.direction)  # type: ignore[arg-type]
+    return replace(grid, shape=shape, origin=(x, y, z))  # type: ignore[arg-type]

@@ -27,7 +27,17 @@ from deformnb.io.ngff_transforms import read_ngff, write_ngff
 from deformnb.io.transform_remarks import BACKWARD, FORWARD, REMARKS, stated_remark
 from deformnb.io.vtk_transforms import read_vti_field, write_vti_field
 from deformnb.rbf.bspline import BSplineField
-from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, HasField, Identity, as_transform_field
+from deformnb.rbf.fields import (
+    AbstractField,
+    Affine,
+    DisplacementField,
+    HasField,
+    Identity,
+    as_transform_field,
+    converted,
+    in_unit,
+    with_unit,
+)
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 from deformnb.warping.inverse import Inverse, invert
@@ -45,6 +55,7 @@ class TransformFormat:
     description : for people.
     is_volume : volumes have these endings too.
     is_folder : the file is a folder.
+    states_unit : it has room for the unit of lengths; in others they are millimetres.
     """
 
     suffixes: tuple[str, ...]
@@ -53,6 +64,7 @@ class TransformFormat:
     description: str
     is_volume: bool = False
     is_folder: bool = False
+    states_unit: bool = False
 
 
 TRANSFORM_FORMATS: dict[str, TransformFormat] = {
@@ -69,7 +81,7 @@ TRANSFORM_FORMATS: dict[str, TransformFormat] = {
     "vti": TransformFormat((".vti",), read_vti_field, write_vti_field, "displacements as VTK image data",
                            is_volume=True),
     "ngff": TransformFormat((".zarr",), read_ngff, write_ngff, "OME-NGFF 0.6 with displacements in Zarr",
-                            is_volume=True, is_folder=True),
+                            is_volume=True, is_folder=True, states_unit=True),
 }
 """All kinds of transform files by name."""
 
@@ -112,7 +124,8 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
         Images hold three components to a voxel, x, y and z in LPS coordinates, as ITK and ANTs write them; of NIfTI
         files the intent 1006 (displacement vector) means RAS. Of OME-NGFF the one transformation of the root's
         metadata is read.
-    grid : of the result; no format needs it.
+    grid : of the result, in whose unit the field is where that is known; else it is in that of the file: mm, or what
+        NGFF states.
 
     Returns
     -------
@@ -143,11 +156,16 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
         regular_file(place)
     if row is None:
         raise fail(place, f"this is no transform file; its name must end with one of {transform_suffixes()}.")
+    lattice = None if grid is None else as_grid(grid)
     with Damage(place, "save the transform on a coarser grid"):
         size = place.stat().st_size
         if size > available_memory() // 3:
             raise fail(place, f"it has {human_bytes(size)}, which is more than the memory here can hold three times.")
-        return row.read(place, None if grid is None else as_grid(grid))
+        if row.states_unit:
+            field = row.read(place, lattice)
+        else:
+            field = with_unit(row.read(place, None if lattice is None else lattice.in_unit("mm")), "mm")
+        return field if lattice is None else in_unit(field, lattice.unit)
 
 
 def holds_transform(path: str | os.PathLike[str]) -> bool:
@@ -259,18 +277,18 @@ def write_transform(transform: AbstractField | HasField, path: str | os.PathLike
     >>> file.is_file()
     True
     """
-    lattice, remark = as_grid(grid), _remark(transform, one_of(direction, tuple(REMARKS), "direction"))
+    own, remark = as_grid(grid), _remark(transform, one_of(direction, tuple(REMARKS), "direction"))
     places = [as_path(path), *([] if inverse is None else [as_path(inverse)])]
     for place in places:
         check_transform_target(place, overwrite=overwrite)
-    field = as_transform_field(transform, lattice)
+    field = as_transform_field(transform, own)
     if inverse is None:
-        _write(field, places[0], lattice, remark, overwrite, progress)
+        _write(field, places[0], own, remark, overwrite, progress)
     else:
-        _write(field, places[0], lattice, remark, overwrite, None if progress is None else _half(progress, 0.0))
-        found = invert(field, lattice, progress=None if progress is None else _half(progress, 0.5))
+        _write(field, places[0], own, remark, overwrite, None if progress is None else _half(progress, 0.0))
+        found = invert(field, own, progress=None if progress is None else _half(progress, 0.5))
         back = BACKWARD if remark.startswith("forward") else _remark(found, "forward")
-        _write(found.field, places[1], lattice, back, overwrite, None)
+        _write(found.field, places[1], own, back, overwrite, None)
     if progress is not None:
         progress(1.0)
 
@@ -284,6 +302,8 @@ def _write(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite:
     row = _row(path)
     assert row is not None
     assert row.write is not None
+    if grid.unit and not row.states_unit:
+        field, grid = converted(field, grid.unit, "mm"), grid.in_unit("mm")
     row.write(field, path, grid, remark, overwrite, progress)
 
 

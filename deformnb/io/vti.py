@@ -23,6 +23,9 @@ from deformnb.volume.volume import Grid, Matrix3, Volume
 _NAMES = {dtype: name for name, dtype in TYPES.items()}
 _BLOCK = 2**20
 
+# VTK has no units; in 3D Slicer, and beside the images of ITK, its lengths are millimetres.
+_UNIT = "mm"
+
 # An array of this name holds labels: VTI has no other place that VTK keeps.
 _LABELS = "labels"
 
@@ -48,7 +51,7 @@ def read_header(path: Path) -> Header:
     voxels = file.stored(array, math.prod(shape))
     labels = True if array.attributes.get("Name") == _LABELS else None
     return Header(path, shape, dtype, lambda: stream_blocks(path, voxels.open, shape, dtype), is_labels=labels,
-                  notes=notes + more, **geometry)
+                  notes=notes + more, unit=_UNIT, **geometry)
 
 
 def _choose(file: VtkXml) -> tuple[Tag, tuple[str, ...]]:
@@ -116,7 +119,7 @@ def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
     shape, _ = volume_shape(path, sizes, 3 * file.dtype(array).itemsize)
     axes = np.asarray(geometry["direction"]) * np.asarray(geometry["spacing"])
     geometry["origin"] = triple((np.asarray(geometry["origin"]) + axes @ np.array(extent[::2], dtype=float)).tolist())
-    grid, _ = Header(path, shape, file.dtype(array), lambda: iter(()), **geometry).grid()
+    grid, _ = Header(path, shape, file.dtype(array), lambda: iter(()), unit=_UNIT, **geometry).grid()
     stored = file.stored(array, 3 * math.prod(shape))
     if stored.size > available_memory() // 3:
         raise fail(path, f"its vectors take {human_bytes(stored.size)}, more than the memory here can hold.")

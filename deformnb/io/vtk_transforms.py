@@ -14,7 +14,7 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.io.displacement_images import checked_displacements
 from deformnb.io.vti import read_vectors, write_vectors
-from deformnb.rbf.fields import AbstractField, HasField, as_transform_field
+from deformnb.rbf.fields import AbstractField, HasField, as_transform_field, converted
 from deformnb.volume.volume import IDENTITY, Grid, VolumeLike, as_grid, optional_package
 
 
@@ -24,7 +24,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
     Parameters
     ----------
     transform : a field in space, or a Deformation of a volume on ``grid``.
-    grid : whose voxels are the samples.
+    grid : whose voxels are the samples; lengths of the transform are millimetres where its unit is known.
 
     Returns
     -------
@@ -45,8 +45,9 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
     >>> shift.TransformPoint((1.0, 1.0, 1.0))
     (1.0, 1.0, 6.0)
     """
-    lattice = as_grid(grid)
-    field = as_transform_field(transform, lattice)
+    own = as_grid(grid)
+    lattice = own.in_unit("mm")
+    field = converted(as_transform_field(transform, own), own.unit, lattice.unit)
     pyvista, vtk = optional_package("pyvista"), optional_package("vtkmodules.vtkFiltersHybrid")
     turned = np.asarray(lattice.direction)
     plain = lattice.direction == IDENTITY

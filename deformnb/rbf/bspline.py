@@ -31,7 +31,7 @@ ORDERS = (1, 2, 3)
 _PARALLEL = 1e-12
 
 
-@pytree(data_fields=["coefficients"], meta_fields=["origin", "axes", "order"])
+@pytree(data_fields=["coefficients"], meta_fields=["origin", "axes", "order", "unit"])
 @dataclass(frozen=True, eq=False, repr=False)
 class BSplineField(AbstractField):
     """A field whose components are tensor products of B-splines, and which moves nothing outside its domain.
@@ -42,6 +42,7 @@ class BSplineField(AbstractField):
     origin : place of the first coefficient.
     axes : the matrix from an index (i, j, k) to a place relative to the origin, as rows: directions times spacings.
     order : of the splines, one of :data:`ORDERS`.
+    unit : of all lengths; "" where it is not known.
 
     Raises
     ------
@@ -64,6 +65,7 @@ class BSplineField(AbstractField):
     origin: tuple[float, ...]
     axes: tuple[tuple[float, ...], ...]
     order: int = 3
+    unit: str = ""
 
     def __post_init__(self) -> None:
         shape, dim = getattr(self.coefficients, "shape", None), len(self.origin)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from inspect import signature
 from itertools import product
@@ -22,6 +22,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import aligned_empty
+from deformnb.volume.units import ratio
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 BLOCK = 2**16
@@ -79,6 +80,11 @@ class AbstractField(ABC):
     @abstractmethod
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         """Displacements (..., dim) at points (..., dim), in float64 NumPy; the path of scripts and tests."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of places and displacements, a symbol of :data:`~deformnb.volume.units.UNITS`; "" if not known."""
+        return ""
 
     @property
     def has_cuts(self) -> bool:
@@ -173,7 +179,7 @@ class HasField(Protocol):
 
 
 def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> AbstractField:
-    """The field itself, or that of a deformation.
+    """The field itself, or that of a deformation; in the unit of the grid, where both units are known.
 
     Parameters
     ----------
@@ -190,11 +196,9 @@ def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = N
     >>> as_field(Identity(2))
     Identity(dim=2)
     """
-    if isinstance(given, AbstractField):
-        return given
-    own = getattr(given, "field", None)
+    own = given if isinstance(given, AbstractField) else getattr(given, "field", None)
     if isinstance(own, AbstractField):
-        return own
+        return own if grid is None else in_unit(own, as_grid(grid).unit)
     if isinstance(given, type) or not callable(own) or "grid" not in list(signature(own).parameters)[:1]:
         raise DeformError(f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
                           "Deformation.on_picture(volume, view, points) make one of control points.")
@@ -292,6 +296,10 @@ class DisplacementField(AbstractField):
     def dim(self) -> int:
         return len(self.lattice.shape)
 
+    @property
+    def unit(self) -> str:
+        return self.lattice.unit if isinstance(self.lattice, Grid) else ""
+
     @in_full_precision
     def jax_displacement(self, points: Any) -> Any:
         index = _index(self.lattice, jnp.asarray(points))
@@ -366,7 +374,7 @@ class Identity(AbstractField):
         return np.zeros((*np.shape(points), self.dim))
 
 
-@pytree(data_fields=["matrix", "offset"], meta_fields=[])
+@pytree(data_fields=["matrix", "offset"], meta_fields=["unit"])
 @dataclass(frozen=True, eq=False, repr=False)
 class Affine(AbstractField):
     """The affine map ``x -> A x + t`` of space or a plane as displacements.
@@ -375,6 +383,7 @@ class Affine(AbstractField):
     ----------
     matrix : A, (dim, dim).
     offset : t, (dim,), in physical units.
+    unit : of these; "" where it is not known.
 
     Examples
     --------
@@ -384,6 +393,7 @@ class Affine(AbstractField):
 
     matrix: Any
     offset: Any
+    unit: str = ""
 
     @property
     def dim(self) -> int:
@@ -416,6 +426,10 @@ class Composed(AbstractField):
     @property
     def dim(self) -> int:
         return self.then.dim
+
+    @property
+    def unit(self) -> str:
+        return self.then.unit or self.first.unit
 
     def jax_displacement(self, points: Any) -> Any:
         d = self.then.jax_displacement(points)
@@ -470,6 +484,10 @@ class Blended(AbstractField):
         return self.fields[0].dim
 
     @property
+    def unit(self) -> str:
+        return next((field.unit for field in self.fields if field.unit), "")
+
+    @property
     def has_cuts(self) -> bool:
         return any(f.has_cuts for f in self.fields)
 
@@ -494,6 +512,104 @@ class Blended(AbstractField):
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         return np.asarray(sum(f.on_outer_sum(rows, columns, resolution) for f in self.fields))
+
+
+@pytree(data_fields=["field"], meta_fields=["factor", "unit"])
+@dataclass(frozen=True, eq=False, repr=False)
+class Rescaled(AbstractField):
+    """A field in numbers of another unit of length: ``D(x) = factor D_field(x / factor)``; see :func:`in_unit`.
+
+    Parameters
+    ----------
+    field : in its own unit.
+    factor : how many of the new unit one of the field's own is.
+    unit : the new one.
+    """
+
+    field: AbstractField
+    factor: float
+    unit: str = ""
+
+    @property
+    def dim(self) -> int:
+        return self.field.dim
+
+    @property
+    def has_cuts(self) -> bool:
+        return self.field.has_cuts
+
+    @property
+    def is_identity(self) -> bool:
+        return self.field.is_identity
+
+    def jax_displacement(self, points: Any) -> Any:
+        return self.factor * self.field.jax_displacement(points / self.factor)
+
+    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.factor * self.field.displacement(np.asarray(points, dtype=np.float64) / self.factor)
+
+    def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.field.jacobian(np.asarray(points, dtype=np.float64) / self.factor)
+
+    def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.field.opacity(np.asarray(points, dtype=np.float64) / self.factor)
+
+    def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        moves, opacity = self.field.seen(np.asarray(points, dtype=np.float64) / self.factor)
+        return self.factor * moves, opacity
+
+
+def in_unit(field: AbstractField, unit: str) -> AbstractField:
+    """The same map in numbers of another unit of length; itself where its own or the other one is not known.
+
+    Examples
+    --------
+    >>> there = Affine(np.eye(3), np.array([0.0, 0.0, 2.0]), "mm")
+    >>> in_unit(there, "µm").displacement([0.0, 0.0, 0.0]).tolist()
+    [0.0, 0.0, 2000.0]
+    """
+    return converted(field, field.unit, unit)
+
+
+def converted(field: AbstractField, own: str, to: str) -> AbstractField:
+    """The same map in numbers of another unit, of a field whose numbers are in one that it need not know itself.
+
+    Examples
+    --------
+    >>> converted(Affine(np.eye(3), np.array([0.0, 0.0, 2.0])), "m", "mm").displacement([0.0, 0.0, 0.0]).tolist()
+    [0.0, 0.0, 2000.0]
+    """
+    if own == to or not (own and to):
+        return field
+    factor = ratio(own, to)
+    if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
+        return DisplacementField(np.asarray(field.values) * factor, replace(field.lattice, unit=own).in_unit(to))
+    if isinstance(field, Affine):
+        return Affine(field.matrix, np.asarray(field.offset) * factor, to)
+    if isinstance(field, Composed):
+        return Composed(converted(field.first, own, to), converted(field.then, own, to))
+    return Rescaled(field, factor, to)
+
+
+def with_unit(field: AbstractField, unit: str) -> AbstractField:
+    """The same numbers as lengths in a unit, of a field that knows none: what a file holds, which is in millimetres.
+
+    Examples
+    --------
+    >>> with_unit(Affine(np.eye(3), np.zeros(3)), "mm").unit
+    'mm'
+    """
+    if field.unit or not unit:
+        return field
+    if isinstance(field, Composed):
+        return Composed(with_unit(field.first, unit), with_unit(field.then, unit))
+    names = {given.name for given in fields(field)} if is_dataclass(field) else set[str]()
+    if "unit" in names:
+        return replace(field, unit=unit)  # type: ignore[type-var]
+    lattice = getattr(field, "lattice", None)
+    if "lattice" in names and isinstance(lattice, Grid):
+        return replace(field, lattice=replace(lattice, unit=unit))  # type: ignore[type-var]
+    return field
 
 
 def links_of(field: AbstractField) -> list[AbstractField]:
@@ -544,6 +660,8 @@ def blend(*fields: AbstractField | HasField, grid: Grid | VolumeLike | None = No
 def _of_one_dimension(fields: Sequence[AbstractField | HasField], grid: Grid | VolumeLike | None,
                       verb: str) -> tuple[AbstractField, ...]:
     known = tuple(as_field(f, grid) for f in fields)
+    unit = next((f.unit for f in known if f.unit), "")
+    known = tuple(in_unit(f, unit) for f in known)
     if len({f.dim for f in known}) > 1:
         raise DeformError(f"fields over a plane and in space do not {verb}; extrude the plane's first.")
     return known

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 
 from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
@@ -69,14 +70,15 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
         radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
     ready = prepare(points, kind, radius, chosen, smoothing)
     if len(ready.targets) > LARGEST_SET and not kind.compact:
-        return fit_locally(ready, kind, smoothing)
+        return replace(fit_locally(ready, kind, smoothing), unit=points.unit)
     try:
-        return solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)
+        solved = solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)
+        return replace(solved, unit=points.unit) if points.unit else solved
     except TooFlatError as refusal:
         if kind.compact or points.has_own_radii or len(ready.targets) < 2 * SMALL_LEAF:
             raise
         with suppress(TooFlatError):
-            return fit_locally(ready, kind, smoothing, leaf=SMALL_LEAF)
+            return replace(fit_locally(ready, kind, smoothing, leaf=SMALL_LEAF), unit=points.unit)
         raise refusal from None
 
 

@@ -83,7 +83,7 @@ _STEEPEST_POWER = 5.0
 @pytree(
     data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget",
                  "quadratic", "largest", "missed"],
-    meta_fields=["kernel", "trend", "of_points", "ids"],
+    meta_fields=["kernel", "trend", "of_points", "ids", "unit"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
 class RBFInterpolant(AbstractField):
@@ -105,6 +105,7 @@ class RBFInterpolant(AbstractField):
         units; None for the others.
     largest : length of the largest displacement that the points were given, physical; None if that is not known.
     missed : by how much it may miss its targets, physical, besides what is promised of all maps.
+    unit : of the points; "" where it is that of the volume on which they are used.
 
     Examples
     --------
@@ -131,6 +132,7 @@ class RBFInterpolant(AbstractField):
     quadratic: Any = None
     largest: Any = None
     missed: Any = 0.0
+    unit: str = ""
 
     def __repr__(self) -> str:
         count = len(self.ids)

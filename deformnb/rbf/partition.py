@@ -46,7 +46,7 @@ _WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is
 
 
 @pytree(data_fields=["fits", "low", "high", "margin", "missed"],
-         meta_fields=["remarks", "ids"])
+         meta_fields=["remarks", "ids", "unit"])
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalFits(AbstractField):
     """Fits of the points in and around boxes that tile space, blended across the faces of these.
@@ -56,7 +56,7 @@ class LocalFits(AbstractField):
     fits : one for each box, of one kernel and support.
     low, high : (n, dim) corners of the boxes, physical; infinite at the rim.
     margin : (n, dim) half of the width of the steps across their faces.
-    remarks : notes; ids : of the control points behind the fits.
+    remarks : notes; ids : of the control points behind the fits; unit : of these.
     missed : how far points that count as one are from what they share, physical.
     """
 
@@ -67,6 +67,7 @@ class LocalFits(AbstractField):
     remarks: tuple[str, ...] = ()
     ids: tuple[int, ...] = ()
     missed: float = 0.0
+    unit: str = ""
 
     @property
     def dim(self) -> int:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, shown_value
 from deformnb.errors import DeformError
+from deformnb.volume.units import checked_unit, ratio
 
 _NAMES_SHOWN = 8  # by repr
 
@@ -60,6 +61,8 @@ class ControlPoints:
     next_id : the id of the next point; grows only, so that the id of a removed point never comes back.
     locked : (N,) bool; editors, brushes and fits leave such a point where it is. Code may move it.
     radius : (N,) positive, a support radius of the point's own; NaN where it has that of all.
+    unit : of all lengths, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is that of the volume
+        on which they are used. A step of a deformation has that of its deformation.
 
     Examples
     --------
@@ -80,10 +83,12 @@ class ControlPoints:
     next_id: int = field(default=0)
     locked: NDArray[np.bool_] = field(default=None)  # type: ignore[arg-type]  # made in __post_init__
     radius: NDArray[np.float64] = field(default=None)  # type: ignore[arg-type]
+    unit: str = ""
 
     def __post_init__(self) -> None:
         check_fields(self, "source", "target", "ids", "names", "active", "weight")
         n = len(self.ids)
+        object.__setattr__(self, "unit", checked_unit(self.unit))
         if self.locked is None:
             object.__setattr__(self, "locked", np.zeros(n, dtype=bool))
         if self.radius is None:
@@ -144,7 +149,7 @@ class ControlPoints:
     def from_arrays(cls, source: ArrayLike, target: ArrayLike | None = None, *, ids: Sequence[int] | None = None,
                     names: Sequence[str] | None = None, active: ArrayLike | None = None,
                     weight: ArrayLike | None = None, next_id: int = 0, locked: ArrayLike | None = None,
-                    radius: ArrayLike | None = None) -> ControlPoints:
+                    radius: ArrayLike | None = None, unit: str = "") -> ControlPoints:
         """Points from arrays of shape (N, 2) or (N, 3); the targets are the sources where not given."""
         s = _as_points(source, "source")
         t = s.copy() if target is None else _as_points(target, "target")
@@ -157,7 +162,23 @@ class ControlPoints:
             None if locked is None else _of_each(locked, np.bool_, "locks"),  # type: ignore[arg-type]
             # None becomes nan: a list may leave out single radii
             None if radius is None else _of_each(radius, np.float64, "radii"),  # type: ignore[arg-type]
+            unit,
         )
+
+    def in_unit(self, unit: str) -> ControlPoints:
+        """The same points in numbers of another unit; where their own or the other one is not known, themselves.
+
+        Examples
+        --------
+        >>> ControlPoints.from_arrays([[1, 2]], [[1, 3]], unit="mm").in_unit("um").target.tolist()
+        [[1000.0, 3000.0]]
+        """
+        to = checked_unit(unit)
+        if to in ("", self.unit) or not self.unit:
+            return self
+        factor = ratio(self.unit, to)
+        return replace(self, source=self.source * factor, target=self.target * factor, radius=self.radius * factor,
+                       unit=to)
 
     @classmethod
     def from_landmarks(cls, moving: HasPlaces, fixed: HasPlaces, *, pair: str = "name") -> Paired:
@@ -165,7 +186,8 @@ class ControlPoints:
 
         Parameters
         ----------
-        moving, fixed : Landmarks of the volume that is deformed, and of the one that it shall fit.
+        moving, fixed : Landmarks of the volume that is deformed, and of the one that it shall fit. Where both know
+            their unit the points are in that of the moving ones.
         pair : "name" pairs those with the same name, in the order of the moving ones; "order" the first with the
             first, and so on.
 
@@ -201,7 +223,9 @@ class ControlPoints:
         a, b = ([each[which] for each in found] for which in (0, 1))
         active = [np.ones(n, bool) if side.active is None else side.active
                   for side, n in zip((moving, fixed), counts, strict=True)]
-        points = cls.from_arrays(moving.points[a], fixed.points[b], active=active[0][a] & active[1][b],
+        own, other = (getattr(side, "unit", "") for side in (moving, fixed))
+        points = cls.from_arrays(moving.points[a], fixed.points[b] * ratio(other, own),
+                                 active=active[0][a] & active[1][b], unit=own or other,
                                  names=[moving.names[k] or fixed.names[j] for k, j in found])
         left = [tuple(side.names[k] or f"landmark {k + 1}" for k in range(n) if k not in used)
                 for side, n, used in zip((moving, fixed), counts, (set(a), set(b)), strict=True)]
@@ -225,7 +249,7 @@ class ControlPoints:
             and np.array_equal(self.source, other.source) and np.array_equal(self.target, other.target)
             and np.array_equal(self.active, other.active) and np.array_equal(self.weight, other.weight)
             and np.array_equal(self.locked, other.locked)
-            and np.array_equal(self.radius, other.radius, equal_nan=True)
+            and np.array_equal(self.radius, other.radius, equal_nan=True) and self.unit == other.unit
         )
 
     __hash__ = None  # type: ignore[assignment]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any, ClassVar
@@ -590,7 +590,7 @@ def _halved(values: NDArray[np.bool_], grid: Grid) -> tuple[NDArray[np.bool_], G
     coarse: NDArray[np.bool_] = np.asarray(even.reshape(z, 2, y, 2, x, 2).any(axis=(1, 3, 5)))
     first = grid.index_to_point([0.5, 0.5, 0.5])
     spacing = tuple(2 * s for s in grid.spacing)
-    return coarse, Grid((z, y, x), spacing, tuple(first), grid.direction)  # type: ignore[arg-type]
+    return coarse, replace(grid, shape=(z, y, x), spacing=spacing, origin=tuple(first))  # type: ignore[arg-type]
 
 
 def _box_distance(values: NDArray[np.bool_], spacing: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -308,7 +308,8 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     Parameters
     ----------
     points : control points; those that are locked or switched off stay where they are.
-    moving, fixed : two pictures in one plane, or two volumes for points in space.
+    moving, fixed : two pictures in one plane, or two volumes for points in space. A fixed volume, and points, in
+        another unit of length are converted to that of the moving one, in which the result is.
     kernel, support, trend, smoothing, stages : of the fit, as in :class:`~deformnb.document.deformation.Step`.
     measure : a name of :data:`~deformnb.registration.similarity.MEASURES`.
     energy : how much the energy of the fit counts against the similarity, n times at level n; 0 not at all.
@@ -338,6 +339,7 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     alike = measure_named(measure)
     check_stages(stages, ())
     _check_options(energy, iterations, least)
+    points, fixed = _in_unit_of(moving, points, fixed)
     pair = grey_pair(points, moving, fixed)
     start = fit_one_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     objective = initial_objective(points, start, smoothing, energy, alike, stages)
@@ -351,6 +353,18 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
         target[at[free]] = (start.origin + start.support * x[: len(at)])[free]
         points = replace(points, target=target)
     return Fitted(points, before, after, tuple(search.history), smallest, float(start.support))
+
+
+def _in_unit_of(moving: Pictured, points: ControlPoints, fixed: Pictured) -> tuple[ControlPoints, Pictured]:
+    """Points and the fixed image in the unit of the moving one, where both are known."""
+    moving, fixed = (image if isinstance(image, Picture) else as_volume(image) for image in (moving, fixed))
+    own, other = ("" if image.grid is None else image.grid.unit for image in (moving, fixed))
+    if not isinstance(fixed, Picture):
+        fixed = fixed.in_unit(own)
+    elif own and other and own != other:
+        raise DeformError(f"the moving picture is of a volume in {own} and the fixed one of a volume in {other}; bring "
+                          f'them to one unit before they are projected: volume.in_unit("{own}").')
+    return points.in_unit(own), fixed
 
 
 def _check_options(energy: float, iterations: int, least: float) -> None:

@@ -344,7 +344,7 @@ def _safely(action: Callable[[], Any]) -> None:
 
 def _bare(deformation: Deformation) -> Deformation:
     """The document without its volume, which does not count when documents are compared."""
-    return replace(deformation, volume=None)
+    return replace(deformation, volume=None, unit="")
 
 
 def _why(error: Exception) -> str:

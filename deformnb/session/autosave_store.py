@@ -39,7 +39,7 @@ No age counts: a clock may go wrong in both directions, and a holiday is longer 
 """
 
 _LONGEST_FACTS, _LONGEST_NAME = 8192, 200
-_OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction")
+_OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction", "unit")
 _NUMBERS = ("points", "steps", "index", "key", "number")
 _SUFFIX, _HELD = ".json", ".live"
 _OURS = re.compile(r"[0-9a-f]{16}-\d+-[0-9a-f]+")  # as file_name makes them
@@ -164,9 +164,9 @@ def read_session(path: Path) -> SavedSession | None:
         if data["format"] != FORMAT or data["state"] not in STATES:
             return None
         edited = datetime.fromisoformat(data["edited"])
-        grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"])
+        grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"], data.get("unit", ""))
         volume = VolumeReference(str(data["name"])[:_LONGEST_NAME], grid.shape, grid.spacing, str(data["sha256"]),
-                                 grid.origin, grid.direction)
+                                 grid.origin, grid.direction, grid.unit)
         numbers = {name: int(data.get(name, 0)) for name in _NUMBERS}
         return SavedSession(path, volume, edited.astimezone(UTC), data["state"], **numbers)
     except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError):

@@ -242,6 +242,7 @@ class Session(traitlets.HasTraits):
         """
         with self._lock:
             key, before = min(self.key, len(self.step.maps) - 1), self.points
+            points = replace(points.in_unit(self.grid.unit), unit="")
             step = _renamed(self.step.with_points(points, key), key, before)
             self._become(self.deformation.with_step(self.index, step), label, kind)
 
@@ -250,7 +251,8 @@ class Session(traitlets.HasTraits):
 
         Parameters
         ----------
-        landmarks : places in space (LPS), which on a picture are seen from its side, or on a picture its (a, b).
+        landmarks : places in space (LPS), which on a picture are seen from its side, or on a picture its (a, b). Where
+            their unit is known they are converted to that of the volume.
 
         Raises
         ------
@@ -261,6 +263,7 @@ class Session(traitlets.HasTraits):
         if plane is None and landmarks.points.shape[1] == 2:
             raise DeformError("these landmarks lie on a picture, and the points of this step in space: choose another "
                               "step.")
+        landmarks = landmarks.in_unit(self.grid.unit)
         source, points = landmarks.points, self.points
         target = source if landmarks.fixed is None else np.where(np.isfinite(landmarks.fixed), landmarks.fixed, source)
         if plane is not None and source.shape[1] == 3:
@@ -280,7 +283,7 @@ class Session(traitlets.HasTraits):
         points, plane = self.points, self.step.plane
         ends = [points.source, points.target]
         source, target = ends if plane is None else [plane.from_plane(end) for end in ends]
-        return Landmarks(source, points.names, fixed=target, active=points.active)
+        return Landmarks(source, points.names, fixed=target, active=points.active, unit=self.grid.unit)
 
     def hold_outline(self, count: int = 16) -> None:
         """Add points that stay along the outline of what the picture shows: drags bend only what lies around them.
@@ -603,6 +606,7 @@ class Session(traitlets.HasTraits):
     def _checked(self, deformation: Any) -> Deformation:
         if not isinstance(deformation, Deformation):
             raise DeformError(f"a session holds a Deformation, got {type(deformation).__name__}.")
+        deformation = deformation.in_unit(self.grid.unit)
         if not deformation.steps:
             deformation = replace(deformation, steps=(self._untouched(self._home),))
         self._field = (deformation, deformation.field(self.grid))  # refuses what cannot be fitted

@@ -183,6 +183,11 @@ class Channels:
         """The same channels with other voxels, such as those that :func:`deformnb.warp` has deformed."""
         return replace(self, volumes=tuple(as_volumes(volumes)))
 
+    def in_unit(self, unit: str) -> Channels:
+        """The same channels (shared) in numbers of another unit of length; see :meth:`Grid.in_unit`."""
+        volumes = [volume.in_unit(unit) for volume in self.volumes]
+        return self if volumes[0] is self.volumes[0] else self.with_volumes(volumes)
+
     def brightness(self) -> Volume:
         """One grey volume of all channels, to project and drag on: luma of colours (ITU-R BT.601), else their largest.
 

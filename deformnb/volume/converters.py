@@ -20,7 +20,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume import labelled, layers
 from deformnb.volume.channels import Channels
-from deformnb.volume.volume import Grid, Volume, optional_package, pyvista_parts, refuse_lazy
+from deformnb.volume.volume import Grid, Volume, nibabel_unit, optional_package, pyvista_parts, refuse_lazy
 
 Converter: TypeAlias = Callable[[Any], Volume | Channels]
 
@@ -201,7 +201,7 @@ def _of_itk(given: Any) -> Volume | Channels:
     affine = np.eye(4)
     affine[:dims, :dims], affine[:dims, 3] = (places[1:] - places[0]).T, places[0]
     shape = (1,) * (3 - dims) + values.shape[:dims]
-    grid = Grid.from_affine((shape[0], shape[1], shape[2]), affine)
+    grid = Grid.from_affine((shape[0], shape[1], shape[2]), affine, "mm")
     if values.ndim > dims and values.shape[-1] > 1:
         return _components(values.reshape(*shape, -1), grid, "")
     return replace(Volume.from_array(values.reshape(shape)), grid=grid)
@@ -217,7 +217,7 @@ def _of_nibabel(given: Any) -> Volume | Channels:
     parts = parts.reshape(*(parts.shape[:-1] + (1,) * 3)[:3], parts.shape[-1])
     shape = parts.shape[2::-1]
     grid = Volume.from_nibabel(type(given)(np.zeros(shape[::-1], np.uint8), given.affine)).grid
-    return _components(np.moveaxis(parts.T, 0, -1), grid, "")
+    return _components(np.moveaxis(parts.T, 0, -1), replace(grid, unit=nibabel_unit(given)), "")
 
 
 def _of_pyvista(given: Any) -> Volume | Channels:
@@ -225,7 +225,7 @@ def _of_pyvista(given: Any) -> Volume | Channels:
     if values.ndim == 3:
         return Volume.from_pyvista(given)
     shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
-    return _components(values, Grid.from_affine(shape, affine), name)
+    return _components(values, Grid.from_affine(shape, affine, "mm"), name)
 
 
 def _of_chunks(given: Any) -> Volume | Channels:

@@ -72,7 +72,7 @@ class KnownSpacing:
         """
         index = self.as_in_file(grid).point_to_index(output.origin)
         x, y, z = (float(s) for s in np.asarray(output.spacing) / self.header_spacing * self.spacing)
-        return Grid(output.shape, (x, y, z), tuple(grid.index_to_point(index)), grid.direction)
+        return replace(grid, shape=output.shape, spacing=(x, y, z), origin=tuple(grid.index_to_point(index)))
 
 
 @cache

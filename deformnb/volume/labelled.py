@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
 from deformnb.volume.channels import Channels
+from deformnb.volume.units import UNITS, common_unit, stated_unit
 from deformnb.volume.volume import EVEN, Grid, Volume, VolumeLike, as_volume, optional_package, refuse_lazy
 
 _SPATIAL = ("z", "y", "x")
@@ -34,20 +35,24 @@ def is_labelled(given: object) -> bool:
 class LabelledAxes:
     """Which dimensions of a labelled array are places, and the grid that their coordinates mean.
 
+    The unit is that of the coordinates' attributes "units" (of the CF conventions) or "unit".
+
     Parameters
     ----------
     spatial : names of the dimensions that are z, y and x, as far as there are: the last ones in the order of an array.
     others : names of all other dimensions, such as channels and time.
     grid : of the voxels; one slice where there are two dimensions in space.
+    unit_notes : remarks on their units.
     """
 
     spatial: tuple[Hashable, ...]
     others: tuple[Hashable, ...]
     grid: Grid
+    unit_notes: tuple[str, ...] = ()
 
     def notes(self, array: Any) -> tuple[str, ...]:
         """What the array does not say and was taken: which dimension is which, and places without coordinates."""
-        found = []
+        found = list(self.unit_notes)
         if not {str(dim).lower() for dim in self.spatial} & set(_SPATIAL):
             found.append(f"the dimensions {', '.join(map(str, self.spatial))} were taken as "
                          f"{', '.join(_SPATIAL[3 - len(self.spatial):])}")
@@ -75,11 +80,21 @@ class LabelledAxes:
         starts, steps = zip(*(_line(array, dim) for dim in spatial), strict=True)
         shape = tuple(int(array.sizes[dim]) for dim in spatial)
         rest = 3 - len(spatial)
-        origin, spacing = (0.0,) * rest + starts, (1.0,) * rest + steps
+        stated = [stated_unit(_unit(array, dim)) for dim in reversed(spatial)]
+        units = [one for one, _ in stated]
+        unit, factors, notes = common_unit(units + units[:1] * rest)
+        origin = (0.0,) * rest + tuple(a * f for a, f in zip(starts, factors[::-1][rest:], strict=True))
+        spacing = (1.0,) * rest + tuple(a * f for a, f in zip(steps, factors[::-1][rest:], strict=True))
         turned = _direction(array, len(spatial)) * np.where(np.asarray(spacing[::-1]) < 0, -1.0, 1.0)
         grid = Grid((1,) * rest + shape, tuple(abs(step) for step in spacing[::-1]), origin[::-1],  # type: ignore[arg-type]
-                    tuple(tuple(row) for row in turned.tolist()))  # type: ignore[arg-type]
-        return cls(spatial, tuple(dim for dim in array.dims if dim not in spatial), grid)
+                    tuple(tuple(row) for row in turned.tolist()), unit)  # type: ignore[arg-type]
+        notes = tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
+        return cls(spatial, tuple(dim for dim in array.dims if dim not in spatial), grid, notes)
+
+
+def _unit(array: Any, dim: Hashable) -> str:
+    about = array.coords[dim].attrs if dim in array.coords else {}
+    return str(about.get("units", about.get("unit", "")))
 
 
 def _line(array: Any, dim: Hashable) -> tuple[float, float]:
@@ -195,6 +210,8 @@ def volume_or_channels(given: Any, *, is_labels: bool | None = None) -> Volume |
 def to_xarray(volume: VolumeLike) -> Any:
     """An ``xarray.DataArray`` that shares the voxels: dimensions z, y, x with coordinates, and "direction".
 
+    Coordinates have the attribute "units", the name of the unit of length, where that is known.
+
     Examples
     --------
     >>> array = to_xarray(Volume.from_array(np.zeros((2, 3, 4)), spacing=(1, 1, 2), origin=(5, 0, 0)))
@@ -207,9 +224,11 @@ def to_xarray(volume: VolumeLike) -> Any:
 
 
 def _coordinates(grid: Grid, names: tuple[Hashable, ...]) -> tuple[dict[Hashable, Any], NDArray[np.float64]]:
+    units = {"units": UNITS[grid.unit].name} if grid.unit else {}
     places = [start + step * np.arange(n) for start, step, n in
               zip(grid.origin[::-1], grid.spacing[::-1], grid.shape, strict=True)]
-    return dict(zip(names, places[3 - len(names):], strict=True)), np.flip(np.asarray(grid.direction))
+    coords = {name: (name, values, units) for name, values in zip(names, places[3 - len(names):], strict=True)}
+    return coords, np.flip(np.asarray(grid.direction))
 
 
 def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:

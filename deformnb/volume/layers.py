@@ -6,6 +6,7 @@ those of the array, so that places are (z, y, x) there and (x, y, z) here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.channels import Channels
+from deformnb.volume.units import common_unit, stated_unit
 from deformnb.volume.volume import Grid, Volume
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
@@ -66,17 +68,18 @@ def image_of_layer(layer: Any) -> Volume | Channels:
     if dims not in (2, 3):
         raise DeformError(f"a volume has two or three dimensions, and this layer has {dims}; pick one time or channel.")
     name = str(attributes.get("name") or "")
-    matrix = world_of_layer(attributes, dims)
+    matrix, unit, notes = world_of_layer(attributes, dims)
     if is_rgb:
         channels = Channels.from_array(np.asarray(data), kind="rgba" if np.shape(data)[-1] == 4 else "rgb", name=name)
-        grid = Grid.from_affine(channels.grid.shape, matrix)
-        return channels.with_volumes([Volume(v.values, grid, v.name, notes=v.notes) for v in channels])
-    return Volume.from_affine(data if hasattr(data, "chunks") else np.asarray(data), matrix, name,
-                              True if kind == "labels" else None)
+        grid = Grid.from_affine(channels.grid.shape, matrix, unit)
+        return channels.with_volumes([Volume(v.values, grid, v.name, notes=(*v.notes, *notes)) for v in channels])
+    made = Volume.from_affine(data if hasattr(data, "chunks") else np.asarray(data), matrix, name,
+                              True if kind == "labels" else None, unit=unit)
+    return replace(made, notes=(*made.notes, *notes)) if notes else made
 
 
-def world_of_layer(attributes: dict[str, Any], dims: int) -> NDArray[np.float64]:
-    """The 4 x 4 map of (x, y, z) indices to places that a layer's attributes mean.
+def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.float64], str, tuple[str, ...]]:
+    """The 4 x 4 map of (x, y, z) indices to places that a layer's attributes mean, the unit of these, and notes.
 
     napari applies scale, then shear, rotation and translation, and then the affine, all to axes in the array's order.
     """
@@ -101,7 +104,14 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> NDArray[np.float64]
         linear, shift = affine[:dims, :dims] @ linear, affine[:dims, :dims] @ shift + affine[:dims, dims]
     world = np.eye(4)
     world[:dims, :dims], world[:dims, 3] = linear[::-1, ::-1], shift[::-1]
-    return world
+    units = attributes.get("units")
+    words = [units] * dims if units is None or isinstance(units, str) else list(units)
+    if len(words) != dims:
+        raise DeformError(f"the layer has {dims} dimensions and {len(words)} units, {shown_value(units)}.")
+    stated = [stated_unit("" if word is None else str(word)) for word in reversed(words)]
+    unit, factors, notes = common_unit([one for one, _ in stated])
+    world[:dims] *= np.asarray(factors)[:, None]
+    return world, unit, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
 
 
 def _last(value: Any, dims: int, key: str) -> NDArray[np.float64]:

@@ -27,6 +27,7 @@ from deformnb._entrances import CONVERSIONS
 from deformnb._typing import Float3, Spacing
 from deformnb.checks import LARGEST_COORDINATE, check_fields, finite_array, real_array, shown_value
 from deformnb.errors import DeformError, FileChangedError, MissingPackageError
+from deformnb.volume.units import checked_unit, find_unit, ratio
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
 
@@ -248,6 +249,12 @@ def optional_package(package: str) -> Any:
         raise MissingPackageError(message) from error
 
 
+def nibabel_unit(image: Any) -> str:
+    """The unit of a nibabel image; of a format that states none millimetres, in which nibabel's affines are."""
+    stated = getattr(getattr(image, "header", None), "get_xyzt_units", None)
+    return "mm" if stated is None else find_unit(stated()[0]) or ""
+
+
 def pyvista_parts(image: Any, scalars: str | None) -> tuple[NDArray[Any], NDArray[np.float64], str]:
     """Voxels [z, y, x] (shared), the 4 x 4 affine of their indices, and the name of an image's data.
 
@@ -391,6 +398,9 @@ pictures and other programs compute it. In metres this reaches below an atom, in
 # Sizes are Python integers, and NumPy counts voxels in 63 bits; no machine has memory for as many.
 _MOST_VOXELS = 2**60
 
+NIFTI_UNITS = {"": 0, "m": 1, "mm": 2, "\u00b5m": 3}
+"""Codes of the units of length that NIfTI can state; 0 is "unknown"."""
+
 # From LPS to RAS and back: x and y change sign. NIfTI and nibabel use RAS.
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
@@ -402,15 +412,17 @@ class Grid:
     Parameters
     ----------
     shape : (nz, ny, nx), the shape of the array.
-    spacing : (x, y, z) distance of neighbouring voxel centres, in the volume's unit (usually mm), or one number for
-        all axes; from 1e-12 to 1e12, so that the size of a voxel is a number that float32 holds.
+    spacing : (x, y, z) distance of neighbouring voxel centres, in the unit of the grid, or one number for all axes;
+        from 1e-12 to 1e12, so that the size of a voxel is a number that float32 holds.
     origin : (x, y, z) of the centre of voxel [0, 0, 0].
     direction : 3 x 3, columns are the directions of the x, y and z index; orthonormal.
+    unit : of spacing and origin, a symbol or a name of :data:`~deformnb.volume.units.UNITS` such as "mm" or
+        "micrometer", of which the symbol is kept; "" where it is not known.
 
     Raises
     ------
     DeformError
-        Naming the field that is zero, negative, not finite, beyond its limits or not orthonormal.
+        Naming the field that is zero, negative, not finite, beyond its limits, not orthonormal or no unit.
 
     Examples
     --------
@@ -423,9 +435,11 @@ class Grid:
     spacing: Float3 = (1.0, 1.0, 1.0)
     origin: Float3 = (0.0, 0.0, 0.0)
     direction: Matrix3 = IDENTITY
+    unit: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "shape", checked_shape(self.shape))
+        object.__setattr__(self, "unit", checked_unit(self.unit))
         object.__setattr__(self, "spacing", as_spacing(self.spacing))
         origin = finite_array(self.origin, (3,), "origin must be three finite numbers (x, y, z)")
         object.__setattr__(self, "origin", tuple(origin.tolist()))
@@ -455,8 +469,22 @@ class Grid:
         """3 x 3 map from an index (i, j, k) to a vector in space: direction times spacing."""
         return np.asarray(self.direction) * np.asarray(self.spacing)
 
+    def in_unit(self, unit: str) -> Grid:
+        """The same places in numbers of another unit; where this grid's own or the other one is not known, itself.
+
+        Examples
+        --------
+        >>> Grid((4, 5, 6), (0.5, 0.5, 2.0), unit="mm").in_unit("micrometer").spacing
+        (500.0, 500.0, 2000.0)
+        """
+        to = checked_unit(unit)
+        if to in ("", self.unit) or not self.unit:
+            return self
+        spacing, origin = (_rescaled(lengths, self.unit, to) for lengths in (self.spacing, self.origin))
+        return replace(self, spacing=spacing, origin=origin, unit=to)
+
     @classmethod
-    def from_affine(cls, shape: tuple[int, int, int], affine: ArrayLike) -> Grid:
+    def from_affine(cls, shape: tuple[int, int, int], affine: ArrayLike, unit: str = "") -> Grid:
         """The grid whose voxel (i, j, k) lies at ``affine @ (i, j, k, 1)`` in LPS space; affine is 4 x 4.
 
         Raises
@@ -477,7 +505,7 @@ class Grid:
         if (largest == 0).any() or np.linalg.matrix_rank(scaled / lengths) < 3:
             raise DeformError(f"the affine is singular: the columns of {matrix[:3, :3].tolist()} do not span space.")
         origin, spacing = tuple(matrix[:3, 3].tolist()), tuple((lengths * largest).tolist())
-        return cls(shape, spacing, origin, tuple(tuple(row) for row in (scaled / lengths).tolist()))  # type: ignore[arg-type]
+        return cls(shape, spacing, origin, tuple(tuple(row) for row in (scaled / lengths).tolist()), unit)  # type: ignore[arg-type]
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -510,7 +538,8 @@ class Grid:
         return self.shape[0] * self.shape[1] * self.shape[2]
 
     def is_like(self, other: Grid) -> bool:
-        """True if the voxels of both lie at the same places, as far as files keep digits."""
+        """True if the voxels of both lie at the same places, as far as files keep digits, whatever their units."""
+        other = other.in_unit(self.unit)
         close = 1e-5 * min(other.spacing)
         return self.shape == other.shape and np.allclose(self.matrix, other.matrix, 0, close) and np.allclose(
             self.origin, other.origin, 1e-9, 100 * close)
@@ -532,7 +561,7 @@ class Grid:
 
     def overlaps(self, other: Grid) -> bool:
         """Check whether the upright boxes around two grids have places in common."""
-        own, others = self.corners(), other.corners()
+        own, others = self.corners(), other.in_unit(self.unit).corners()
         return not ((own.max(axis=0) < others.min(axis=0)).any() or (own.min(axis=0) > others.max(axis=0)).any())
 
     @property
@@ -597,7 +626,14 @@ class Grid:
                                   "than there can be.")
             counts = np.maximum(1, np.round(lengths / new)).astype(np.int64)
         first = np.asarray(self.center) - np.asarray(self.direction) @ (new * (counts - 1) / 2)
-        return Grid(tuple(int(n) for n in counts[::-1]), tuple(new), tuple(first), self.direction)  # type: ignore[arg-type]
+        return replace(self, shape=tuple(int(n) for n in counts[::-1]), spacing=tuple(new), origin=tuple(first))  # type: ignore[arg-type]
+
+
+def _rescaled(lengths: Float3, unit: str, to: str) -> Float3:
+    """Lengths in another unit, divided where that is the exact operation: 0.5 µm are 0.0005 mm."""
+    more, less = ratio(unit, to), ratio(to, unit)
+    x, y, z = (length * more if more >= 1 else length / less for length in lengths)
+    return x, y, z
 
 
 def as_spacing(given: Spacing) -> Float3:
@@ -741,7 +777,7 @@ class Volume:
 
     def __repr__(self) -> str:
         (nz, ny, nx), spacing = self.shape, self.grid.spacing
-        unit = "" if spacing == (1.0, 1.0, 1.0) else " mm"  # a spacing of 1 may be no unit at all
+        unit = self.grid.unit and f" {self.grid.unit}"
         kind = f"{self.dtype.name} labels" if self.is_labels and self.dtype != np.bool_ else self.dtype.name
         name = f" {self.name[:60]!r}" if self.name else ""
         return (f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
@@ -756,7 +792,8 @@ class Volume:
 
     @classmethod
     def from_array(cls, array: ArrayLike, spacing: Spacing = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
-                   direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None) -> Volume:
+                   direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None, *,
+                   unit: str = "") -> Volume:
         """A volume of any array of numbers [z, y, x]; a 2-D image [y, x] becomes one slice.
 
         The array is not copied where its type can stay (memory-mapped, read-only and Fortran arrays included).
@@ -766,7 +803,7 @@ class Volume:
         Parameters
         ----------
         array : [z, y, x] or [y, x].
-        spacing, origin, direction : see :class:`Grid`.
+        spacing, origin, direction, unit : see :class:`Grid`.
         name : shown to people.
         is_labels : voxels are names, not amounts; by default only bool voxels are, and a note is added where whole
             numbers look like labels.
@@ -795,13 +832,14 @@ class Volume:
         shape = (int(values.shape[0]), int(values.shape[1]), int(values.shape[2]))
         labels = values.dtype == np.bool_ if is_labels is None else is_labels
         notes = axis_notes + cast_notes + value_notes(values) + (label_note(values) if is_labels is None else ())
-        return cls(values, Grid(shape, as_spacing(spacing), origin, direction), name, bool(labels), notes)
+        return cls(values, Grid(shape, as_spacing(spacing), origin, direction, unit), name, bool(labels), notes)
 
     @classmethod
-    def from_affine(cls, array: ArrayLike, affine: ArrayLike, name: str = "", is_labels: bool | None = None) -> Volume:
-        """A volume of an array [z, y, x] and the 4 x 4 LPS affine of its indices (i, j, k)."""
+    def from_affine(cls, array: ArrayLike, affine: ArrayLike, name: str = "", is_labels: bool | None = None, *,
+                    unit: str = "") -> Volume:
+        """A volume of an array [z, y, x] and the 4 x 4 LPS affine of its indices (i, j, k), in a unit of length."""
         plain = cls.from_array(array, name=name, is_labels=is_labels)
-        return replace(plain, grid=Grid.from_affine(plain.shape, affine))
+        return replace(plain, grid=Grid.from_affine(plain.shape, affine, unit))
 
     @classmethod
     def from_pyvista(cls, image: Any, scalars: str | None = None, is_labels: bool | None = None) -> Volume:
@@ -813,17 +851,19 @@ class Volume:
         scalars : name of the data; default are the active ones.
         is_labels : as in :meth:`from_array`.
 
+        VTK has no units; its lengths are taken as millimetres, which :meth:`to_pyvista` gives.
+
         Raises
         ------
         DeformError
             If it is no regular grid, or has no such data of one component.
         """
         values, affine, name = pyvista_parts(image, scalars)
-        return cls.from_affine(values, affine, name, is_labels)
+        return cls.from_affine(values, affine, name, is_labels, unit="mm")
 
     @classmethod
     def from_sitk(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
-        """A volume of a scalar SimpleITK image of two or three dimensions (its voxels are copied)."""
+        """A volume of a scalar SimpleITK image of two or three dimensions (its voxels are copied), in millimetres."""
         sitk = optional_package("SimpleITK")
         if image.GetDimension() == 2:
             image = sitk.JoinSeries(image)
@@ -831,7 +871,7 @@ class Volume:
         if values.ndim != 3:  # more dimensions or several components: named there, with how to pick
             return cls.from_array(values)
         direction = np.reshape(image.GetDirection(), (3, 3)).tolist()
-        return cls.from_array(values, image.GetSpacing(), image.GetOrigin(), direction, name, is_labels)
+        return cls.from_array(values, image.GetSpacing(), image.GetOrigin(), direction, name, is_labels, unit="mm")
 
     @classmethod
     def from_nibabel(cls, image: Any, name: str = "", is_labels: bool | None = None) -> Volume:
@@ -841,7 +881,23 @@ class Volume:
         if values.ndim > 3 and set(values.shape[3:]) == {1}:  # one moment of one component
             values = values.reshape(values.shape[:3])
         values = values.reshape(*values.shape, *(1,) * (3 - values.ndim)) if values.ndim else values
-        return cls.from_affine(values.T, _RAS @ np.asarray(image.affine, dtype=np.float64), name, is_labels)
+        affine = _RAS @ np.asarray(image.affine, dtype=np.float64)
+        return cls.from_affine(values.T, affine, name, is_labels, unit=nibabel_unit(image))
+
+    def in_unit(self, unit: str) -> Volume:
+        """The same voxels (shared) at the same places, in numbers of another unit; see :meth:`Grid.in_unit`.
+
+        Examples
+        --------
+        >>> Volume.from_array(np.zeros((2, 3, 4)), (0.5, 0.5, 2.0), unit="mm").in_unit("um")
+        <Volume: 4 x 3 x 2 voxels (x, y, z), float64, spacing 500 x 500 x 2000 µm>
+        """
+        grid, level = self.grid.in_unit(unit), self.level
+        if grid is self.grid:
+            return self
+        if level is not None:
+            level = replace(level, grids=tuple(one.in_unit(unit) for one in level.grids))
+        return replace(self, grid=grid, level=level)
 
     @property
     def finest_grid(self) -> Grid:
@@ -857,8 +913,11 @@ class Volume:
         return _resized(box, self.grid, self.finest_grid)
 
     def to_pyvista(self) -> Any:
-        """A ``pyvista.ImageData`` that shares these voxels as point data, named like the volume or else "values"."""
-        grid, pyvista = self.grid, optional_package("pyvista")
+        """A ``pyvista.ImageData`` that shares these voxels as point data, named like the volume or else "values".
+
+        VTK has no units: lengths are millimetres, or those of the volume where its unit is not known.
+        """
+        grid, pyvista = self.grid.in_unit("mm"), optional_package("pyvista")
         image = pyvista.ImageData(dimensions=self.shape[::-1], spacing=grid.spacing, origin=grid.origin,
                                   direction_matrix=np.asarray(grid.direction))
         name = self.name or "values"
@@ -867,19 +926,27 @@ class Volume:
         return image
 
     def to_sitk(self) -> Any:
-        """A ``SimpleITK.Image`` with the same voxels (copied) at the same places; bool becomes uint8."""
+        """A ``SimpleITK.Image`` with the same voxels (copied) at the same places, in mm as in ITK; bool becomes uint8.
+
+        Where the unit of the volume is not known its numbers are taken as they are.
+        """
+        grid = self.grid.in_unit("mm")
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
         image = optional_package("SimpleITK").GetImageFromArray(np.ascontiguousarray(values))
-        image.SetSpacing(self.grid.spacing)
-        image.SetOrigin(self.grid.origin)
-        image.SetDirection(np.ravel(self.grid.direction).tolist())
+        image.SetSpacing(grid.spacing)
+        image.SetOrigin(grid.origin)
+        image.SetDirection(np.ravel(grid.direction).tolist())
         return image
 
     def to_nibabel(self) -> Any:
-        """A ``nibabel.Nifti1Image`` that shares these voxels, with a RAS affine; bool becomes uint8."""
+        """A ``nibabel.Nifti1Image`` that shares these voxels, with a RAS affine; bool becomes uint8.
+
+        It has the unit of the volume, or millimetres where NIfTI has no code for that one.
+        """
+        grid = self.grid if self.grid.unit in NIFTI_UNITS else self.grid.in_unit("mm")
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
-        image = optional_package("nibabel").Nifti1Image(values.T, _RAS @ self.grid.affine)
-        image.header.set_xyzt_units("mm")
+        image = optional_package("nibabel").Nifti1Image(values.T, _RAS @ grid.affine)
+        image.header.set_xyzt_units(NIFTI_UNITS[grid.unit])
         image.set_qform(image.affine, code=1, update_affine=False)  # else the affine is rounded to float32
         return image
 
@@ -977,6 +1044,18 @@ def has_grid(given: object) -> bool:
     if isinstance(given, Grid | Volume | str | os.PathLike) or isinstance(getattr(given, "grid", None), Grid):
         return True
     return bool(CONVERSIONS["states_place"](given))
+
+
+def as_output(given: Grid | VolumeLike, own: Grid) -> Grid:
+    """The grid of a result in the unit of a volume's own grid; one that states no unit is taken to be in that.
+
+    Examples
+    --------
+    >>> as_output(Grid((2, 2, 2)), Grid((4, 4, 4), unit="mm")).unit
+    'mm'
+    """
+    grid = as_grid(given)
+    return grid.in_unit(own.unit) if grid.unit or not own.unit else replace(grid, unit=own.unit)
 
 
 def as_volume(given: VolumeLike) -> Volume:

@@ -9,7 +9,7 @@ returned.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -144,8 +144,7 @@ def invert(field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike,
         return _inverted(field, lattice, tolerance, dtype, progress)
     axis = min(same)
     shape = tuple(1 if k == axis else n for k, n in enumerate(lattice.shape))
-    one = _inverted(field, Grid(shape, lattice.spacing, lattice.origin, lattice.direction),  # type: ignore[arg-type]
-                    tolerance, dtype, progress)
+    one = _inverted(field, replace(lattice, shape=shape), tolerance, dtype, progress)  # type: ignore[arg-type]
     count = lattice.shape[axis]
     values = DisplacementField(np.repeat(one.field.values, count, axis=axis), lattice)
     return Inverse(values, np.repeat(one.error, count, axis=axis), np.repeat(one.reached, count, axis=axis), tolerance)
@@ -168,7 +167,7 @@ def round_trip(field: AbstractField | HasField, points: ArrayLike | Landmarks, *
     RoundTrip(worst=0.0, mean=0.0, reached=1.0)
     """
     field = as_field(field, grid)
-    x = checked_points(points, field).reshape(-1, field.dim)
+    x = checked_points(points, field, grid).reshape(-1, field.dim)
     if not len(x):
         return RoundTrip(0.0, 0.0, 1.0)
     tolerance = default_tolerance(x, field)

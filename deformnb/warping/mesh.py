@@ -18,6 +18,7 @@ from deformnb._typing import Progress
 from deformnb.checks import check_fields, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
+from deformnb.volume.units import checked_unit, ratio
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume, optional_package
 from deformnb.warping import triangles
 from deformnb.warping.points import warp_points
@@ -36,6 +37,7 @@ class Mesh:
     faces : (M, 3) numbers of the corners of each triangle; seen from outside they run counter-clockwise.
     name : shown to people; never used as a path.
     notes : remarks made on the way ("3 corners have no place in the result"), for a status line.
+    unit : of the corners, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is not known.
 
     Raises
     ------
@@ -53,8 +55,10 @@ class Mesh:
     faces: NDArray[np.int64]
     name: str = ""
     notes: tuple[str, ...] = ()
+    unit: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "unit", checked_unit(self.unit))
         points, faces = _numbers(self.points, "corners", np.float64), _numbers(self.faces, "faces", np.int64)
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
@@ -74,7 +78,10 @@ class Mesh:
 
     @classmethod
     def from_pyvista(cls, surface: Any, name: str = "") -> Mesh:
-        """A mesh of a ``pyvista.PolyData`` or VTK's; polygons become triangles, lines and loose points are left out."""
+        """A mesh of a ``pyvista.PolyData`` or VTK's; polygons become triangles, lines and loose points are left out.
+
+        VTK has no units; its lengths are taken as millimetres, which :meth:`to_pyvista` gives.
+        """
         pyvista = optional_package("pyvista")
         surface = pyvista.wrap(surface)
         if not isinstance(surface, pyvista.PolyData):
@@ -82,11 +89,25 @@ class Mesh:
                               "extract_surface() makes one.")
         whole = surface.triangulate()
         faces = np.asarray(whole.regular_faces if whole.n_cells else np.zeros((0, 3)), dtype=np.int64)
-        return cls(np.asarray(whole.points, dtype=np.float64), faces, name)
+        return cls(np.asarray(whole.points, dtype=np.float64), faces, name, unit="mm")
 
     def to_pyvista(self) -> Any:
-        """A ``pyvista.PolyData`` with the same corners (float64) and triangles."""
-        return optional_package("pyvista").PolyData.from_regular_faces(np.array(self.points), np.array(self.faces))
+        """A ``pyvista.PolyData`` with the same corners (float64) and triangles, in mm where the unit is known."""
+        points = np.array(self.in_unit("mm").points)
+        return optional_package("pyvista").PolyData.from_regular_faces(points, np.array(self.faces))
+
+    def in_unit(self, unit: str) -> Mesh:
+        """The same surface in numbers of another unit; itself where its own or the other one is not known.
+
+        Examples
+        --------
+        >>> Mesh([[1, 2, 3]], [], unit="mm").in_unit("µm").points.tolist()
+        [[1000.0, 2000.0, 3000.0]]
+        """
+        to = checked_unit(unit)
+        if to in ("", self.unit) or not self.unit:
+            return self
+        return replace(self, points=self.points * ratio(self.unit, to), unit=to)
 
     @property
     def box(self) -> NDArray[np.float64]:
@@ -207,6 +228,7 @@ def signed_distance(mesh: MeshLike, grid: Grid | VolumeLike | None = None, *, si
         raise DeformError(f"the mesh is open: {missing} edges have no face on their other side, so it has no inside. "
                           "Close its holes first, for example with pyvista's fill_holes.")
     lattice = grid_around(mesh, size=size, margin=margin) if grid is None else as_grid(grid)
+    merged = merged.in_unit(lattice.unit)
     values = triangles.distances(lattice.point_to_index(merged.points), merged.faces, lattice, oriented=oriented,
                                  progress=progress)
     notes = mesh.notes
@@ -233,7 +255,8 @@ def grid_around(mesh: Mesh, *, size: int = 128, margin: float | None = None) -> 
     spacing = (longest + 2 * room) / size
     count = np.maximum(1, np.ceil((high - low + 2 * room) / spacing - 1e-9)).astype(int)
     first = (low + high) / 2 - spacing * (count - 1) / 2
-    return Grid((int(count[2]), int(count[1]), int(count[0])), (spacing,) * 3, (first[0], first[1], first[2]))
+    return Grid((int(count[2]), int(count[1]), int(count[0])), (spacing,) * 3, (first[0], first[1], first[2]),
+                unit=mesh.unit)
 
 
 def filled(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
@@ -305,7 +328,8 @@ def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: str = "below")
     mirrored = np.linalg.det(np.asarray(volume.grid.direction)) < 0
     if mirrored == (inside == "above"):  # VTK looks to smaller values
         faces = faces[:, ::-1]
-    return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name)
+    return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name,
+                unit=volume.grid.unit)
 
 
 def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> Mesh:
@@ -316,7 +340,8 @@ def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | Volu
 
     Parameters
     ----------
-    mesh : in the space of the volume that the field deforms.
+    mesh : in the space of the volume that the field deforms, and in its own unit, in which the result is too; a note
+        says where that is another than the volume's.
     field : backward displacements in space, or a Deformation.
     grid : of the volume that is deformed; needed for a Deformation.
 
@@ -335,13 +360,16 @@ def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | Volu
     mesh = as_mesh(mesh)
     if field.dim != 3:
         raise DeformError("a mesh needs a field in space; extrude the field of a plane first.")
-    moved, found = warp_points(mesh.points, field)
-    notes = mesh.notes
+    there, notes = field.unit or ("" if grid is None else as_grid(grid).unit), mesh.notes
+    here = mesh.in_unit(there)
+    moved, found = warp_points(here.points, field)
+    if here is not mesh:
+        notes += (f"the mesh is in {mesh.unit} and the volume in {there}: its lengths were converted",)
     if not found.all():
-        moved = mesh.points + _smoothed(moved - mesh.points, found, mesh.faces)
+        moved = here.points + _smoothed(moved - here.points, found, mesh.faces)
         why = "the map folds there, or a cut hides them; they follow their neighbours"
         notes += (f"{np.count_nonzero(~found)} of {len(found)} corners have no place in the result: {why}",)
-    return replace(mesh, points=moved, notes=notes)
+    return replace(here, points=moved, notes=notes).in_unit(mesh.unit)
 
 
 def _smoothed(moves: NDArray[np.float64], known: NDArray[np.bool_], faces: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -292,7 +292,7 @@ def lattice(grid: Grid, block: tuple[slice, slice], step: int) -> Grid:
     shape = ((z.stop - z.start) // step + extra, (y.stop - y.start) // step + extra, grid.shape[2])
     sx, sy, sz = grid.spacing
     origin = grid.index_to_point([0, y.start, z.start])
-    return Grid(shape, (sx, sy * step, sz * step), (origin[0], origin[1], origin[2]), grid.direction)
+    return replace(grid, shape=shape, spacing=(sx, sy * step, sz * step), origin=(origin[0], origin[1], origin[2]))
 
 
 Tables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
@@ -374,7 +374,7 @@ def _on_device(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | Non
 
 def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> tuple[Any, ...]:
     (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
-    coarse = Grid((nz, ny, ceil(nx / step) + 1), (step * sx, sy, sz), grid.origin, grid.direction)
+    coarse = replace(grid, shape=(nz, ny, ceil(nx / step) + 1), spacing=(step * sx, sy, sz))
     d: tuple[Any, ...] = _refined(checked(field.components_on_grid(coarse)), step=step, count=nx)
     return d
 

@@ -25,7 +25,8 @@ from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, searched
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.volume import Grid, VolumeLike
+from deformnb.volume.units import checked_unit, ratio
+from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 Array = NDArray[np.float64]
 
@@ -57,7 +58,8 @@ def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, 
 
     Parameters
     ----------
-    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2. Or landmarks.
+    points : (..., dim), physical; (a, b) on the plane for a field of dimension 2. Or landmarks, which go there and
+        back in their own unit where it is another than the field's; an array has that of the field.
     field : backward displacements, or a Deformation.
     grid : of the volume that is deformed; needed for a Deformation.
     tolerance : largest error of ``y + D(y)``, as a length; default is 1e-6 of the extent of points and displacements.
@@ -87,20 +89,34 @@ def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, 
     ([[1.0, 2.0, 3.0]], [True])
     """
     field = as_field(field, grid)
-    x = checked_points(points, field)
+    factor = unit_factor(points, field, grid)
+    x = checked_points(points, field, grid)
     if not x.size:
         return x, np.ones(x.shape[:-1], dtype=bool)
     flat = x.reshape(-1, field.dim)
     y, found = np.empty_like(flat), np.empty(len(flat), dtype=bool)
-    tolerance = default_tolerance(flat, field) if tolerance is None else tolerance
+    tolerance = default_tolerance(flat, field) if tolerance is None else tolerance * factor
     for start in range(0, len(flat), POINTS_AT_A_TIME):
         part = slice(start, start + POINTS_AT_A_TIME)
         y[part], found[part] = moved(flat[part], field, tolerance, max_iterations)
-    return y.reshape(x.shape), found.reshape(x.shape[:-1])
+    return y.reshape(x.shape) / factor, found.reshape(x.shape[:-1])
 
 
-def checked_points(points: ArrayLike | Landmarks, field: AbstractField) -> Array:
-    """A copy of points (..., dim) as float64; DeformError if they are not finite or not of the field's dimension."""
+def unit_factor(points: object, field: AbstractField, grid: Grid | VolumeLike | None = None) -> float:
+    """How many of the unit of a field, or of the volume that it deforms, one of that of landmarks is; 1 else."""
+    there = field.unit or ("" if grid is None else as_grid(grid).unit)
+    return ratio(points.unit, there) if isinstance(points, Landmarks | ControlPoints) else 1.0
+
+
+def checked_points(points: ArrayLike | Landmarks, field: AbstractField,
+                   grid: Grid | VolumeLike | None = None) -> Array:
+    """A copy of points (..., dim) as float64, of landmarks in the unit of the field or of the volume that it deforms.
+
+    Raises
+    ------
+    DeformError
+        If they are not finite or not of the field's dimension.
+    """
     given = points.points if isinstance(points, Landmarks) else points.source if isinstance(
         points, ControlPoints) else points
     x = real_array(given)
@@ -112,7 +128,7 @@ def checked_points(points: ArrayLike | Landmarks, field: AbstractField) -> Array
     bad = np.flatnonzero(~np.isfinite(flat).all(axis=1))
     if len(bad):
         raise DeformError(f"point {bad[0]} is not finite ({flat[bad[0]].tolist()}); remove it or give its place.")
-    return x
+    return x * unit_factor(points, field, grid)
 
 
 def default_tolerance(x: Array, field: AbstractField) -> float:
@@ -251,6 +267,7 @@ class Landmarks:
     fixed : the places that the points correspond to in another volume, as in BigWarp's files; NaN where there is none.
     active : (N,) bool, False for a landmark that is switched off.
     notes : remarks for a status line.
+    unit : of the places, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is not known.
 
     Examples
     --------
@@ -264,9 +281,11 @@ class Landmarks:
     fixed: NDArray[np.float64] | None = None
     active: NDArray[np.bool_] | None = None
     notes: tuple[str, ...] = ()
+    unit: str = ""
 
     def __post_init__(self) -> None:
         check_fields(self, "notes")
+        object.__setattr__(self, "unit", checked_unit(self.unit))
         points = _places(self.points, "landmarks")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
@@ -289,11 +308,27 @@ class Landmarks:
         named = [name[:20] for name in self.names if name]
         names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
         pairs = "" if self.fixed is None else ", paired with fixed places"
-        return (f"<Landmarks: {len(self)} {'in space' if self.points.shape[1] == 3 else 'on a picture'}{pairs}"
+        unit = self.unit and f", in {self.unit}"
+        return (f"<Landmarks: {len(self)} {'in space' if self.points.shape[1] == 3 else 'on a picture'}{pairs}{unit}"
                 f"{': ' if names else ''}{names}>")
 
     def __len__(self) -> int:
         return len(self.points)
+
+    def in_unit(self, unit: str) -> Landmarks:
+        """The same places in numbers of another unit; where their own or the other one is not known, themselves.
+
+        Examples
+        --------
+        >>> Landmarks([[1, 2, 3]], unit="mm").in_unit("µm").points.tolist()
+        [[1000.0, 2000.0, 3000.0]]
+        """
+        to = checked_unit(unit)
+        if to in ("", self.unit) or not self.unit:
+            return self
+        factor = ratio(self.unit, to)
+        fixed = None if self.fixed is None else self.fixed * factor
+        return replace(self, points=self.points * factor, fixed=fixed, unit=to)
 
     def control_points(self) -> ControlPoints:
         """Pairs as control points: each place is dragged to its fixed one. What has none is left out."""
@@ -302,7 +337,7 @@ class Landmarks:
         whole = np.flatnonzero(np.isfinite(self.fixed).all(axis=1))
         assert self.active is not None
         return ControlPoints.from_arrays(
-            self.points[whole], self.fixed[whole], active=self.active[whole],
+            self.points[whole], self.fixed[whole], active=self.active[whole], unit=self.unit,
             names=[self.names[k] for k in whole])
 
 
@@ -364,7 +399,9 @@ def warp_landmarks(landmarks: LandmarksLike, field: AbstractField | HasField,
     """
     landmarks = as_landmarks(landmarks)
     moved, found = warp_points(landmarks, field, grid=grid)
-    notes = landmarks.notes
+    notes, there = landmarks.notes, "" if grid is None else as_grid(grid).unit
+    if landmarks.unit and there not in ("", landmarks.unit):
+        notes += (f"the landmarks are in {landmarks.unit} and the volume in {there}: their lengths were converted",)
     if not found.all():
         lost = [landmarks.names[k] or str(k) for k in np.flatnonzero(~found)]
         more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""

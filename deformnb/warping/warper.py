@@ -31,7 +31,7 @@ from deformnb.volume.converters import converted
 from deformnb.volume.labelled import is_labelled, mapped
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
-from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_volume, as_volumes
+from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.map_checks import map_notes
@@ -210,7 +210,7 @@ class Warper:
         volume = as_volume(volume)
         discrete = volume.is_labels or volume.dtype == np.bool_
         self.volume = volume
-        self.output = volume.grid if output is None else as_grid(output)
+        self.output = volume.grid if output is None else as_output(output, volume.grid)
         self.method = planning.checked_method(method, discrete=discrete)
         self.fill = volume.background if fill is None else fill
         if not (isinstance(step, int | np.integer) and 1 <= step < 2**31):

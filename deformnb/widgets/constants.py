@@ -11,6 +11,7 @@ from deformnb import checks
 from deformnb.analysis import folds
 from deformnb.imaging import occlusion
 from deformnb.rbf import conditioning, exactness, interpolant, kernels, regions, rigid, slits, stages, support, trends
+from deformnb.volume import units
 from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
@@ -28,6 +29,7 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "stages": (stages, ("MOST_STAGES",)),
     "occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
     "support": (support, ("MANY", "MOST_NEIGHBOURS")),
+    "units": (units, ("UNIT_METRES", "UNIT_WORDS", "UNIT_LOWER_WORDS", "NO_UNITS")),
     "edit_messages": (edit_messages, ("LONGEST_EDIT",)),
 }
 """The modules by name, and the constants of each that the front end needs too; their reasons are there."""

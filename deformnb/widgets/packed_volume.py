@@ -150,8 +150,8 @@ class Pieces:
 
 
 def unit_of(grid: Grid) -> str:
-    """The unit of lengths: voxels where the spacing is 1, which may be no length, mm otherwise."""
-    return "voxels" if grid.spacing == (1.0, 1.0, 1.0) else "mm"
+    """The unit of lengths as it is shown: voxels where it is not known and the spacing is 1, else nothing then."""
+    return grid.unit or ("voxels" if grid.spacing == (1.0, 1.0, 1.0) else "")
 
 
 def _look(plane: Plane) -> dict[str, list[float]]:

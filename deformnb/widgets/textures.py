@@ -387,7 +387,8 @@ def _space(field: AbstractField, shown: PackedVolume, grid: Grid, space_size: in
     spacing = size / (counts - 1)
     own = shown.volume.grid
     first = own.index_to_point(low / np.asarray(own.spacing))
-    lattice = Grid((int(counts[2]), int(counts[1]), int(counts[0])), tuple(spacing), tuple(first), own.direction)
+    lattice = replace(own, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing),
+                      origin=tuple(first))
     about = {"shape": counts.tolist(), "origin": low.tolist(), "spacing": spacing.tolist()}
     chain = cut_chain(field)
     if chain is not None:

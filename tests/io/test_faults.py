@@ -344,7 +344,8 @@ def test_nifti_scaling(tmp_path: Path) -> None:
 def test_nifti_remarks(tmp_path: Path) -> None:
     volume = read_volume(nifti(tmp_path / "a.nii", {292: ("f", (50,))}))
     assert "two different places" in volume.notes[0]
-    assert "micrometres" in read_volume(nifti(tmp_path / "a.nii", {123: ("B", (3,))})).notes[0]
+    assert read_volume(nifti(tmp_path / "a.nii", {123: ("B", (3,))})).grid.unit == "\u00b5m"
+    assert "none of NIfTI" in read_volume(nifti(tmp_path / "a.nii", {123: ("B", (4,))})).notes[0]
     negative = read_volume(nifti(tmp_path / "a.nii", {254: ("h", (0,)), 88: ("f", (-3,))}))
     assert "flipped" in negative.notes[0]
     assert negative.grid.orientation == "LPI"

@@ -74,11 +74,12 @@ def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
 
 def test_slicers_markups_are_known_by_what_is_in_them_and_state_their_unit(tmp_path: Path) -> None:
     point = {"label": "nose", "position": [1, 2, 3]}
-    for unit, scale in (("um", 1e-3), (["mm", "UCUM", "millimeter"], 1.0)):
+    for unit, symbol in (("um", "\u00b5m"), (["mm", "UCUM", "millimeter"], "mm")):
         markup = {"coordinateSystem": "RAS", "coordinateUnits": unit, "controlPoints": [point]}
         (tmp_path / "a.json").write_text(json.dumps({"markups": [markup]}))
         assert is_landmarks(tmp_path / "a.json")
-        np.testing.assert_allclose(read_landmarks(tmp_path / "a.json").points, scale * np.array([[-1, -2, 3]]))
+        found = read_landmarks(tmp_path / "a.json")
+        assert (found.points.tolist(), found.unit) == ([[-1, -2, 3]], symbol)
     (tmp_path / "a.json").write_text((tmp_path / "a.json").read_text().replace("UCUM", "x").replace('"mm"', '"ell"'))
     with pytest.raises(VolumeFileError, match="its unit"):
         read_landmarks(tmp_path / "a.json")

@@ -69,7 +69,7 @@ def test_stacks_of_imagej(tmp_path: Path) -> None:
                      metadata={"axes": "ZYX", "spacing": 3, "unit": "um"})
     read = read_volume(path)
     assert read.grid.spacing == (0.5, 0.25, 3.0)
-    assert read.notes == ("lengths of the file are in um and stay so",)
+    assert (read.grid.unit, read.notes) == ("\u00b5m", ())
     np.testing.assert_array_equal(read.values, STACK)
     whole = path.read_bytes()
     # beyond 4 GiB ImageJ writes one page and all voxels behind it; the same with a chain cut after the first page
@@ -97,7 +97,7 @@ def test_stacks_of_ome(tmp_path: Path) -> None:
     tifffile.imwrite(path, STACK, metadata=sizes, photometric="minisblack")
     read = read_volume(path)
     assert read.grid.spacing == (0.5, 0.25, 3.0)
-    assert "µm" in read.notes[0]
+    assert (read.grid.unit, read.notes) == ("\u00b5m", ())
     tifffile.imwrite(path, STACK, metadata={"axes": "CYX"}, photometric="minisblack")
     refuse(path, "holds 5 channels")
 
@@ -351,7 +351,7 @@ def test_channels_that_do_not_divide_the_pages_are_refused(tmp_path: Path) -> No
 
 
 def test_ome_tiff_is_read_by_other_programs_as_it_was_written(tmp_path: Path) -> None:
-    path, grid = tmp_path / "a.ome.tif", Grid((4, 5, 6), (0.5, 1.25, 3.0), (1.0, 2.0, 3.0))
+    path, grid = tmp_path / "a.ome.tif", Grid((4, 5, 6), (0.5, 1.25, 3.0), (1.0, 2.0, 3.0), unit="mm")
     values = np.random.default_rng(3).integers(0, 60000, (4, 5, 6, 2)).astype(np.uint16)
     stained = Channels.from_array(values, grid, ('"nuclei" & <DNA>', "actin"), ((0, 0, 1), (1, 0.2, 0)))
     write_channels(stained, path)

@@ -40,6 +40,11 @@ READ = """async ({ files, known }) => {
 }"""
 FILES = ("formats/volume_files.js", "formats/reading.js")
 
+
+def _with_byte(data: bytes, at: int, value: int) -> bytes:
+    return data[:at] + bytes([value]) + data[at + 1:]
+
+
 RAMP = np.arange(24).reshape(2, 3, 4)
 OBLIQUE = [[1.2, -0.9, 0, 5], [0.9, 1.2, 0, -7.5], [0, 0, 2, 3]]
 CASES: dict[str, bytes] = {
@@ -75,6 +80,12 @@ CASES: dict[str, bytes] = {
                              "space: las", "space directions: none (1,0,0) (0,1,0) (0,0,3)", "space origin: (1,2,3)"),
     "picture.nrrd": nrrd(RAMP[0].astype("u1"), "space: lps", "space directions: (0,1,0) (0,0,2)"),
     "skipped.nrrd": nrrd(RAMP.astype("u1"), "byte skip: -1").replace(b"\n\n", b"\n\nsome text"),
+    **{f"unit {code}.nii": _with_byte(nifti(RAMP.astype("u1"), sform=OBLIQUE), 123, code) for code in range(8)},
+    **{f"unit {k}.nrrd": nrrd(RAMP.astype("u1"), "space: lps", "space directions: (1,0,0) (0,2,0) (0,0,3)",
+                              f"space units: {words}", "space origin: (1,2,3)")
+       for k, words in enumerate(('"um" "um" "um"', '"\u00b5m" "\u00b5m" "mm"', '"" "" ""', '"micron" "" "nm"',
+                                  '"furlong" "mm" "mm"', '"Inch" "in" "ft"'))},
+    "units of axes.nrrd": nrrd(RAMP.astype("u1"), "spacings: 1 2 3", "axis mins: 1 1 1", 'units: "mm" "um" "mm"'),
     "lines.nrrd": nrrd(RAMP.astype("u1"), "line skip: 1", "byte skip: 2").replace(b"\n\n", b"\n\nsome text\n!!"),
 }
 BAD: dict[str, bytes] = {
@@ -115,13 +126,14 @@ def test_a_file_is_read_as_python_reads_it(name: str, tmp_path: Path) -> None:
     assert found["name"] == wanted.name
     assert (tuple(found["shape"]), found["dtype"], found["isLabels"]) == (wanted.shape, wanted.dtype.name,
                                                                          wanted.is_labels)
+    assert found["unit"] == wanted.grid.unit
     for field in ("spacing", "origin", "direction"):
         np.testing.assert_allclose(found[field], getattr(wanted.grid, field), rtol=1e-12, atol=1e-12)
     values = np.array([float(v) for v in found["values"]]).reshape(wanted.shape)
     np.testing.assert_array_equal(values, wanted.values.astype(np.float64))
     assert found["sha256"] == voxel_checksum(wanted.dtype, wanted.shape, wanted.values)
     header_notes = [note for note in wanted.notes if "negative" in note or "places" in note or "became" in note
-                    or "states no place" in note]
+                    or "states no place" in note or "unit" in note]
     assert [note for note in found["notes"] if "one slice" not in note] == header_notes
 
 

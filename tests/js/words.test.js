@@ -14,7 +14,8 @@ test("the side of the patient is that of LPS", () => {
 
 test("lengths have a unit that keeps them short", () => {
   for (const [length, unit, wanted] of [[50, "mm", "50 mm"], [20000, "mm", "20 m"], [0.05, "mm", "50 \u00b5m"],
-    [0.2, "mm", "0.2 mm"], [5, "voxels", "5 voxels"]]) {
+    [0.2, "mm", "0.2 mm"], [5, "voxels", "5 voxels"], [50, "", "50"], [0.05, "nm", "50 pm"], [2e4, "\u00b5m", "20 mm"],
+    [5e10, "nm", "50 m"], [2e4, "in", "20000 in"]]) {
     assert.equal(lengthText(length, unit), wanted);
   }
 });

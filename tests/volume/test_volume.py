@@ -367,7 +367,7 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_volume_is_printed_in_one_line() -> None:
-    grid = Grid((4, 5, 6), (0.5, 1.0, 2.25))
+    grid = Grid((4, 5, 6), (0.5, 1.0, 2.25), unit="mm")
     volume = Volume(np.zeros(grid.shape, np.int16), grid, "a fish")
     assert repr(volume) == str(volume) == (
         "<Volume 'a fish': 6 x 5 x 4 voxels (x, y, z), int16, spacing 0.5 x 1 x 2.25 mm>")

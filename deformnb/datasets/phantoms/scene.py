@@ -67,9 +67,10 @@ def scene_grid(scene: PhantomScene, shape: tuple[int, int, int] | None) -> Grid:
         raise DeformError(f"the shape of a phantom is (nz, ny, nx), each at least 1, got {shape!r}.")
     x, y, z = (length / n for length, n in zip(scene.lengths, size[::-1], strict=True))
     if scene.axes == "LPS":
-        return Grid((size[0], size[1], size[2]), (x, y, z), (x / 2, y / 2, z / 2))
+        return Grid((size[0], size[1], size[2]), (x, y, z), (x / 2, y / 2, z / 2), unit="mm")
     origin = (scene.lengths[0] - x / 2, scene.lengths[1] - y / 2, z / 2)
-    return Grid((size[0], size[1], size[2]), (x, y, z), origin, ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)))
+    return Grid((size[0], size[1], size[2]), (x, y, z), origin, ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
+                "mm")
 
 
 def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8",

@@ -7,7 +7,7 @@ volume.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -242,5 +242,6 @@ def folding(field: AbstractField, grid: Grid) -> Folds:
     counts = np.maximum(3, np.round(_FOLD_NODES * lengths / lengths.max())).astype(int)
     spacing = lengths / counts
     first = grid.index_to_point((spacing / np.asarray(grid.spacing) - 1) / 2)
-    lattice = Grid((int(counts[2]), int(counts[1]), int(counts[0])), tuple(spacing), tuple(first), grid.direction)
+    lattice = replace(grid, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing),
+                      origin=tuple(first))
     return folds_of(field, lattice)

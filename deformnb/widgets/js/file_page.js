@@ -163,9 +163,9 @@ async function colourPicture({ shown: { rgba, width, height, factor }, volume },
 /** @param {Template} template @param {Opened} opened @param {Plane} plane */
 function documentOf({ document }, { volume: { name, grid }, sha256 }, { origin, u, v }) {
   if (!document) throw new Error("the page holds no document");
-  const { chosen_support: _, ...step } = document.steps[0], { shape, spacing, direction } = grid;
+  const { chosen_support: _, ...step } = document.steps[0], { shape, spacing, direction, unit } = grid;
   const volume = sha256 && { name, shape, spacing, sha256, origin: grid.origin, direction };
-  return { ...document, name, volume, steps: [{ ...step, plane: { origin, u, v } }] };
+  return { ...document, ...(unit ? { unit } : {}), name, volume, steps: [{ ...step, plane: { origin, u, v } }] };
 }
 
 /** A page of an open file. */
@@ -380,7 +380,7 @@ class FileOpener {
     const { volume, photograph } = /** @type {Opened} */ (this.opened), { grid, notes } = volume;
     const size = grid.shape.toReversed(), words = photograph ? [`${size[0]} x ${size[1]} pixels`]
       : [`${size.join(" x ")} voxels of ${grid.spacing.map((s) => Number(s.toPrecision(4))).join(" x ")}${
-        unitOf(grid) === "mm" ? " mm" : ""}`];
+        grid.unit && ` ${grid.unit}`}`];
     if (volume.isLabels) words.push("labels");
     return [`${volume.name}: ${words.join(", ")}`, ...notes,
       ...(isRestored ? ["the points of last time are back; Reset puts them back"] : [])].join(". ");

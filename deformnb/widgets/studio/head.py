@@ -21,6 +21,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.studio.controls import Guard, file_stem
 from deformnb.widgets.synced import SyncedWidget
 
@@ -36,14 +37,14 @@ def volume_facts(volume: Volume) -> str:
     --------
     >>> import numpy as np
     >>> from deformnb.volume.volume import Grid
-    >>> print(volume_facts(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4)))))
+    >>> print(volume_facts(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4), unit="mm"))))
     4 × 3 × 2 · 1 × 1 × 1 mm
     """
     z, y, x = volume.shape
     size, spacing = (" \u00d7 ".join(parts) for parts in ((str(x), str(y), str(z)),
                                                          [f"{s:.3g}" for s in volume.grid.spacing]))
     level = "" if volume.level is None else f" \u00b7 {volume.level}"
-    return f"{size} \u00b7 {spacing} mm{level}"
+    return f"{size} \u00b7 {spacing} {unit_of(volume.grid)}".strip() + level
 
 
 class StudioHead(SyncedWidget):
@@ -151,4 +152,4 @@ class StudioHead(SyncedWidget):
 
 def _bare(document: Deformation) -> Deformation:
     """A document without its volume, which a saved one names and one that is edited does not."""
-    return replace(document, volume=None)
+    return replace(document, volume=None, unit="")

@@ -87,7 +87,7 @@ class Diagnostics:
     @property
     def trip_text(self) -> str:
         """Such as "round trip 0.001 mm"."""
-        return "" if self.trip is None else f"round trip {length_text(self.trip.worst)} {self.unit}"
+        return "" if self.trip is None else f"round trip {length_text(self.trip.worst)}{self.unit and f' {self.unit}'}"
 
 
 def tissue_of(session: Session) -> IsTissue | None:
@@ -214,7 +214,7 @@ _WHY = {
 
 def _texts(found: Diagnostics) -> dict[str, str]:
     """The figures that there are, by the names of :data:`_WHY`."""
-    unit, texts = found.unit, dict[str, str]()
+    unit, texts = found.unit and f" {found.unit}", dict[str, str]()
     if found.folds is not None:
         least, share = found.folds.least, found.folds.share
         none = f"none in tissue, {100 * found.folds.air:.2g} % in air" if found.folds.air else "none"
@@ -224,17 +224,17 @@ def _texts(found: Diagnostics) -> dict[str, str]:
         trip = found.trip
         lost = f"; {100 * (1 - trip.reached):.2g} % lost" if trip.reached < 1 else ""
         mean = f", mean {length_text(trip.mean)}" if trip.worst >= 1e-4 else ""
-        texts["Round trip"] = f"{length_text(trip.worst)} {unit} at most{mean}{lost}"
+        texts["Round trip"] = f"{length_text(trip.worst)}{unit} at most{mean}{lost}"
     q = found.quality
     if q is not None:
         points = found.step.maps[min(found.key, len(found.step.maps) - 1)]
         name = point_name(points, q.ids[int(np.argmax((q.leave_one_out**2).sum(axis=1)))])
         most = [float(np.sqrt((a**2).sum(axis=1).max())) for a in (q.residual, q.leave_one_out)]
-        texts["Residual"] = f"{length_text(most[0])} {unit} at most"
-        texts["Leave-one-out"] = f"{length_text(q.root_mean_square)} {unit} RMS; {length_text(most[1])} at {name}"
+        texts["Residual"] = f"{length_text(most[0])}{unit} at most"
+        texts["Leave-one-out"] = f"{length_text(q.root_mean_square)}{unit} RMS; {length_text(most[1])} at {name}"
         texts["Affine share"] = f"{100 * q.affine_share:.0f} % of the drags"
     if found.bending is not None:
-        length = "" if found.step.plane is not None else f" {unit}"
+        length = "" if found.step.plane is not None else unit
         texts["Bending energy"] = ("infinite: one source has two targets" if np.isinf(found.bending) else
                                    f"{found.bending if found.bending > 1e-12 else 0.0:.3g}{length}")
     return texts
@@ -280,7 +280,7 @@ def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> Unc
         raise DeformError("nothing bends, so the points give no estimate of the error of the map between them; "
                           "drag one.")
     levels = dict.fromkeys(_round_number(share * most) for share in _CONTOURS)
-    legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}"] for v in levels if 0 < v < most]
+    legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}".strip()] for v in levels if 0 < v < most]
     return UncertaintyOverlay(np.round(255 * values / most).astype(np.uint8).tobytes(),
                               {"width": width, "height": height, "legend": legend})
 

@@ -22,7 +22,6 @@ from deformnb.volume.region_growing import connected_threshold
 from deformnb.volume.transfer import levels
 from deformnb.widgets.edit_messages import WandMessage
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.studio.panels.labels import TakeRegions
 from deformnb.widgets.worker import Worker
@@ -168,5 +167,5 @@ def _words(picture: Picture, low: float, high: float, area: float) -> str:
     of_range = (f"from {low:.4g}" if np.isinf(high) else f"up to {high:.4g}" if np.isinf(low)
                 else f"{low:.4g} to {high:.4g}")
     size = f"{area:.3g}" if area < 1000 else f"{area:.0f}"
-    is_in_mm = picture.grid is not None and unit_of(picture.grid) == "mm"
-    return f"{of_range}{unit}, " + (f"{size} mm\u00b2" if is_in_mm else f"{size} pixels")
+    length = "" if picture.grid is None else picture.grid.unit
+    return f"{of_range}{unit}, " + (f"{size} {length}\u00b2" if length else f"{size} pixels")

@@ -18,7 +18,8 @@ from deformnb.widgets.view.volume_view import VolumeView
 
 
 def volume(spacing: tuple[float, float, float] = (1.0, 1.0, 2.0)) -> Volume:
-    return Volume(np.arange(60, dtype=np.uint8).reshape(3, 4, 5), Grid((3, 4, 5), spacing))
+    unit = "" if spacing == (1.0, 1.0, 1.0) else "\u00b5m"
+    return Volume(np.arange(60, dtype=np.uint8).reshape(3, 4, 5), Grid((3, 4, 5), spacing, unit=unit))
 
 
 @pytest.fixture(params=["live", "vtk"])
@@ -55,7 +56,7 @@ def test_a_still_and_a_preview_are_clipped(view: Any) -> None:
 
 
 def test_a_page_knows_the_unit_of_lengths(view: Any) -> None:
-    assert view.volume_info["unit"] == "mm"
+    assert view.volume_info["unit"] == "\u00b5m"
     view.show(volume((1.0, 1.0, 1.0)))
     assert view.volume_info["unit"] == "voxels"
 

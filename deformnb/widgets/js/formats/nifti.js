@@ -13,8 +13,7 @@ const TYPES = { 2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "
 const REFUSED = { 1: "single bits", 32: "complex numbers", 128: "colours", 1536: "128-bit floats",
   1792: "complex numbers", 2048: "complex numbers", 2304: "colours" };
 const LABEL_INTENT = 1002;
-/** @type {Record<number, string>} */
-const UNITS = { 1: "metres", 3: "micrometres" };
+const UNITS = ["", "m", "mm", "\u00b5m"]; // by their codes
 const FIRST_VOXEL = 352, MOST_EXTENSIONS = 2 ** 26;
 
 /** @typedef {ReturnType<typeof fieldsOf>} Fields */
@@ -71,11 +70,13 @@ export async function niftiHeader(blob) {
   if (!(Number.isInteger(offset) && offset >= FIRST_VOXEL && offset <= MOST_EXTENSIONS)) {
     throw new FileError(`the field 'vox_offset' is ${offset}; it should be a whole number from ${FIRST_VOXEL} on.`);
   }
-  const [slope, intercept] = scalingOf(fields), unit = UNITS[fields.units & 7];
-  if (unit) notes.push(`lengths of the file are in ${unit} and stay so`);
+  const [slope, intercept] = scalingOf(fields), code = fields.units & 7, unit = UNITS[code] ?? "";
+  if (code >= UNITS.length) {
+    notes.push(`the code ${code} of its unit of lengths is none of NIfTI; its numbers stay as they are`);
+  }
   const { affine, direction, origin } = placeOfVoxels(fields, notes);
   const spacing = /** @type {Vector3} */ (fields.pixdim.slice(1, 4));
-  return { shape, type, isBig: fields.isBig, slope, intercept, affine, spacing, origin, direction,
+  return { shape, type, isBig: fields.isBig, slope, intercept, affine, spacing, origin, direction, unit,
     isLabels: fields.intent === LABEL_INTENT, notes,
     read: async (work) => {
       const voxels = new ByteReader(blob, isPacked);

@@ -1,6 +1,7 @@
 // NRRD in one file (.nrrd), by the rules of deformnb/io/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
 import { cross } from "../maths/camera.js";
+import { commonUnit, statedUnit } from "../volume/units.js";
 import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.js";
 
 /** @import { VoxelType } from "./reading.js" */
@@ -72,8 +73,9 @@ export async function nrrdHeader(blob) {
   const sizes = integersOf("sizes", fields.sizes, dimension), axes = placesOf(fields, sizes);
   /** @type {string[]} */
   const notes = [], shape = volumeShape(axes.map((axis) => sizes[axis]), Number(type[1]), notes);
+  const { unit, factors } = unitOfAxes(fields, axes, notes);
   const count = shape[0] * shape[1] * shape[2], from = await beginningOf(blob, fields, end, count * Number(type[1]));
-  return { shape, type, isBig, slope: 1, intercept: 0, ...placeOfVoxels(fields, axes, dimension),
+  return { shape, type, isBig, slope: 1, intercept: 0, ...placeOfVoxels(fields, axes, dimension, factors), unit,
     isLabels: keys.deformnb_labels === "yes" || Object.hasOwn(keys, "Segment0_LabelValue"), notes,
     read: async (work) => {
       const reader = new ByteReader(blob.slice(from.offset), from.isPacked);
@@ -174,23 +176,48 @@ async function beginningOf(blob, fields, end, expected) {
 }
 
 /**
+ * The unit of lengths, and by how much the numbers along the three axes are multiplied to be in it.
+ * @param {Texts} fields
+ * @param {number[]} axes
+ * @param {string[]} notes
+ */
+function unitOfAxes(fields, axes, notes) {
+  const given = fields.spaceunits ?? fields.units;
+  if (given === undefined) {
+    const isPatient = /anterior|posterior|^(lps|ras|las)$/.test((fields.space ?? "").toLowerCase());
+    return { unit: isPatient ? "mm" : "", factors: [1, 1, 1] };
+  }
+  const bytes = Uint8Array.from(given, (c) => c.charCodeAt(0)); // the header is read as Latin-1
+  const words = [...new TextDecoder().decode(bytes).matchAll(/"([^"]*)"|(\S+)/g)].map((found) => found[1] ?? found[2]);
+  const wanted = fields.spaceunits === undefined ? axes.slice(0, 3) : words.slice(0, 3).map((_, k) => k);
+  if (!wanted.length || Math.max(...wanted) >= words.length) {
+    throw new FileError(`the field '${fields.spaceunits === undefined ? "units" : "space units"}' names ${words.length
+    } units for ${axes.length} axes.`);
+  }
+  const units = wanted.map((axis) => statedUnit(words[axis], notes));
+  while (units.length < 3) units.push(units[0]);
+  return commonUnit(units, notes);
+}
+
+/**
  * @param {Texts} fields
  * @param {number[]} axes
  * @param {number} dimension
+ * @param {number[]} factors by which the numbers along x, y and z are multiplied
  * @returns {{affine: number[][] | null, spacing: Vector3, origin: Vector3, direction: Vector3[]}}
  */
-function placeOfVoxels(fields, axes, dimension) {
+function placeOfVoxels(fields, axes, dimension, factors) {
   const space = (fields.space ?? "").toLowerCase();
   if (space && !Object.hasOwn(SPACES, space)) {
     throw new FileError(`the space '${shownText(space)}' is not supported; save it in left-posterior-superior.`);
   }
-  const signs = SPACES[space] ?? [1, 1, 1];
+  const signs = (SPACES[space] ?? [1, 1, 1]).map((sign, k) => sign * factors[k]);
   const [first] = fields.spaceorigin !== undefined ? vectorsOf("space origin", fields.spaceorigin) : [];
   const corner = /** @type {Vector3} */ (three("space origin", first === undefined ? [0, 0, 0] : first)
     .map((x, k) => x * signs[k]));
   const direction = /** @type {Vector3[]} */ ([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
   if (fields.spacedirections === undefined) {
-    const { spacing, origin } = spacingsOf(fields, axes, dimension);
+    const { spacing, origin } = spacingsOf(fields, axes, dimension, factors);
     return { affine: null, spacing, origin: first === undefined ? origin : corner, direction };
   }
   const vectors = vectorsOf("space directions", fields.spacedirections);
@@ -216,8 +243,9 @@ function three(field, vector) {
  * @param {Texts} fields
  * @param {number[]} axes
  * @param {number} dimension
+ * @param {number[]} factors
  */
-function spacingsOf(fields, axes, dimension) {
+function spacingsOf(fields, axes, dimension, factors) {
   const perAxis = (/** @type {string} */ name, /** @type {string} */ shown, /** @type {number} */ missing) => {
     if (fields[name] === undefined) return [missing, missing, missing];
     const values = floatsOfText(shown, fields[name], dimension);
@@ -227,5 +255,7 @@ function spacingsOf(fields, axes, dimension) {
   const centres = (fields.centers ?? fields.centerings ?? "").toLowerCase().split(/\s+/).filter(Boolean);
   // "axis min" is the border of a cell, or the place of a node.
   const first = least.map((low, k) => low + (centres[axes[k]] === "cell" ? spacing[k] / 2 : 0));
-  return { spacing, origin: /** @type {Vector3} */ (first.every(Number.isFinite) ? first : [0, 0, 0]) };
+  const from = first.every(Number.isFinite) ? first : [0, 0, 0];
+  const scaled = (/** @type {number[]} */ v) => /** @type {Vector3} */ (v.map((x, k) => x * factors[k]));
+  return { spacing: scaled(spacing), origin: scaled(from) };
 }

@@ -22,6 +22,7 @@ import { FileError, shownText } from "./reading.js";
  * @property {Vector3} spacing
  * @property {Vector3} origin
  * @property {Vector3[]} direction
+ * @property {string} unit of lengths; "" where it is not known
  * @property {boolean} isLabels
  * @property {string[]} notes
  * @property {(work: Work) => Promise<any>} read the voxels as they are stored
@@ -84,8 +85,9 @@ export async function readVolume(blob, name, work = {}) {
 }
 
 /** @param {Header} header */
-function gridOf({ shape, affine, spacing, origin, direction, notes }) {
-  return affine ? gridOfAffine(shape, affine) : straightenedGrid(shape, spacing, origin, direction, notes);
+function gridOf({ shape, affine, spacing, origin, direction, unit, notes }) {
+  const grid = affine ? gridOfAffine(shape, affine) : straightenedGrid(shape, spacing, origin, direction, notes);
+  return { ...grid, unit };
 }
 
 /**
@@ -150,6 +152,6 @@ async function withTrueSpacing(volume, known) {
   if (!row) return volume;
   const note = `this is the ${row.title}: its file has a wrong spacing, and ${row.spacing.join(" x ")} was taken, ` +
     `after ${row.reason}`;
-  return { ...volume, grid: checkedGrid(grid.shape, row.spacing, grid.origin, grid.direction),
+  return { ...volume, grid: { ...checkedGrid(grid.shape, row.spacing, grid.origin, grid.direction), unit: "mm" },
     notes: [...volume.notes, note] };
 }

@@ -16,15 +16,18 @@ function roundLength(most) {
   return ten * ([5, 2, 1].find((n) => n * ten <= most * (1 + 1e-9)) ?? 1);
 }
 
+const METRIC = ["pm", "nm", "\u00b5m", "mm", "m", "km"]; // a thousand of each are one of the next
+
 /**
  * A round length with its unit: 50 mm, 20 m where mm would have five digits, 20 \u00b5m below a tenth of a mm.
  * @param {number} length
- * @param {string} unit
+ * @param {string} unit  "" where it is not known
  */
 export function lengthText(length, unit) {
-  const [factor, name] = unit === "mm" && length >= 1e4 ? [1e-3, "m"]
-    : unit === "mm" && length < 0.1 ? [1e3, "\u00b5m"] : [1, unit];
-  return `${Number((length * factor).toPrecision(1))} ${name}`;
+  let at = METRIC.indexOf(unit), shown = length;
+  while (at >= 0 && shown >= 1e4 && at < METRIC.length - 1) { shown /= 1000; at += 1; }
+  while (at > 0 && shown < 0.1) { shown *= 1000; at -= 1; }
+  return `${Number(shown.toPrecision(1))} ${METRIC[at] ?? unit}`.trim();
 }
 
 /** @typedef {{ width: number, height: number }} Size  in CSS pixels */
@@ -45,9 +48,8 @@ class ScaleBar {
    * @param {number} [parts]  pictures side by side
    */
   write({ height, bend }, unit, box, parts = 1) {
-    const isShown = unit && height > 0 && box.height > 0;
-    this.element.hidden = !isShown;
-    if (!isShown) return;
+    this.element.hidden = typeof unit !== "string" || !(height > 0 && box.height > 0);
+    if (typeof unit !== "string" || this.element.hidden) return;
     this.element.classList.toggle("dnb-scale-none", bend > 0);
     this.element.title = bend > 0 ? NO_SCALE : "";
     if (bend > 0) { setText(this.text, "perspective"); return; }

@@ -11,6 +11,7 @@ import { cross, dot, scaled, unitVector } from "../maths/camera.js";
  * @property {Vector3} spacing along x, y, z
  * @property {Vector3} origin the centre of the first voxel
  * @property {Vector3[]} direction rows; the columns are the directions of the x, y and z index
+ * @property {string} unit of spacing and origin; "" where it is not known
  */
 
 /** @typedef {{origin: Vector3, u: Vector3, v: Vector3, n: Vector3}} Plane */
@@ -62,7 +63,7 @@ export function checkedGrid(shape, spacing, origin, direction) {
       }
     }
   }
-  return { shape, spacing, origin, direction };
+  return { shape, spacing, origin, direction, unit: "" };
 }
 
 /**
@@ -243,5 +244,5 @@ export function sideNames({ direction }) {
   });
 }
 
-/** The unit of lengths: voxels where the spacing is 1, which may be no length. @param {Grid} grid */
-export function unitOf({ spacing }) { return spacing.every((s) => s === 1) ? "voxels" : "mm"; }
+/** The unit of lengths as it is shown: voxels where it is not known and the spacing is 1. @param {Grid} grid */
+export function unitOf({ spacing, unit }) { return unit || (spacing.every((s) => s === 1) ? "voxels" : ""); }

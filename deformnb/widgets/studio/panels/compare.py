@@ -54,7 +54,7 @@ class ComparePanel(Panel):
 
     def take(self, volume: Volume) -> None:
         """Show a volume beside."""
-        self._chosen.offer(volume)
+        self._chosen.offer(volume.in_unit(self.session.grid.unit))
         self._choose(GIVEN)
         self.refresh()
 

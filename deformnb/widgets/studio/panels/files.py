@@ -36,6 +36,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import cut_off_text, listed
 from deformnb.widgets.inputs.file_transfer import FileTransfer
+from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.standalone import CONTROLS
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, fill, menu, raising, row
 from deformnb.widgets.studio.status import as_html
@@ -420,7 +421,7 @@ class ResultBox(Panel):
         self._length = float(f"{_MARGIN * max(session.grid.lengths):.1g}")
         self.margin = ipw.BoundedFloatText(
             value=self._length, min=0.0, max=4 * session.grid.diagonal, step=1.0, continuous_update=False,
-            description="mm", layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
+            description=unit_of(session.grid), layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels")
         self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
         self._warning_text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))

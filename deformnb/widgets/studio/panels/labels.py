@@ -112,6 +112,7 @@ class LabelChooser(Panel):
         DeformError
             If it lies elsewhere in space, or is no label volume; what was shown stays.
         """
+        labels = labels.in_unit(self.session.grid.unit)
         if not labels.grid.overlaps(self.session.volume.grid):
             raise DeformError(f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
                               "open the labels of this scan.")

@@ -316,7 +316,7 @@ class FitPanel(Panel):
         """Make a volume the target that is chosen."""
         if self._is_busy:
             raise DeformError("a fit is under way; stop it first.")
-        self.target.offer(volume)
+        self.target.offer(volume.in_unit(self.session.grid.unit))
         self.target.choose(GIVEN)
         self.message.value = _words(self.target.note or _HINT)
         self.refresh()

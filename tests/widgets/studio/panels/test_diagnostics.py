@@ -277,8 +277,9 @@ def test_what_cannot_be_computed_gives_the_reason() -> None:
 
 
 def test_words_of_the_diagnostics() -> None:
-    grid = Grid((16, 20, 24), (0.7, 0.7, 1.0))
+    grid = Grid((16, 20, 24), (0.7, 0.7, 1.0), unit="mm")
     assert (unit_of(grid), unit_of(Grid((4, 4, 4)))) == ("mm", "voxels")
+    assert (unit_of(replace(grid, unit="")), unit_of(Grid((4, 4, 4), unit="mm"))) == ("", "mm")
     found = diagnose(Session(a_volume()).step, 0, grid)
     assert found.trip_text == "round trip 0 mm"
     assert replace(found, trip=RoundTrip(0.00123, 0.001, 1.0)).trip_text == "round trip 0.0012 mm"
