@@ -71,7 +71,8 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
         given = given.in_unit(to)
         return [_points(given.points, given.names, "landmarks", given.unit or to)]
     if isinstance(given, ControlPoints):
-        return [_points(places, given.names, name, to)
+        given = given.in_unit(to)
+        return [_points(places, given.names, name, given.unit or to)
                 for name, places in (("sources", given.source), ("targets", given.target))]
     if isinstance(given, list | tuple) and not is_layer(given):
         raise DeformError("layers are made of a Volume, Channels, Landmarks or ControlPoints, got "
