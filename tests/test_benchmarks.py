@@ -6,6 +6,7 @@ import ast
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -174,14 +175,39 @@ def test_the_hooks_see_what_changes_the_screen() -> None:
 def test_left_out_nodes_of_thompsons_grids_are_predicted_as_the_documentation_says() -> None:
     said = (Path(__file__).parents[1] / "docs" / "prediction.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1:-1] for line in said.splitlines() if " to " in line and line.startswith("|")]
-    found = list(prediction.errors())
-    assert [(row[0].strip(), row[1].strip()) for row in rows] == [(pair, known) for pair, known, _ in found]
-    for row, (_, _, error) in zip(rows, found, strict=True):
-        assert error["deformnb"] < float(row[-1]) + 0.3, row  # pixels; a node is read with an error of about 2
-        assert error["thin plate"] == pytest.approx(float(row[-2]), abs=0.3)
-        assert error["affine"] == pytest.approx(float(row[-3]), abs=0.06)
-    medians = {method: np.median([error[method] for _, _, error in found]) for method in prediction.METHODS}
-    assert medians["deformnb"] < medians["thin plate"] < medians["affine"]
+    found = prediction.errors()
+    assert [(row[0].strip(), row[1].strip()) for row in rows] == [(one.case.name, one.case.left_out) for one in found]
+    for row, one in zip(rows, found, strict=True):
+        assert [one.error[method] for method in prediction.METHODS] == pytest.approx(
+            [float(value) for value in row[2:7]], abs=0.06), row
+        assert row[8].strip() == one.chosen
+        assert prediction.is_reached(one), row
+    middle = {method: np.median([one.error[method] for one in found]) for method in prediction.METHODS}
+    assert middle["chosen"] < min(middle["plate backward"], middle["plate forward"], middle["default"])
+
+
+def test_a_chosen_fit_predicts_a_pair_of_grids_as_the_documentation_says() -> None:
+    said = (Path(__file__).parents[1] / "docs" / "prediction.md").read_text(encoding="utf-8")
+    case = list(prediction.grids())[4]
+    start = f"| {case.name} | {case.left_out} |"
+    row = next(line.split("|")[1:-1] for line in said.splitlines() if line.startswith(start))
+    found = prediction.measured(case)
+    assert found.error["chosen"] == pytest.approx(float(row[5]), abs=0.06)
+    assert found.ratio < 0.75
+    assert found.chosen == row[8].strip()
+
+
+@pytest.mark.nightly
+def test_landmarks_of_mice_are_predicted_as_the_documentation_says(real_data: Callable[[str], Path]) -> None:
+    said = (Path(__file__).parents[1] / "docs" / "prediction.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1:-1] for line in said.splitlines() if line.startswith("| landmarks of two mice")]
+    files = [str(real_data(f"landmarks/slicer_mouse_{name}.mrk.json")) for name in ("A_J", "CAST_EIJ")]
+    found = prediction.errors(prediction.landmarks(*files))
+    for row, one in zip(rows, found, strict=True):
+        assert row[1].strip() == one.case.left_out
+        assert [one.error[method] for method in prediction.METHODS] == pytest.approx(
+            [float(value) for value in row[2:7]], abs=0.006), row
+        assert prediction.is_reached(one), row
 
 
 @pytest.mark.parametrize(("past", "now", "is_named"), [

@@ -12,6 +12,7 @@ from .json_format import from_json as from_json
 from .json_format import region_from_data as region_from_data
 from .json_format import to_json as to_json
 from .script import as_python as as_python
+from .step_checks import best_prediction as best_prediction
 from .step_checks import safe_points as safe_points
 from .step_checks import safe_strength as safe_strength
 from .step_checks import stages_needed as stages_needed

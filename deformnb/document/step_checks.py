@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import Progress
 from deformnb.analysis.folds import (
     NEARLY_FOLDED,
     Folds,
@@ -30,6 +31,7 @@ from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.forward import ForwardFit, fit_forward, oriented
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.prediction import ChosenFit, choose_fit, usual_candidates
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidInterpolant, fit_rigid, scaled_points
 from deformnb.rbf.stages import MOST_STAGES, Staged
@@ -362,6 +364,38 @@ def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
 def _mean_scale(scales: list[float]) -> float:
     known = np.array([s for s in scales if not np.isnan(s)])
     return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
+
+
+# ---- the prediction of a step ----------------------------------------------------------------------------------------
+
+
+def best_prediction(step: Step, progress: Progress | None = None) -> ChosenFit:
+    """The fit that predicts left-out control points of a step best; see :func:`~deformnb.rbf.prediction.choose_fit`.
+
+    The points of every region between cuts and of every key picture are judged by themselves; beside rigid parts,
+    which hold for fits backward only, these alone are tried.
+
+    Parameters
+    ----------
+    progress : called with the finished share, 0 to 1.
+
+    Raises
+    ------
+    DeformError
+        If no point is active.
+
+    Examples
+    --------
+    >>> source = np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0)), axis=-1).reshape(-1, 2) * 10
+    >>> points = ControlPoints.from_arrays(source, source + source**2 / 100)
+    >>> best_prediction(Step((points,), Plane((0, 0, 0), (1, 0, 0), (0, 1, 0)))).settings.direction
+    'forward'
+    """
+    sets = [some for points in step.maps for _, some in _groups(step, points.take(np.flatnonzero(points.active)))]
+    every = usual_candidates(step.points.dim)
+    if any(part.enabled for part in step.parts):
+        every = tuple(one for one in every if one.settings.direction == "backward")
+    return choose_fit(sets, candidates=every, progress=progress)
 
 
 # ---- the uncertainty of a step ---------------------------------------------------------------------------------------

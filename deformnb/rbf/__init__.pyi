@@ -22,6 +22,10 @@ from .kernels import KERNELS as KERNELS
 from .kernels import AbstractKernel as AbstractKernel
 from .kernels import register_kernel as register_kernel
 from .points import ControlPoints as ControlPoints
+from .prediction import Candidate as Candidate
+from .prediction import ChosenFit as ChosenFit
+from .prediction import choose_fit as choose_fit
+from .prediction import usual_candidates as usual_candidates
 from .regions import AbstractRegion as AbstractRegion
 from .regions import HalfSpace as HalfSpace
 from .regions import Line as Line

@@ -158,6 +158,7 @@ PARAMETERS: dict[str, AbstractParameter] = {
                      MOST_STAGES, 1, digits=0),
     "direction": Choice(_label("direction"), "Backward fits where the result comes from; forward fits where the points "
                         "go, and that map is inverted", DIRECTIONS),
+    "keep_chosen": Switch("Chosen", "After every edit of the points, choose the fit that predicts them best"),
     "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
     # In space
     "extrusion": Choice(_label("extrusion"), "What the displacement of the picture becomes in the depth", EXTRUSIONS,
@@ -199,6 +200,8 @@ ACTIONS: dict[str, Action] = {
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
     "unfold": Action("Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to "
                      "its target"),
+    "best_prediction": Action("Best prediction", "Choose kernel, trend, support radius, smoothing and direction of the "
+                              "fit by how well it predicts points that are left out"),
     "fit_box": Action("As large as needed", "So that nothing is cut off that was dragged out of the volume's box"),
     "own_box": Action("The volume's own", "What lies outside of it is cut off"),
     "look_at": Action("", "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"),

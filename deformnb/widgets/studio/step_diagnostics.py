@@ -20,6 +20,7 @@ from deformnb.analysis.quality import FitQuality, bending_energy
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.step_checks import (
     LEAST,
+    best_prediction,
     picture_raster,
     safe_points,
     safe_strength,
@@ -29,7 +30,10 @@ from deformnb.document.step_checks import (
     step_uncertainty,
 )
 from deformnb.errors import DeformError
+from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.prediction import ChosenFit
+from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
@@ -315,8 +319,32 @@ def _round_number(value: float) -> float:
     return float(f"{digits * power:.2g}")
 
 
+CHOSEN = ("kernel", "trend", "support", "smoothing", "direction")
+"""Settings of the fit that are chosen by how well it predicts."""
+
+
+def chosen_fields(chosen: ChosenFit, step: Step) -> dict[str, Any]:
+    """The settings of a choice that differ from those of a step; none where too few points were judged."""
+    if not chosen.tried:
+        return {}
+    found = {name: getattr(chosen.settings, name) for name in CHOSEN}
+    return {name: value for name, value in found.items() if getattr(step, name) != value}
+
+
+def said_of(chosen: ChosenFit) -> str:
+    """A choice in one sentence for the status line."""
+    if not chosen.tried:
+        return "There are too few control points to leave some of them out."
+    settings, best = chosen.settings, chosen.tried[0]
+    folds = " Every fit that was tried folds." if best.folds else ""
+    return (f"Best prediction: {settings.direction.capitalize()}, {KERNELS[settings.kernel].title}, "
+            f"{TRENDS[settings.trend].title}. Left-out points come within {length_text(best.error)} of their targets."
+            f"{folds}")
+
+
 class FoldActions:
-    """Actions against folds: limit the last drag or the strength, or divide the deformation into stages.
+    """Actions against folds, and for the best prediction: limit the last drag or the strength, divide the deformation
+    into stages, choose the fit.
 
     Examples
     --------
@@ -332,6 +360,7 @@ class FoldActions:
 
     def __init__(self, session: Session) -> None:
         self._session = session
+        self._chosen_for: tuple[ControlPoints, ...] = ()  # the points for which the fit was chosen
         self._safe: tuple[int, int, ControlPoints] | None = None  # the last points of a step that did not fold
 
     def diagnose(self, keep_free: bool = False) -> Diagnostics | None:
@@ -393,6 +422,37 @@ class FoldActions:
         session.change("unfold by stages" if count > 1 else "back to one stage", stages=count)
         self._report(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
 
+    def predict(self) -> None:
+        """The fit that predicts left-out points best.
+
+        Raises
+        ------
+        DeformError
+            If no point is active.
+        """
+        session, chosen = self._session, best_prediction(self._session.step)
+        fields = chosen_fields(chosen, session.step)
+        if fields:
+            session.change("best prediction", **fields)
+        self._report(said_of(chosen))
+
+    def keep_chosen(self) -> bool:
+        """Choose the fit anew where the points are others than before, as part of the edit; whether that was done."""
+        session = self._session
+        deformation, index, step = session.deformation, session.index, session.step
+        if self._chosen_for == step.maps:
+            return False
+        self._chosen_for = step.maps
+        try:
+            chosen = best_prediction(step)
+        except DeformError as error:
+            self._report(str(error))
+            return False
+        fields = chosen_fields(chosen, step)
+        if not fields:
+            return False
+        return session.amend(deformation, deformation.with_step(index, replace(step, **fields)), said_of(chosen))
+
     def _report(self, text: str) -> None:
         self._session.notice = ""  # the same message again is shown again
         self._session.notice = text
@@ -445,6 +505,7 @@ class StepDiagnostics:
     ----------
     fold_actions : the actions that make the step fold-free.
     keep_free : whether to choose stages that leave no fold after every edit.
+    keep_chosen : whether to choose the fit that predicts best after every edit of the points.
     """
 
     def __init__(self, session: Session) -> None:
@@ -452,6 +513,7 @@ class StepDiagnostics:
         self._uncertainty = UncertaintyCache()
         self.fold_actions = FoldActions(session)
         self.keep_free = False
+        self.keep_chosen = False
 
     def compute(self, overlay: str) -> Findings | None:
         """Diagnostics of the session's current state; takes a moment. None if it changes meanwhile.
@@ -460,6 +522,8 @@ class StepDiagnostics:
         ----------
         overlay : of the picture; "uncertainty" has it made.
         """
+        if self.keep_chosen and self.fold_actions.keep_chosen():
+            return None
         found = self.fold_actions.diagnose(self.keep_free)
         if found is None:
             return None

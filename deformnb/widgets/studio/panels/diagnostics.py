@@ -57,8 +57,8 @@ class DiagnosticsPanel(Panel):
         self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
         self.message = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox([row(*self._fold_buttons()), self.suspects, row(*self._overlays()), self.message],
-                         layout=ipw.Layout(flex="1 1 425px", min_width="0"))
+        doing = ipw.VBox([row(*self._fold_buttons()), row(*self._prediction()), self.suspects, row(*self._overlays()),
+                          self.message], layout=ipw.Layout(flex="1 1 425px", min_width="0"))
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
         self.refresh()
@@ -73,6 +73,13 @@ class DiagnosticsPanel(Panel):
         self.keep = widget_of("keep_free")
         self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, _is_open), "value")
         return [self.back, self.unfold, self.stages, self.keep]
+
+    def _prediction(self) -> list[Any]:
+        self.predict = action_button("best_prediction",
+                                     lambda: self._soon(lambda panel: panel._model.fold_actions.predict()))
+        self.chosen = widget_of("keep_chosen")
+        self.chosen.observe(weakly(self, DiagnosticsPanel._chosen_changed, _is_open), "value")
+        return [self.predict, self.chosen]
 
     def _overlays(self) -> list[Any]:
         overlay = widget_of("overlay")
@@ -137,6 +144,10 @@ class DiagnosticsPanel(Panel):
         self._model.keep_free = change["new"]
         if change["new"] and self._shown is not None and self._shown.is_fold_free is False:
             self._soon(lambda panel: panel._model.fold_actions.unfold())
+
+    def _chosen_changed(self, change: Any) -> None:
+        self._model.keep_chosen = change["new"]
+        self.refresh()
 
     def close(self) -> None:
         for link in self._links:
