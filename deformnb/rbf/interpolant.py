@@ -189,12 +189,14 @@ class RBFInterpolant(AbstractField):
 
         They are the control points, three places on each edge of their Delaunay triangulation and the middles of its
         simplices, and for each control point the places beside it, along its coefficient alpha_i, where the kernel's
-        profile is steepest.
+        profile is steepest; a kernel without an end has no such place, it is steeper the farther one goes.
         """
         n = int(self.count)
         x, alpha = (np.asarray(a, dtype=np.float64)[:n] for a in (self.centers, self.coefficients))
         if not n:
             return x
+        if self.kernel.order:
+            return np.asarray(self.origin + self.support * _places_between(x))
         size = np.linalg.norm(alpha, axis=1, keepdims=True)
         way = steepest_distance(self.kernel) * np.divide(alpha, size, out=np.zeros_like(alpha), where=size > 0)
         way = way if self.scales is None else way / np.asarray(self.scales)[:n, None]

@@ -243,7 +243,8 @@ def choose_fit(points: ControlPoints | Sequence[ControlPoints], *, candidates: S
     sets = [s for s in sets if len(s)]
     if not sets:
         raise DeformError("there is no active control point, so there is nothing to predict; add or switch on some.")
-    few, notes = [s for s in map(_distinct, sets) if len(s) >= s.dim + 4 and s.displacement.any()], ()
+    notes: tuple[str, ...] = ()
+    few = [s for s in map(_distinct, sets) if len(s) >= s.dim + 4 and s.displacement.any()]
     if not few:
         return ChosenFit(FitSettings(), FitSettings().fit(given[0]), notes=(
             f"{max(map(len, sets))} control points are too few to leave some of them out; this is the default fit",))

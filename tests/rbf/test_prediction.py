@@ -198,3 +198,11 @@ def test_it_can_be_stopped() -> None:
 
     with pytest.raises(Cancelled):
         choose_fit(bent(), progress=stop)
+
+
+def test_a_fold_far_from_all_points_is_none_between_them() -> None:
+    source = nodes(5, 7)
+    parabola = ControlPoints.from_arrays(source, source + np.column_stack([source[:, 0] ** 2 / 300, 0 * source[:, 0]]))
+    fit = FitSettings(kernel="cubic", trend="quadratic", direction="forward").fit(parabola)  # folds at x = -150
+    assert not fit.folds_between_points()
+    assert not [note for note in fit.notes if "fold" in note]
