@@ -91,8 +91,8 @@ def made_up_note(volume: Volume, result: Volume) -> str:
         return ""
     count = len(np.setdiff1d(np.unique(result.values), np.append(np.unique(volume.values), volume.background)))
     values = "1 value that no voxel had was" if count == 1 else f"{count} values that no voxel had were"
-    return (f"{values} made up between voxels that look like labels; declare these (is_labels=True, --labels in a "
-            "command) to keep each as it is.") if count else ""
+    return (f"{values} made up between voxels that look like labels; declare them as labels to keep each as it is."
+            if count else "")
 
 
 # ---- folds -----------------------------------------------------------------------------------------------------------
