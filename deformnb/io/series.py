@@ -217,7 +217,7 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
     if isinstance(moments, Volume | Channels | str | os.PathLike) or not isinstance(moments, Iterable):
         raise DeformError(f"moments are a list of channels, got {shown_value(moments)}; write_channels writes one.")
 
-    def in_written_unit(moment: Channels) -> Channels:
+    def in_written_unit(moment: ChannelsLike) -> Channels:
         channels = as_channels(moment)
         return channels.in_unit(entry.written_unit(channels.grid.unit))
 
