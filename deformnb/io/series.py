@@ -21,7 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.io import images, metaimage, nifti, nrrd, ome_zarr, tiff
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import format_of, in_given_unit, located, plain_name, read_any_header, write_volume
-from deformnb.io.headers import Damage, Header, Layout, as_path, fail, human_bytes
+from deformnb.io.headers import MOST_FRAMES, Damage, Header, Layout, as_path, fail, human_bytes
 from deformnb.io.memory import default_limit
 from deformnb.io.streams import packed, stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
@@ -223,7 +223,10 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
 
     queue: Iterator[Channels] = map(in_written_unit, moments)
     first = next(queue, None)
-    if first is None or count < 1:
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_FRAMES:
+        raise DeformError(f"count is the number of moments, a whole number from 1 to {MOST_FRAMES}, got "
+                          f"{shown_value(count)}.")
+    if first is None:
         raise DeformError("there is no moment to write.")
     if count == 1 and (len(first) == 1 or kind == "image"):
         _refuse_more(queue, count)
