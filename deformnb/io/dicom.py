@@ -60,6 +60,9 @@ _UNEVEN = 0.01
 # Orientation cosines are printed with at least four decimals; two slices of one series differ by no more.
 _COSINES = 1e-3
 
+# Rounding of positions to 0.001 along each axis, beside a line whose ends are rounded too.
+_ASIDE = 2e-3
+
 # The line of slice positions may lean against the normal by this tangent (0.06 degrees): the rounding of positions of
 # 0.001 mm over a few slices. Real gantry tilts are whole degrees.
 _TILT = 1e-3
@@ -412,6 +415,11 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
         return step, depths, (
             f"its slices lean by {np.degrees(np.arctan(lean)):.1f} degrees (tilted gantry): its voxels form no "
             "straight grid. Resample it first, for example with dcm2niix.")
+    aside = np.linalg.norm(positions - positions[0] - np.outer(depths / depths[-1], line), axis=1)
+    if aside.max() > max(_ASIDE, _UNEVEN * max(slices[0].pixel)):
+        return step, depths, (
+            f"its slices lie on no straight line: {_called(slices[int(aside.argmax())])} is {aside.max():g} beside "
+            "that of the first and the last.")
     return step, depths, ""
 
 

@@ -11,9 +11,10 @@ first page.
 from __future__ import annotations
 
 import html
+import json
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import product
@@ -41,13 +42,18 @@ from deformnb.io.headers import (
 from deformnb.io.streams import stored_dtype
 from deformnb.io.tiff_pages import (
     DESCRIPTION,
+    HEIGHT,
     MOST_PAGES,
+    RESOLUTION_UNIT,
+    SAMPLES,
+    WIDTH,
     XRES,
     YRES,
     Page,
     Tags,
     directories,
     is_preview,
+    one_number,
     page_of,
     whole_numbers,
 )
@@ -68,7 +74,7 @@ def read_header(path: Path) -> Header:
     description = tags.get(DESCRIPTION, b"")
     text = description.split(b"\0")[0].decode("utf-8", "replace") if isinstance(description, bytes) else ""
     found = _described(path, text, tags)
-    header = _header(path, lambda: _pages(path, found.count), found)
+    header = _header(path, lambda: _pages(path, found), found)
     return _annotated(header, text) if "<OME" in text[:2000] else header
 
 
@@ -82,7 +88,7 @@ def read_folder_header(folder: Path) -> Header:
 
 def _single_pages(files: Iterable[Path]) -> _Pages:
     for file in files:
-        pages = _pages(file, 1)
+        pages = _pages(file, _Described())
         yield next(pages)
         more = sum(page is not None for page, _ in pages)
         if more:
@@ -108,10 +114,13 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
     if first is None:
         raise fail(path, "it has no pages.")
     (height, width), spacing, notes = first.shape, found.spacing, found.notes
+    _check_plane(path, found, first)
     layout, slices = _layout(path, found, first, count)
     shape, _ = volume_shape(path, [width, height, slices], first.pixel_bytes)
     if spacing is None:
-        notes += ("the file does not state the distance of slices; spacing 1 was taken",)
+        notes += (_NO_DISTANCE,)
+    if found.images > 1:
+        notes += (f"the file holds {found.images} images, of which the first was read",)
     if previews:
         notes += (f"{previews} pages that are smaller copies or masks of others were left out",)
     if first.photometric == 0:
@@ -124,6 +133,21 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
         blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, planes, slices))  # noqa: E731
     return Header(path, shape, first.dtype, blocks, spacing or (1.0, 1.0, 1.0), notes=notes,
                   working_bytes=working_bytes, layout=layout, unit=found.unit)
+
+
+# OME's names of types that are others than NumPy's.
+_TYPES = {"float": "float32", "double": "float64", "bit": "bool"}
+
+
+def _check_plane(path: Path, found: _Described, page: Page) -> None:
+    """Refuse a description of other pixels than the pages have."""
+    columns, rows, kind = found.plane
+    has = (str(page.shape[1]), str(page.shape[0]), page.dtype.name)
+    states = (has[0] if columns is None else columns, has[1] if rows is None else rows,
+              has[2] if kind is None else _TYPES.get(kind, kind))
+    if states != has:
+        raise fail(path, f"its description states {' x '.join(shown(n, 20) for n in states[:2])} pixels of "
+                         f"{shown(states[2], 20)}, and its pages have {' x '.join(has[:2])} of {has[2]}.")
 
 
 def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layout, int]:
@@ -139,9 +163,10 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
         planes = 1
     layout = checked_layout(path, layout)
     slices, rest = divmod(count, planes * layout.frames)
-    if rest or not slices:
-        raise fail(path, f"its description claims {layout.frames} moments of {planes} channels, into which its {count} "
-                         "pages cannot be divided; it is damaged, or one part of a set of files.")
+    if rest or not slices or found.slices not in (None, slices):
+        depth = "" if found.slices is None else f" of {found.slices} slices"
+        raise fail(path, f"its description claims {layout.frames} moments of {planes} channels{depth}, into which its "
+                         f"{count} pages cannot be divided; it is damaged, or one part of a set of files.")
     if samples > 1 and layout.frames > 1 and found.order.index("T") < found.order.index("Z"):
         raise fail(path, "its moments lie between its slices, which is not supported in colours; save one moment.")
     return layout, slices
@@ -197,24 +222,30 @@ def _blocks(path: Path, pages: _Pages, first: Page, count: int) -> Iterator[NDAr
         raise fail(path, f"it had {count} pages and now has {number}: another program is writing it. Read it again.")
 
 
-def _pages(path: Path, slices: int) -> _Pages:
+def _pages(path: Path, found: _Described) -> _Pages:
     """The pages in order and the open file, each checked when its turn comes; None for a smaller copy or a mask.
 
-    A file of one page whose description claims more slices has their voxels one after another behind it.
+    A file of one page whose description claims more has their voxels one after another behind it. Of several images the
+    pages of the first are the first ones.
     """
     with path.open("rb") as file:
-        number = 0
+        number, wanted = 0, found.count
         for order, tags in directories(path, file):
             if number and is_preview(path, tags):
                 yield None, file
                 continue
             page = page_of(path, order, tags)
+            if number == 0 and wanted is not None and page.samples > 1 and found.layout.channels == page.samples:
+                wanted //= page.samples  # OME counts the parts of a colour as channels
+            if number == wanted and found.images > 1:
+                return
             number += 1
             yield page, file
-        if 1 < number < slices:
-            raise fail(path, f"its description claims {slices} slices but it has {number} pages; it is damaged.")
-        if number < slices:
-            yield from ((behind, file) for behind in _contiguous(path, page, slices))
+        if wanted is not None and number not in (1, wanted):
+            raise fail(path, f"its description claims {wanted} slices but it has {number} pages; it is damaged, or one "
+                             "part of a set of files.")
+        if wanted is not None and number < wanted:
+            yield from ((behind, file) for behind in _contiguous(path, page, wanted))
 
 
 def _contiguous(path: Path, page: Page, count: int) -> Iterator[Page]:
@@ -224,61 +255,204 @@ def _contiguous(path: Path, page: Page, count: int) -> Iterator[Page]:
     present = path.stat().st_size - begin
     if page.compression != 1 or page.is_planar or page.is_tiled or count > MOST_PAGES or count * size > present:
         raise fail(path, f"its description claims {count} slices of {size} bytes but the file has {present} bytes of "
-                         "voxels: it is cut short or damaged.")
+                         "voxels: it is cut short or damaged, or one part of a set of files.")
     for number in range(1, count):
         yield replace(page, part=page.shape, offsets=np.array([begin + number * size]), counts=np.array([size]))
 
 
 @dataclass(frozen=True)
 class _Described:
-    """What the description of ImageJ or OME in the first page says.
+    """What the description of ImageJ, OME or tifffile in the first page says.
 
     Parameters
     ----------
     unit : of the spacing; "" where it is not known.
-    count : pages that the file has at least, which ImageJ may have put one after another behind a single one.
+    count : pages that the file has, which may lie one after another behind a single one; None if it is not stated.
     layout : its channels, still those in colours too, and moments.
     order : of the pages, the axis that changes fastest first.
+    slices : number of slices; None if it is not stated.
+    images : how many images the file has, of which the first is read.
+    plane : columns, rows and type of the pixels that OME states; None for what it does not.
     """
 
     spacing: Float3 | None = None
     unit: str = ""
-    count: int = 1
+    count: int | None = None
     notes: tuple[str, ...] = ()
     layout: Layout = SINGLE
     order: str = "ZCT"
+    slices: int | None = None
+    images: int = 1
+    plane: tuple[str | None, str | None, str | None] = (None, None, None)
 
 
 _CHANNEL = re.compile(r"<Channel\b([^>]{0,2000})>")
-_ATTRIBUTE = re.compile(r'([A-Za-z]+)="([^"]{1,60})"')
+_ATTRIBUTE = re.compile(r'([A-Za-z]+)="([^"]{0,60})"')
+_NO_DISTANCE = "the file does not state the distance of slices; spacing 1 was taken"
 
 
 def _described(path: Path, text: str, tags: Tags) -> _Described:
     """Spacing, number of slices, channels, moments and remarks of the description in the first page."""
     if text.startswith("ImageJ="):
-        fields = dict(line.split("=", 1) for line in text.splitlines() if "=" in line)
-        counts = {name: int(fields[name]) for name in ("images", "channels", "slices", "frames")
-                  if fields.get(name, "").isdecimal() and len(fields[name]) < 10}
-        # ImageJ keeps colours of RGB in the pixels, and its other channels in pages that change fastest.
-        layout = Layout(counts.get("frames", 1), counts.get("channels", 1),
-                        duration=_positive(fields.get("finterval", "")) or 0.0)
-        spacing, unit, notes = _imagej_lengths(fields, tags)
-        return _Described(spacing, unit, counts.get("images", 1), notes, layout, "CZT")
+        return _of_imagej(path, text, tags)
     if "<OME" in text[:2000]:
-        pixels = re.search(r"<Pixels[^>]*>", text)
-        found = dict(_ATTRIBUTE.findall(pixels[0])) if pixels else {}
-        layout = _ome_layout(found, text)
-        order = found.get("DimensionOrder", "XYZCT")[2:]
-        if sorted(order) != ["C", "T", "Z"]:
-            raise fail(path, f"its DimensionOrder is {shown(found['DimensionOrder'], 20)}, which OME does not define.")
-        lengths = [_positive(found.get(f"PhysicalSize{axis}", "")) for axis in "XYZ"]
-        if lengths[0] and lengths[1]:
-            units = [html.unescape(found.get(f"PhysicalSize{axis}Unit", "\u00b5m")) for axis in "XYZ"]
-            spacing, unit, notes = _in_one_unit((lengths[0], lengths[1], lengths[2] or 1.0),
-                                                units if lengths[2] else [*units[:2], units[0]])
-            return _Described(spacing, unit, 1, notes, layout, order)
-        return _Described(layout=layout, order=order)
-    return _Described()
+        return _of_ome(path, text)
+    if text.lstrip()[:1] == "{" and '"shape"' in text:
+        return _of_tifffile(path, text, tags)
+    return _Described(notes=_unused_resolution(path, tags))
+
+
+def _unused_resolution(path: Path, tags: Tags) -> tuple[str, ...]:
+    """A remark on a resolution in pixels per inch or centimetre, which cannot be used without a distance of slices."""
+    unit = {2: "inch", 3: "centimetre"}.get(one_number(path, tags, RESOLUTION_UNIT, 1))
+    across, down = _ratio(tags, XRES), _ratio(tags, YRES)
+    if unit is None or across is None or down is None:
+        return ()
+    note = (f"the resolution in the file, {1 / across:.6g} x {1 / down:.6g} pixels per {unit}, is not used: it says "
+            "nothing of the distance of slices")
+    return (note,)
+
+
+def _ratio(tags: Tags, tag: int) -> float | None:
+    """The length of a pixel of a resolution in the fields; None where it states none."""
+    value = whole_numbers(tags, tag)[:3].tolist()
+    if len(value) != 2 or min(value) <= 0:
+        return None
+    return float(value[1] / value[0])
+
+
+def _counts(path: Path, fields: Mapping[str, Any], names: tuple[str, ...]) -> list[int]:
+    """Numbers of a description, 1 where one is absent."""
+    found = []
+    for name in names:
+        text = str(fields.get(name, "1")).strip()
+        if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
+            raise fail(path, f"its description has '{name}' = '{shown(text, 40)}', which is no number of pages.")
+        found.append(int(text))
+    return found
+
+
+def _of_imagej(path: Path, text: str, tags: Tags) -> _Described:
+    fields = {key.strip(): value for key, value in (line.split("=", 1) for line in text.splitlines() if "=" in line)}
+    images, channels, slices, frames = _counts(path, fields, ("images", "channels", "slices", "frames"))
+    named = {"channels", "slices", "frames"} & fields.keys()
+    if named and "images" in fields and images != channels * slices * frames:
+        raise fail(path, f"its description has {images} images, but {channels} channels of {slices} slices at {frames} "
+                         "moments; it is damaged.")
+    notes: tuple[str, ...] = ()
+    duration = _number(fields.get("finterval", ""))
+    if "finterval" in fields and (duration is None or duration < 0) and frames > 1:
+        notes += (f"its finterval '{shown(fields['finterval'], 20)}' is no time between moments, and is not used",)
+    # ImageJ keeps colours of RGB in the pixels, and its other channels in pages that change fastest.
+    layout = Layout(frames, channels, duration=max(0.0, duration or 0.0))
+    spacing, unit, more = _imagej_lengths(path, fields, tags)
+    count = images if "images" in fields else channels * slices * frames if named else None
+    return _Described(spacing, unit, count, notes + more, layout, "CZT", slices if named else None)
+
+
+def _of_ome(path: Path, text: str) -> _Described:
+    pixels = re.search(r"<Pixels[^>]*>", text)
+    found = dict(_ATTRIBUTE.findall(pixels[0])) if pixels else {}
+    layout, notes = _ome_layout(path, found, text)
+    order = found.get("DimensionOrder", "XYZCT")[2:]
+    if sorted(order) != ["C", "T", "Z"] or found.get("DimensionOrder", "XY")[:2] != "XY":
+        raise fail(path, f"its DimensionOrder is {shown(found['DimensionOrder'], 20)}, which OME does not define.")
+    slices, channels, frames = _counts(path, found, ("SizeZ", "SizeC", "SizeT"))
+    known = {"SizeZ", "SizeC", "SizeT"} & found.keys()
+    spacing, unit, more = _ome_lengths(found)
+    images = max(1, len(re.findall(r"<Pixels\b", text)))
+    return _Described(spacing, unit, slices * channels * frames if known else None, notes + more, layout, order,
+                      slices if "SizeZ" in known else None, images,
+                      (found.get("SizeX"), found.get("SizeY"), found.get("Type")))
+
+
+def _ome_lengths(pixels: dict[str, str]) -> tuple[Float3 | None, str, tuple[str, ...]]:
+    """Spacing, unit and notes of OME's sizes; what an axis lacks is the size along x, or 1, with a note."""
+    stated = {axis: pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"}
+    if not any(value is not None for value in stated.values()):
+        alone = {value for axis in "XYZ" if (value := pixels.get(f"PhysicalSize{axis}Unit"))}
+        return None, "", tuple(f"the file states the unit {shown(unit, 20)} and no length" for unit in sorted(alone))
+    units = [html.unescape(pixels.get(f"PhysicalSize{axis}Unit", "\u00b5m")) for axis in "XYZ"]
+    lengths, notes = _taken({axis.lower(): value for axis, value in stated.items()})
+    used = [unit if _number(value or "") else units[0] for unit, value in zip(units, stated.values(), strict=True)]
+    spacing, unit, more = _in_one_unit(lengths, used)
+    return spacing, unit, notes + more
+
+
+def _taken(stated: dict[str, str | None]) -> tuple[Float3, tuple[str, ...]]:
+    """Lengths along x, y and z of what a file states; with notes for each that is turned, or made up."""
+    lengths, notes = [], []
+    for axis, text in stated.items():
+        number = _number(text or "")
+        if number:
+            lengths.append(abs(number))
+            if number < 0:
+                notes.append(f"the length {shown(text, 20)} along {axis} is negative in the file; its size is used")
+            continue
+        lengths.append(lengths[0] if axis == "y" and lengths else 1.0)
+        named = "distance of slices" if axis == "z" else f"length of pixels along {axis}"
+        why = "does not state" if text is None else f"has '{shown(text, 20)}' for"
+        notes.append(f"the file {why} the {named}; spacing {lengths[-1]:g} was taken")
+    return (lengths[0], lengths[1], lengths[2]), tuple(notes)
+
+
+def _of_tifffile(path: Path, text: str, tags: Tags) -> _Described:
+    """The description of tifffile: the shape of the array, and perhaps the names of its axes."""
+    try:
+        found = json.loads(text)
+        shape = [int(n) for n in found["shape"]]
+        if min(shape) < 1 or len(shape) > 8:
+            raise ValueError
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise fail(path, "its description of a shape is damaged.") from error
+    planes = _planes(path, shape, tags)
+    axes = found.get("axes")
+    if not isinstance(axes, str) or len(axes) != len(shape):
+        axes = ""
+    named, notes = _pages_axes(path, planes, axes[:len(planes)])
+    size = dict(named)
+    layout = Layout(size.get("T", 1), size.get("C", 1))
+    order = "".join(axis for axis, _ in reversed(named))
+    order += "".join(axis for axis in "ZCT" if axis not in order)
+    spacing, unit = found.get("spacing"), found.get("unit")
+    if spacing is not None or unit is not None:
+        lengths, unit, more = _imagej_lengths(path, {"spacing": str(spacing) if spacing is not None else "",
+                                               "unit": str(unit or "")}, tags)
+        return _Described(lengths, unit, math.prod(planes), notes + more, layout, order, size.get("Z", 1))
+    notes += _unused_resolution(path, tags)
+    return _Described(None, "", math.prod(planes), notes, layout, order, size.get("Z", 1))
+
+
+def _planes(path: Path, shape: list[int], tags: Tags) -> list[int]:
+    """The sizes of the axes along which pages lie: those of a shape before the ones of a page."""
+    (height,), (width,) = (whole_numbers(tags, tag)[:1].tolist() or [0] for tag in (HEIGHT, WIDTH))
+    samples = (*whole_numbers(tags, SAMPLES)[:1].tolist(), 1)[0]
+    for plane in ([height, width], [height, width, samples], [samples, height, width]):
+        if shape[-len(plane):] == plane and (samples > 1) == (len(plane) == 3):
+            return shape[:-len(plane)]
+    raise fail(path, f"its description has the shape {shape}, and its pages have {height} x {width} pixels of "
+                     f"{samples} samples; it is damaged.")
+
+
+def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[str, int]], tuple[str, ...]]:
+    """What the axes of pages are, the slowest first: slices, channels or moments."""
+    real = [(names[k:k + 1], size) for k, size in enumerate(sizes) if size > 1]
+    if len(real) > 3:
+        raise fail(path, f"its pages lie along {len(real)} axes ({sizes}); a volume has slices, channels and moments.")
+    free = [axis for axis in "ZTC" if axis not in [name for name, _ in real]]
+    found, guessed = [], False
+    for name, size in reversed(real):
+        known = name in ("Z", "C", "T")
+        found.append((name if known else free.pop(0), size))
+        guessed = guessed or not known
+    axes = [axis for axis, _ in found]
+    if len(set(axes)) < len(axes):
+        raise fail(path, f"its description names the axes {shown(names, 20)}; one of Z, C and T is there twice.")
+    taken = {"Z": "slices", "C": "channels", "T": "moments"}
+    if not guessed or len(real) < 2:
+        return found[::-1], ()
+    sizes_of, words = " x ".join(str(size) for _, size in real), ", ".join(taken[axis] for axis in reversed(axes))
+    return found[::-1], (f"its axes of {sizes_of} pages, of no name, were taken as {words}",)
 
 
 def _in_one_unit(lengths: Float3, units: list[str]) -> tuple[Float3, str, tuple[str, ...]]:
@@ -289,18 +463,20 @@ def _in_one_unit(lengths: Float3, units: list[str]) -> tuple[Float3, str, tuple[
     return (x * a, y * b, z * c), unit, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
 
 
-def _ome_layout(pixels: dict[str, str], text: str) -> Layout:
+def _ome_layout(path: Path, pixels: dict[str, str], text: str) -> tuple[Layout, tuple[str, ...]]:
     """Channels with their names and colours (red, green, blue, alpha in 32 bits, with a sign) and moments of OME."""
-    sizes = [int(pixels[name]) if pixels.get(name, "").isdecimal() and len(pixels[name]) < 10 else 1
-             for name in ("SizeT", "SizeC")]
-    channels = [dict(_ATTRIBUTE.findall(found)) for found in _CHANNEL.findall(text)]
+    frames, size = _counts(path, pixels, ("SizeT", "SizeC"))
+    channels = [dict(_ATTRIBUTE.findall(found)) for found in _CHANNEL.findall(text.partition("</Pixels>")[0])]
     names = tuple(shown(html.unescape(channel.get("Name", ""))) for channel in channels)
     codes = [channel.get("Color", "") for channel in channels]
     colours = tuple(((int(code) >> 24 & 255) / 255, (int(code) >> 16 & 255) / 255, (int(code) >> 8 & 255) / 255)
                     for code in codes if re.fullmatch(r"-?[0-9]{1,10}", code))
-    return Layout(sizes[0], sizes[1], names=names if len(names) == sizes[1] and all(names) else (),
-                  colours=colours if len(colours) == sizes[1] else (),
-                  duration=_positive(pixels.get("TimeIncrement", "")) or 0.0)
+    increment = pixels.get("TimeIncrement", "0")
+    duration, notes = _number(increment), tuple[str, ...]()
+    if frames > 1 and (duration is None or duration < 0):
+        notes = (f"its TimeIncrement '{shown(increment, 20)}' is no time between moments, and is not used",)
+    return Layout(frames, size, names=names if len(names) == size and all(names) else (),
+                  colours=colours if len(colours) == size else (), duration=max(0.0, duration or 0.0)), notes
 
 
 _ANNOTATION = re.compile(r'<M K="deformnb ([a-z]+)">([^<]{1,400})</M>')
@@ -319,26 +495,26 @@ def _annotated(header: Header, text: str) -> Header:
                    is_labels=True if found.get("labels") == ["yes"] else header.is_labels)
 
 
-def _positive(text: str) -> float | None:
+def _number(text: str) -> float | None:
+    """The finite number of a text, of which ImageJ writes some with a decimal comma; None for any other text."""
     try:
-        value = float(text)
+        value = float(text.strip().replace(",", "."))
     except ValueError:
         return None
-    return value if math.isfinite(value) and value > 0 else None
+    return value if math.isfinite(value) else None
 
 
-def _imagej_lengths(fields: dict[str, str], tags: Tags) -> tuple[Float3 | None, str, tuple[str, ...]]:
+def _imagej_lengths(path: Path, fields: dict[str, str], tags: Tags) -> tuple[Float3 | None, str, tuple[str, ...]]:
     """Spacing, unit and notes of ImageJ's description, which has yunit and zunit only where they are others."""
     unit = fields.get("unit", "")
     if not unit and "spacing" not in fields:
-        return None, "", ()
-
-    def length(tag: int) -> float:
-        above, below = (*whole_numbers(tags, tag).tolist(), 0, 0)[:2]
-        return below / above if above > 0 and below > 0 else 1.0
-
-    lengths = length(XRES), length(YRES), _positive(fields.get("spacing", "")) or 1.0
-    return _in_one_unit(lengths, [unit, fields.get("yunit", unit), fields.get("zunit", unit)])
+        return None, "", _unused_resolution(path, tags)
+    across, down = _ratio(tags, XRES), _ratio(tags, YRES)
+    depth = fields.get("spacing") or None
+    lengths, notes = _taken({"x": None if across is None else repr(across), "y": None if down is None else repr(down),
+                             "z": depth})
+    spacing, unit, more = _in_one_unit(lengths, [unit, fields.get("yunit", unit), fields.get("zunit", unit)])
+    return spacing, unit, notes + more
 
 
 # -- writing ---------------------------------------------------------------------------------------------------------

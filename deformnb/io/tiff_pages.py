@@ -28,13 +28,13 @@ from deformnb.volume.volume import optional_package
 _FIELD_TYPES = {1: ("u1", 1), 2: ("S1", 1), 3: ("u2", 1), 4: ("u4", 1), 5: ("u4", 2), 6: ("i1", 1), 7: ("S1", 1),
                 8: ("i2", 1), 9: ("i4", 1), 10: ("i4", 2), 11: ("f4", 1), 12: ("f8", 1), 13: ("u4", 1), 16: ("u8", 1),
                 17: ("i8", 1), 18: ("u8", 1)}
-KIND, DESCRIPTION, XRES, YRES, RESOLUTION_UNIT = 254, 270, 282, 283, 296
-_WIDTH, _HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL = 256, 257, 258, 259, 262, 266
-_STRIPS, _SAMPLES, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR = 273, 277, 278, 279, 284, 292, 317
+KIND, WIDTH, HEIGHT, DESCRIPTION, SAMPLES, XRES, YRES, RESOLUTION_UNIT = 254, 256, 257, 270, 277, 282, 283, 296
+_BITS, _COMPRESSION, _PHOTOMETRIC, _FILL = 258, 259, 262, 266
+_STRIPS, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR = 273, 278, 279, 284, 292, 317
 _TILE_WIDTH, _TILE_HEIGHT, _TILES, _TILE_BYTES, _EXTRA, _FORMAT, _TABLES = 322, 323, 324, 325, 338, 339, 347
 _DEPTH, _TILE_DEPTH = 32997, 32998
-_USED = {KIND, DESCRIPTION, XRES, YRES, RESOLUTION_UNIT, _WIDTH, _HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL,
-         _STRIPS, _SAMPLES, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR, _TILE_WIDTH, _TILE_HEIGHT, _TILES,
+_USED = {KIND, DESCRIPTION, XRES, YRES, RESOLUTION_UNIT, WIDTH, HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL,
+         _STRIPS, SAMPLES, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR, _TILE_WIDTH, _TILE_HEIGHT, _TILES,
          _TILE_BYTES, _EXTRA, _FORMAT, _TABLES, _DEPTH, _TILE_DEPTH}
 
 MOST_PAGES = 100_000
@@ -260,6 +260,11 @@ def is_preview(path: Path, tags: Tags) -> bool:
     return bool(_one(path, tags, KIND, 0) & _MASK_OR_PREVIEW)
 
 
+def one_number(path: Path, tags: Tags, tag: int, missing: int) -> int:
+    """The one whole number of a field; the missing one where it is absent."""
+    return _one(path, tags, tag, missing)
+
+
 def whole_numbers(tags: Tags, tag: int) -> NDArray[Any]:
     """The whole numbers of a field; none where it is absent or something else."""
     value = tags.get(tag)
@@ -273,7 +278,8 @@ def _one(path: Path, tags: Tags, tag: int, missing: int | None = None) -> int:
     value = whole_numbers(tags, tag)
     if not value.size:
         raise fail(path, f"a page lacks the field {tag} or it is no whole number; the file is damaged.")
-    if (value != value[0]).any() or (value.size > 1 and tag not in (_BITS, _FORMAT)):
+    most = int((*whole_numbers(tags, SAMPLES)[:1].tolist(), 1)[0]) if tag in (_BITS, _FORMAT) else 1
+    if (value != value[0]).any() or value.size not in (1, most):
         raise fail(path, f"the field {tag} should be one number but is {shown(value.tolist(), 60)}; the file is "
                          "damaged, or its samples are of several types, which is not supported.")
     return int(value[0])
@@ -284,7 +290,7 @@ def page_of(path: Path, order: str, tags: Tags) -> Page:
     def one(tag: int, missing: int | None = None) -> int:
         return _one(path, tags, tag, missing)
 
-    width, height, samples = one(_WIDTH), one(_HEIGHT), one(_SAMPLES, 1)
+    width, height, samples = one(WIDTH), one(HEIGHT), one(SAMPLES, 1)
     compression, photometric, is_planar = one(_COMPRESSION, 1), one(_PHOTOMETRIC, 1), one(_PLANAR, 1) == 2
     _check_colours(path, photometric, samples, compression)
     bits = one(_BITS, 1)
@@ -328,7 +334,8 @@ def _check_packing(page: Page, fill: int, planar: int) -> None:
     if compression in _FAX and (page.bits, page.samples) != (1, 1):
         raise fail(path, f"the compression {compression} is of single bits, and its pixels have {page.bits}.")
     numbers = page.predictor != 1 and compression not in _PICTURES
-    of_type = page.bits % 8 == 0 and page.bits != 24 and (page.predictor == 2 or page.dtype.kind == "f")
+    packed = compression not in (1, 32773, *_FAX)  # as of libtiff: others have no predictor
+    of_type = packed and page.bits % 8 == 0 and page.bits != 24 and (page.predictor == 2 or page.dtype.kind == "f")
     if fill not in (1, 2) or planar not in (1, 2) or page.predictor not in _PREDICTORS or (numbers and not of_type):
         raise fail(path, f"its order of bits ({fill}) or of samples ({planar}), or its predictor ({page.predictor}), "
                          "is not supported; save it uncompressed.")

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import struct
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,6 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import tifffile
 
 from deformnb import DeformError
 from deformnb.io import open_series
@@ -55,7 +58,7 @@ def numbers_of(value: Any) -> list[float]:
         return [float(found[0]) for found in _NUMBER.finditer(value)]
     if isinstance(value, bool):
         return []
-    return [float(number) for number in np.ravel(value)]
+    return [float(number) for number in np.ravel(value) if not isinstance(number, str)]
 
 
 def with_number(value: Any, place: int, number: float) -> Any:
@@ -151,6 +154,99 @@ def write_nifti(folder: Path, fields: dict[str, Any]) -> Path:
     return folder / "a.nii"
 
 
+TAGS = {"width": (256, 3), "height": (257, 3), "bits": (258, 3), "compression": (259, 3), "photometric": (262, 3),
+        "fill order": (266, 3), "offsets": (273, 4), "samples": (277, 3), "rows": (278, 3), "counts": (279, 4),
+        "x resolution": (282, 5), "y resolution": (283, 5), "planar": (284, 3), "resolution unit": (296, 3),
+        "predictor": (317, 3), "sample format": (339, 3)}
+PIXELS = np.random.default_rng(1).integers(-3000, 3000, (5, 6)).astype("<i2")
+
+
+def write_tags(folder: Path, fields: dict[str, Any]) -> Path:
+    """A page of two strips; every value lies behind the list of fields."""
+    present = {name: value for name, value in fields.items() if value is not None}
+    start = 8 + PIXELS.nbytes
+    end, entries, extra = start + 2 + 12 * len(present) + 4, b"", b""
+    for name, value in sorted(present.items(), key=lambda item: TAGS[item[0]][0]):
+        tag, kind = TAGS[name]
+        numbers = np.ravel(value).tolist()
+        data = struct.pack(f"<{len(numbers)}{'H' if kind == 3 else 'I'}", *numbers)
+        if kind == 5 and len(numbers) % 2:
+            raise ValueError("a rational has two numbers")
+        count = len(numbers) // 2 if kind == 5 else len(numbers)
+        place = struct.pack("<I", end + len(extra)) if len(data) > 4 else data.ljust(4, b"\0")
+        entries += struct.pack("<HHI", tag, kind, count) + place
+        extra += data if len(data) > 4 else b""
+    (folder / "a.tif").write_bytes(struct.pack("<2sHI", b"II", 42, start) + PIXELS.tobytes() + struct.pack(
+        "<H", len(present)) + entries + bytes(4) + extra)
+    return folder / "a.tif"
+
+
+def tags_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    return tifffile.imread(path), np.eye(4)
+
+
+def described(folder: Path, text: str) -> Path:
+    tifffile.imwrite(folder / "a.tif", VALUES, photometric="minisblack", description=text, metadata=None,
+                     resolution=(2.0, 4.0), resolutionunit=1)
+    return folder / "a.tif"
+
+
+def write_imagej(folder: Path, fields: dict[str, Any]) -> Path:
+    return described(folder, "ImageJ=1.53t\n" + text_header(fields, "{}={}\n"))
+
+
+def write_ome(folder: Path, fields: dict[str, Any]) -> Path:
+    pixels = text_header(fields, '{}="{}" ')
+    return described(folder, '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06">'
+                             f'<Image ID="Image:0"><Pixels ID="Pixels:0" {pixels}><TiffData/></Pixels></Image></OME>')
+
+
+def write_shaped(folder: Path, fields: dict[str, Any]) -> Path:
+    return described(folder, json.dumps({k: v for k, v in fields.items() if v is not None}))
+
+
+def write_ome_zarr(folder: Path, fields: dict[str, Any]) -> Path:
+    zarr = pytest.importorskip("zarr")
+    path = folder / "a.zarr"
+    if path.exists():
+        shutil.rmtree(path)
+    of = {k: v for k, v in fields.items() if v is not None}
+    moved = [{"type": name, name: of[name]} for name in ("scale", "translation") if name in of]
+    whole = [{"type": "scale", "scale": of["whole"]}] if "whole" in of else []
+    axes = [{"name": name, "type": "space", **({"unit": of["unit"]} if "unit" in of else {})} for name in of["axes"]]
+    about = {"axes": axes, "coordinateTransformations": whole,
+             "datasets": [{"path": "0", "coordinateTransformations": moved}]}
+    group = zarr.create_group(str(path), zarr_format=2, attributes={"multiscales": [{"version": "0.4", **about}]})
+    group.create_array("0", shape=VALUES.shape, dtype=VALUES.dtype, chunks=(2, 5, 6))[...] = VALUES
+    held = json.loads((path / "0" / ".zarray").read_text())
+    for name in ("shape", "chunks", "dtype", "order", "fill_value"):
+        held[name] = of.get(name)
+    (path / "0" / ".zarray").write_text(json.dumps(held))
+    return path
+
+
+def write_dicom(folder: Path, fields: dict[str, Any]) -> Path:
+    """Three slices; the second one has the fields that are changed."""
+    pydicom = pytest.importorskip("pydicom")
+    from dicom_series import write_slice
+
+    inner = folder / "series"
+    inner.mkdir(exist_ok=True)
+    for k in range(3):
+        write_slice(inner / f"{k}.dcm", VALUES[k], (1, 2, 3 + 2.5 * k), ImageOrientationPatient=[1, 0, 0, 0, 1, 0],
+                    uid=f"1.2.3.{k}")
+    data = pydicom.dcmread(inner / "1.dcm")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, value in fields.items():
+            if value is None:
+                data.pop(name, None)
+            else:
+                setattr(data, name, value)
+        data.save_as(inner / "1.dcm")
+    return inner
+
+
 def nifti_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
     nibabel = pytest.importorskip("nibabel")
     image = nibabel.load(path)
@@ -224,7 +320,7 @@ _CHANGES = ("negate", "zero", "contradict", "huge", "nan")
 _NIFTI_SILENT = ("intent_p", "slice_start", "slice_end", "slice_code", "cal", "slice_duration", "toffset",
                  "intent_code", ("qform_code", "contradict 0"), ("sform_code", "contradict 0"), ("dim", "contradict 0"),
                  *(("dim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES),
-                 *(("pixdim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES), ("xyzt_units", "zero 0"))
+                 *(("pixdim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES))
 _NO_QFORM = ("quatern", "qoffset", *(("pixdim", f"{how} 0") for how in _CHANGES))
 
 KINDS: dict[str, Kind] = {
@@ -261,6 +357,34 @@ KINDS: dict[str, Kind] = {
                   ("format", "version", "shape", "dtype", "byte_order", "is_labels"), (), side_peer),
 }
 
+KINDS |= {
+    "tiff": Kind({"width": [6], "height": [5], "bits": [16], "compression": [1], "photometric": [1],
+                  "fill order": [1], "offsets": [8, 44], "samples": [1], "rows": [3], "counts": [36, 24],
+                  "x resolution": [3, 1], "y resolution": [4, 1], "planar": [1], "resolution unit": [2],
+                  "predictor": [1], "sample format": [2]}, write_tags,
+                 ("compression", "photometric", "fill order", "samples", "planar", "predictor"),
+                 (("planar", "contradict 0"),), tags_peer),
+    "imagej": Kind({"images": "4", "slices": "4", "unit": "micron", "spacing": "2.5", "channels": "1", "frames": "1"},
+                   write_imagej, ("images", "slices", "channels", "frames")),
+    "ome": Kind({"DimensionOrder": "XYZCT", "Type": "int16", "SizeX": "6", "SizeY": "5", "SizeZ": "4", "SizeC": "1",
+                 "SizeT": "1", "PhysicalSizeX": "1.5", "PhysicalSizeY": "2.0", "PhysicalSizeZ": "2.5",
+                 "PhysicalSizeXUnit": "mm", "PhysicalSizeYUnit": "mm", "PhysicalSizeZUnit": "mm"}, write_ome,
+                ("DimensionOrder", "Type", "SizeX", "SizeY", "SizeZ", "SizeC", "SizeT")),
+    "tifffile": Kind({"shape": [4, 5, 6], "axes": "ZYX", "spacing": 2.5, "unit": "mm"}, write_shaped,
+                     ("axes", "shape"), (("axes", "word"),)),
+    "zarr": Kind({"axes": ["z", "y", "x"], "unit": "millimeter", "scale": [2.5, 2.0, 1.5],
+                  "translation": [6.0, 5.0, 4.0], "whole": [1.0, 2.0, 1.0], "shape": [4, 5, 6], "chunks": [2, 5, 6],
+                  "dtype": "<i2", "order": "C", "fill_value": 0}, write_ome_zarr, ("fill_value",),
+                 ("fill_value",)),
+    "dicom": Kind({"Rows": 5, "Columns": 6, "SamplesPerPixel": 1, "PhotometricInterpretation": "MONOCHROME2",
+                   "BitsAllocated": 16, "BitsStored": 16, "HighBit": 15, "PixelRepresentation": 1,
+                   "PixelSpacing": [1.25, 0.5], "ImageOrientationPatient": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+                   "ImagePositionPatient": [1.0, 2.0, 5.5], "RescaleSlope": 1.0, "RescaleIntercept": 0.0,
+                   "NumberOfFrames": 1, "SeriesInstanceUID": "1.2.826.0.1.3680043.8.498.1"}, write_dicom,
+                  ("SamplesPerPixel", "PhotometricInterpretation", "HighBit", "BitsStored", "RescaleSlope",
+                   "RescaleIntercept", "NumberOfFrames")),
+}
+
 
 def found_in(path: Path) -> tuple[Any, tuple[str, ...]]:
     """All that is read of a file, as something that can be compared, and the notes."""
@@ -276,7 +400,7 @@ def outcome(kind: Kind, folder: Path, name: str, change: Any) -> str:
     (good, _, _), notes = found_in(kind.write(folder, kind.fields))
     try:
         path = kind.write(folder, {**kind.fields, name: change})
-    except (struct.error, ValueError, TypeError, OverflowError):
+    except (struct.error, ValueError, TypeError, OverflowError, OSError, KeyError):
         return "unwritable"
     try:
         (now, moments, grid), new_notes = found_in(path)

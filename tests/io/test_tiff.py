@@ -109,7 +109,7 @@ def test_ome_names_of_other_files_are_not_followed(tmp_path: Path) -> None:
             'SizeT="1"><TiffData IFD="0" FirstZ="1"><UUID FileName="secret.tif">urn:uuid:1</UUID></TiffData></Pixels>'
             "</Image></OME>")
     tifffile.imwrite(tmp_path / "a.tif", STACK[3], description=text, metadata=None)
-    assert read_volume(tmp_path / "a.tif").shape == (1, 33, 47)
+    refuse(tmp_path / "a.tif", "claims 2 slices .* one part of a set of files")
 
 
 def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
@@ -346,8 +346,48 @@ def test_a_photograph_as_tiff_in_colour_and_grey(parts: int, options: dict[str, 
 def test_channels_that_do_not_divide_the_pages_are_refused(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "b.tif", np.zeros((5, 33, 47), np.uint8), photometric="minisblack", metadata=None,
                      description="ImageJ=1.53\nimages=5\nchannels=2\n")
-    with pytest.raises(VolumeFileError, match="cannot be divided"):
+    with pytest.raises(VolumeFileError, match="5 images, but 2 channels of 1 slices"):
         read_channels(tmp_path / "b.tif")
+
+
+@pytest.mark.parametrize(("shape", "axes", "t", "c"), [
+    ((5, 33, 47), None, 1, 1), ((5, 33, 47), "QYX", 1, 1), ((5, 33, 47), "ZYX", 1, 1), ((5, 33, 47), "CYX", 1, 5),
+    ((5, 33, 47), "TYX", 5, 1), ((2, 5, 33, 47), "TZYX", 2, 1), ((2, 5, 33, 47), "ZCYX", 1, 5),
+    ((2, 3, 5, 33, 47), "TZCYX", 2, 5), ((2, 3, 5, 33, 47), "CTZYX", 3, 2), ((1, 5, 1, 33, 47), None, 1, 1),
+])
+@pytest.mark.parametrize("one_page", [False, True])
+def test_arrays_of_tifffile_in_many_pages_or_one(shape: tuple[int, ...], axes: str | None, t: int, c: int,
+                                                 one_page: bool, tmp_path: Path) -> None:
+    values = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack", truncate=one_page,
+                     metadata={"axes": axes} if axes else {})
+    series = open_series(tmp_path / "a.tif")
+    assert (series.layout.frames, series.layout.channels) == (t, c)
+    found = np.array([[channel.values for channel in moment] for moment in series])
+    order = "".join(axis for axis in axes or "ZYX" if axis in "TCZYX") if axes != "QYX" else "ZYX"
+    expected = values.reshape([n for n in shape if n > 1]).transpose([order.index(a) for a in "TCZYX" if a in order])
+    np.testing.assert_array_equal(found.reshape(expected.shape), expected)
+
+
+def test_axes_without_names_are_told(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", np.zeros((2, 5, 33, 47), np.uint8), photometric="minisblack")
+    notes = open_series(tmp_path / "a.tif").notes
+    assert "its axes of 2 x 5 pages, of no name, were taken as moments, slices" in notes
+
+
+def test_colours_of_one_page_with_a_shape(tmp_path: Path) -> None:
+    values = np.random.default_rng(1).integers(0, 255, (4, 33, 47, 3)).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", values, photometric="rgb", truncate=True)
+    np.testing.assert_array_equal(read_channels(tmp_path / "a.tif").values, values)
+
+
+def test_of_several_images_of_ome_the_first_is_read(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif", ome=True) as writer:
+        writer.write(STACK, photometric="minisblack", metadata={"axes": "ZYX"})
+        writer.write(STACK[:2, :9], photometric="minisblack", metadata={"axes": "ZYX"})
+    read = read_volume(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read.values, STACK)
+    assert "the file holds 2 images, of which the first was read" in read.notes
 
 
 def test_ome_tiff_is_read_by_other_programs_as_it_was_written(tmp_path: Path) -> None:

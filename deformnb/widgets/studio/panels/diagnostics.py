@@ -147,8 +147,7 @@ class DiagnosticsPanel(Panel):
 
     def _chosen_changed(self, change: Any) -> None:
         self._model.keep_chosen = change["new"]
-        if change["new"]:
-            self._soon(lambda panel: panel._model.fold_actions.predict())
+        self.refresh()
 
     def close(self) -> None:
         for link in self._links:
