@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.checks import is_finite, shown_value
+from deformnb.checks import is_finite, shown_value, warn
 from deformnb.chunked import execution
 from deformnb.chunked.blocks import Blocks, BlockWarp, planned, shape_of
 from deformnb.chunked.sources import ChunkCache, LargeVolume, open_volume
@@ -22,6 +22,7 @@ from deformnb.io.headers import as_path
 from deformnb.io.memory import check_room, default_limit
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_output
+from deformnb.warping.map_checks import fold_note
 from deformnb.warping.planning import as_voxel, checked_method, processors
 
 # What all blocks in work take together by default: enough for two dozen of them, and little on any machine.
@@ -118,13 +119,28 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     processes = len(client.nthreads()) if client is not None else 1
     job, at_once = planned(volume, field, grid, method=method, fill=float(voxel), background=background, block=block,
                            memory=limit, workers=allowed, processes=processes, progress=progress)
+    cautions = _cautions(deformation, volume, field, grid)
+    warn(cautions)
     if target is None:
         return _lazy(job)
     if target is Volume:
-        return _in_memory(job, at_once, client, progress)
+        made = _in_memory(job, at_once, client, progress)
+        return replace(made, notes=(*made.notes, *cautions))
     notes = _write(job, at_once, target, client, progress, overwrite=overwrite, levels=levels, version=version)
     result = open_volume(target)
-    return replace(result, notes=(*result.notes, *notes)) if notes else result
+    return replace(result, notes=(*result.notes, *notes, *cautions))
+
+
+def _cautions(deformation: Any, volume: LargeVolume, field: AbstractField, grid: Grid) -> tuple[str, ...]:
+    """What is probably a mistake of a document, and folds of its map anywhere: no voxel is looked at.
+
+    A document that was made on one resolution of a pyramid belongs to all of them.
+    """
+    known = getattr(deformation, "cautions", None)
+    levels = [volume.finest_grid, *volume.levels]
+    own = next((level for level in levels if known and not deformation.difference(level)), levels[0])
+    fold = fold_note(None, field, grid)
+    return (*(known(own) if known else ()), *([fold] if fold else []))
 
 
 def bytes_of(memory: float | str | None) -> int:

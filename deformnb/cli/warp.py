@@ -333,6 +333,7 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
     if not any(document.own_grid(level) == level and not document.difference(level) for level in
                (grid, *source.levels)):  # a document that was made on a coarser level belongs to all of them
         note(*_difference(document, grid))
+    known = (*source.notes, document.difference(grid))
     output = None
     if options.resolution is not None or options.margin is not None:
         margin = _lengths(options.margin)
@@ -344,7 +345,8 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
         empty = Volume(np.broadcast_to(np.uint8(0), grid.shape), grid)
         output = output_grid(document, empty, spacing=_lengths(options.resolution), margin=margin).grid
     note(*document.notes(grid))
-    _write_parts(source, document, options, stage, output)
+    notes = _write_parts(source, document, options, stage, output)
+    note(*(text for text in notes if text not in known))
 
 
 def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
@@ -371,12 +373,14 @@ def _unpacked_beside(options: argparse.Namespace) -> Path:
 
 
 def _write_parts(source: LargeVolume, deformation: Deformation | AbstractField, options: argparse.Namespace,
-                 stage: Stage, output: Grid | None = None) -> None:
+                 stage: Stage, output: Grid | None = None) -> tuple[str, ...]:
     from deformnb.chunked import warp
 
-    warp(source, deformation, options.output, output=output, fill=options.fill, method=options.method,
+    made = warp(source, deformation, options.output, output=output, fill=options.fill, method=options.method,
          memory=options.memory, overwrite=options.force, progress=stage("deform"))
     shutil.rmtree(_unpacked_beside(options), ignore_errors=True)
+    notes: tuple[str, ...] = made.notes
+    return notes
 
 
 def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:

@@ -19,7 +19,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import check_fields, is_finite, shown_value, warn
+from deformnb.checks import check_fields, is_finite, shown_value
 from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
@@ -50,7 +50,7 @@ from deformnb.volume.volume import (
     voxel_checksum,
 )
 from deformnb.warping.inverse import Inverse, invert
-from deformnb.warping.map_checks import map_notes
+from deformnb.warping.map_checks import map_notes, with_cautions
 from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import like_given, warp_all
 
@@ -773,7 +773,8 @@ class Deformation:
                               f"spacing={known.header_spacing}.")
         field = self.field(grid)
         notes = tuple(note for note in self._fit_notes(grid) if note != FOLDS)  # of the fits; the map is checked below
-        cautions = (*self.cautions(own), *map_notes(volumes[0], field, as_output(options.get("output") or output, own)))
+        subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
+        cautions = [*self.cautions(own), *map_notes(subject, field, as_output(options.get("output") or output, own))]
         if known is None:
             box = None if self.output is None else volumes[0].at_own_resolution(self.output)
             warped = warp_all(volumes, field, **{"output": box, **options})
@@ -783,7 +784,4 @@ class Deformation:
             warped = [replace(done, grid=corrected)
                       for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
-        warn(cautions)
-        notes = (*notes, *cautions)
-        return [replace(done, notes=tuple(dict.fromkeys((*volume.notes, *notes))))
-                for done, volume in zip(warped, volumes, strict=True)]
+        return with_cautions(volumes, warped, notes, cautions)

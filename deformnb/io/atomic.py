@@ -207,7 +207,8 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
         target = as_path(path).resolve()
         exists = target.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, a loop of links
-        raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({error}).") from error
+        raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({shown(error)}).") from (
+            error)
     folder = target.parent
     if not folder.is_dir():
         raise fail(target, f"cannot be written: there is no folder {shown(folder)}. Create it first.")

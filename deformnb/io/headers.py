@@ -38,7 +38,9 @@ _INTEGER = re.compile(r"[+-]?[0-9]{1,19}")
 Blocks = Callable[[], Iterator[NDArray[Any]]]
 
 # More channels or moments than this are no channels but a damaged header, or another kind of axis.
-_MOST_CHANNELS, _MOST_FRAMES = 1024, 1_000_000
+MOST_FRAMES = 1_000_000
+"""Moments of a file."""
+_MOST_CHANNELS = 1024
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def described_layout(layout: Layout, text: str) -> Layout:
 
 def checked_layout(path: Path, layout: Layout) -> Layout:
     """The layout, if its numbers can be; VolumeFileError else."""
-    if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= _MOST_FRAMES):
+    if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= MOST_FRAMES):
         raise fail(path, f"it has {layout.frames} moments and {layout.channels} channels, more than can be; the header "
                          "is damaged, or it holds something else than channels or times.")
     return layout

@@ -58,6 +58,8 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     path = as_path(path)
     if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
         return own
+    if not path.name:  # a folder without a name of its own, such as "."
+        return {}
     stem = _VOLUMES.sub("", path.name)
     for ending in LABEL_TABLES:
         if names := read_label_table(path.with_name(stem + ending)):
@@ -82,11 +84,11 @@ def read_label_table(path: str | Path) -> dict[int, str]:
     {95: 'femur', 96: 'tibia'}
     """
     path = as_path(path)
-    if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
-        return {}
     try:
+        if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
+            return {}
         return _table(decoded(path, path.read_bytes())[0])
-    except (VolumeFileError, csv.Error):
+    except (VolumeFileError, csv.Error, OSError):  # the last of a name that is too long
         return {}
 def is_segmentation_file(path: str | Path) -> bool:
     """Check whether a file is a segmentation of 3D Slicer, whose segments have names and colours."""

@@ -298,6 +298,8 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
     """
     if not isinstance(text, str):
         raise DeformError(f"points are read from text, got {shown_value(text)}.")
+    if not isinstance(into, ControlPoints):
+        raise DeformError(f"points are read into ControlPoints, got {shown_value(into)}.")
     if len(text) > LONGEST_TEXT:
         raise DeformError(f"the text has {len(text)} characters; at most {LONGEST_TEXT} are read.")
     rows = _rows(text)

@@ -21,7 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.io import images, metaimage, nifti, nrrd, ome_zarr, tiff
 from deformnb.io.atomic import atomic_write, check_target
 from deformnb.io.formats import format_of, in_given_unit, located, plain_name, read_any_header, write_volume
-from deformnb.io.headers import Damage, Header, Layout, as_path, fail, human_bytes
+from deformnb.io.headers import MOST_FRAMES, Damage, Header, Layout, as_path, fail, human_bytes
 from deformnb.io.memory import default_limit
 from deformnb.io.streams import packed, stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
@@ -217,13 +217,16 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
     if isinstance(moments, Volume | Channels | str | os.PathLike) or not isinstance(moments, Iterable):
         raise DeformError(f"moments are a list of channels, got {shown_value(moments)}; write_channels writes one.")
 
-    def in_written_unit(moment: Channels) -> Channels:
+    def in_written_unit(moment: ChannelsLike) -> Channels:
         channels = as_channels(moment)
         return channels.in_unit(entry.written_unit(channels.grid.unit))
 
     queue: Iterator[Channels] = map(in_written_unit, moments)
     first = next(queue, None)
-    if first is None or count < 1:
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_FRAMES:
+        raise DeformError(f"count is the number of moments, a whole number from 1 to {MOST_FRAMES}, got "
+                          f"{shown_value(count)}.")
+    if first is None:
         raise DeformError("there is no moment to write.")
     if count == 1 and (len(first) == 1 or kind == "image"):
         _refuse_more(queue, count)

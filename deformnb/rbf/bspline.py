@@ -91,6 +91,11 @@ class BSplineField(AbstractField):
     def dim(self) -> int:
         return len(self.origin)
 
+    def rescaled(self, factor: float, unit: str) -> BSplineField:
+        axes = tuple(tuple(row) for row in (np.asarray(self.axes) * factor).tolist())
+        origin = tuple((np.asarray(self.origin) * factor).tolist())
+        return BSplineField(np.asarray(self.coefficients) * factor, origin, axes, self.order, unit)
+
     @property
     def counts(self) -> NDArray[np.int64]:
         """Coefficients along each axis (x, y, z)."""

@@ -14,7 +14,7 @@ same place, other displacement     DeformError naming both; with smoothing their
 same place, other radius           the radius of the first
 pulled past one another            fitted, and a note names the pair: a fold is likely
 from one source to two targets     fitted, and a note names the pair: the map folds between them
-much nearer than the support       a compact kernel's support is limited to 100 diagonals of their box, with a note
+much nearer than the support       a compact kernel's support is limited to 100 of their diameters, with a note
 not finite, beyond 1e15            refused by ControlPoints, before any LAPACK call (inf makes some of them hang)
 more than 2000                     a sparse system, or with kernels without an end local fits, with a note
 more than 20000                    DeformError
@@ -33,7 +33,7 @@ from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import FLAT, THIN, Span, Trend, are_wide, quadric_span, ridge_of, spreads_of
+from deformnb.rbf.trends import FLAT, THIN, Span, Trend, are_wide, quadric_span, ridge_of, spread_of, spreads_of
 
 LARGEST_SET = 2000
 """Points of one dense system, which costs N^3: 2000 take 0.1 s, ten times as many would take minutes. More of them have
@@ -42,26 +42,35 @@ a sparse system (compact kernels) or local fits (:mod:`deformnb.rbf.partition`),
 MOST_POINTS = 20000
 """Points of any fit: the sums at a million places take a minute then."""
 
-# Points nearer than this share of the support, or of their box, make Phi singular to working precision (its condition
-# is (R/gap)^2..3).
+SAME_DISTANCE = 1e-6
+"""Distances that differ by less than this share are one: those of a turned lattice differ by their rounding."""
+
+# Points nearer than this share of the support, or of their diameter, make Phi singular to working precision (its
+# condition is (R/gap)^2..3).
 SAME_PLACE = 1e-6
 # Displacements that differ by less than this share of the support are the same: the promised exactness of a fit. So are
 # those that differ by no more than the points lie apart, as those of any map without folds do.
 SAME_DISPLACEMENT = 1e-9
 
-# A compact kernel is close to its flat limit at this many diagonals of the points' box; beyond, Phi loses the digits
-# that keep near points apart (the error of a fit was 5e-8 of the box at 100).
+# A compact kernel is close to its flat limit at this many diameters of the set of points; beyond, Phi loses the digits
+# that keep near points apart (the error of a fit was 5e-8 of it at 100).
 LONGEST_SHARE = 100.0
 
-_LIMITED = (f"the support radius is limited to {LONGEST_SHARE:g} diagonals of the control points' box; beyond that the "
-            "map hardly changes")
+_LIMITED = (f"the support radius is limited to {LONGEST_SHARE:g} times the largest distance between control points; "
+            "beyond that the map hardly changes")
 _UNHELD = (" nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel with the "
            "trend affine stays calm")
+
+# Places whose distances to all others are computed at a time.
+_ENDS = 256
 
 # What a trend shortens more than this it collapses; ratios beyond would be rounding.
 COLLAPSED = 1e-6
 # A direction in which points of a lattice have different places; of length 1, so that no distance grows.
 _ASLANT = np.array([0.7548, 0.5698, 0.3247])
+# Neighbours of a point that may cross it, and how many more that are as far are looked at: a lattice in space has 6,
+# the closest packing 12.
+NEAREST, NEAREST_AND_EQUAL = 4, 12
 # Pairs of crossing points this many quarters of an octave (8 times) behind the worst are not named.
 FAR_BEHIND = 12
 
@@ -111,28 +120,46 @@ class PreparedPoints:
         return f"{first} and {second}"
 
 
+def diameter_of(places: NDArray[np.float64]) -> float:
+    """The largest distance between two of the places (n, dim), however they are turned.
+
+    >>> round(diameter_of(np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])), 12)
+    5.0
+    """
+    size = spread_of(places)
+    if size == 0.0:
+        return 0.0
+    centred = (places - places.mean(axis=0)) / size  # squares of tiny lengths would be zero
+    away = np.sqrt((centred**2).sum(axis=1))
+    one = np.sqrt(((centred - centred[away.argmax()]) ** 2).sum(axis=1))
+    least = float(np.sqrt(((centred - centred[one.argmax()]) ** 2).sum(axis=1).max()))
+    ends = centred[away >= (1 - 1e-9) * (least - away.max())]  # others are within ``least`` of all
+    far = [((ends[k : k + _ENDS, None] - ends[None]) ** 2).sum(axis=-1).max() for k in range(0, len(ends), _ENDS)]
+    return size * float(np.sqrt(max(far)))
+
+
 def at_rest(points: ControlPoints) -> NDArray[np.float64]:
     """The active sources, which do not move during a drag; the targets if the sources coincide.
 
     Sources that coincide but for rounding would make spikes of the width of that rounding.
     """
-    return _resting(points)[0]
+    is_whole = points.active.all()
+    source, target = (places if is_whole else places[points.active] for places in (points.source, points.target))
+    return source if spread_of(source) > SAME_PLACE * spread_of(target) else target
 
 
 def box_diagonal(points: ControlPoints) -> float | None:
-    """The diagonal of the box of the active sources (of the targets if the sources coincide); None for one place."""
-    return _resting(points)[1] or None
+    """The diagonal of the box of the active sources (of the targets if the sources coincide); None for one place.
+
+    It is the support of documents of before 2.0 and depends on the axes; nothing else is decided by it.
+    """
+    places = at_rest(points)
+    return float(np.linalg.norm(np.ptp(places, axis=0))) or None if len(places) else None
 
 
-def _resting(points: ControlPoints) -> tuple[NDArray[np.float64], float]:
-    """The places at rest and the diagonal of their box."""
-    is_whole = points.active.all()
-    source, target = (places if is_whole else places[points.active] for places in (points.source, points.target))
-    if len(source) == 0:
-        return target, 0.0
-    both = np.concatenate([source.T, target.T])  # contiguous coordinates: ten times as fast for hundreds of points
-    own, other = np.linalg.norm((both.max(axis=1) - both.min(axis=1)).reshape(2, -1), axis=1).tolist()
-    return (source, own) if own > SAME_PLACE * other else (target, other)
+def diameter(points: ControlPoints) -> float | None:
+    """The largest distance between two active sources (targets if the sources coincide); None for one place."""
+    return diameter_of(at_rest(points)) or None
 
 
 def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend,
@@ -144,7 +171,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
                           "off or thin them out.")
     active = points if count == len(points) else points.take(np.flatnonzero(points.active))
     radius = _radius(active, kernel, support, trend)
-    size = box_diagonal(active)
+    size = diameter(active)
     limit = LONGEST_SHARE * (size or np.inf)
     limited: tuple[str, ...] = ()
     if kernel.compact and radius > limit:
@@ -153,7 +180,7 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
     targets, displacements, weights, first, notes, missed, place_of = _merge(active, radius, near, smoothing)
     origin = targets.mean(axis=0) if len(targets) else np.zeros(points.dim)
     span, where = _span(targets - origin, displacements)
-    name, remark = _determined_trend(trend, kernel, len(targets), span.basis.shape[1], where)
+    name, remark = _determined_trend(trend, kernel, len(targets), span.basis.shape, where)
     if name == "quadratic":
         quadrics, bend = quadric_span(targets - origin, span.basis)
         span = span._replace(quadrics=quadrics, bend=bend)
@@ -215,7 +242,7 @@ def _merge(points: ControlPoints, radius: float, near: float, smoothing: float) 
 
 def same_place(points: ControlPoints, radius: float) -> float:
     """The distance up to which active points count as being at one place."""
-    return SAME_PLACE * min(radius, box_diagonal(points) or radius)
+    return SAME_PLACE * min(radius, diameter(points) or radius)
 
 
 def _refuse_conflicts(points: ControlPoints, pairs: NDArray[Any], radius: float) -> None:
@@ -246,25 +273,19 @@ def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> t
         _, sigma, vt = scipy.linalg.svd(centred, full_matrices=False)
         rank = int((sigma > FLAT * sigma[0]).sum())
         basis = basis if rank == dim else np.ascontiguousarray(vt[:rank].T)
-    return Span(basis, ridge_of(directions, spreads)), _thinly(directions, spreads)
+    return Span(basis, ridge_of(directions, spreads)), _thinly(spreads)
 
 
-def _thinly(directions: NDArray[np.float64], spreads: NDArray[np.float64]) -> str:
-    """The place of control points that are thin in some direction; rounded, for other notes make JAX compile anew."""
+def _thinly(spreads: NDArray[np.float64]) -> str:
+    """What control points that are thin in some direction lie nearly on, in words: the same however they are turned."""
     wide = int((spreads >= THIN).sum())
-    if wide == len(spreads):
-        return ""
-    along = directions[:, 0] if wide == 1 else directions[:, -1]
-    if len(along) == 2:
-        return f"on one line, at {round(float(np.degrees(np.arctan2(along[1], along[0]))) / 15) * 15 % 180} degrees"
-    along = along * np.sign(along[np.abs(along).argmax()])
-    text = ", ".join(f"{value + 0.0:.1f}" for value in np.round(along, 1) + 0.0)
-    return f"on one line, along ({text})" if wide == 1 else f"in one plane, across ({text})"
+    return "" if wide == len(spreads) else "on one line" if wide == 1 else "in one plane"
 
 
-def _determined_trend(trend: Trend, kernel: type[AbstractKernel], n: int, rank: int,
+def _determined_trend(trend: Trend, kernel: type[AbstractKernel], n: int, shape: tuple[int, ...],
                       where: str) -> tuple[str, tuple[str, ...]]:
-    """The trend that n points spanning ``rank`` dimensions determine, and a note if it is not the one requested."""
+    """The trend that n points determine whose span has a basis of this shape, and a note if another was requested."""
+    dim, rank = shape
     if n == 0 or trend.name in ("none", "translation"):
         return trend.name, ()
     if rank == 0:
@@ -277,7 +298,7 @@ def _determined_trend(trend: Trend, kernel: type[AbstractKernel], n: int, rank: 
         if trend.name != "affine_exact" and kernel.order < 2:
             return trend.name, (f"{lie} the affine trend turns and scales as along it",)
         return trend.name, (lie + _UNHELD,)
-    if rank == 1 and "along" in where:
+    if rank == 1 and dim == 3:
         return trend.name, ("the control points lie on one line: the turn about it is the smallest possible",)
     return trend.name, ()
 
@@ -301,10 +322,18 @@ def _neighbours(points: NDArray[np.float64], k: int) -> tuple[NDArray[Any], NDAr
     return np.asarray(distance), np.asarray(position)
 
 
+def _near_pairs(targets: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs of a place and one of its four nearest, and of those that are as far as the fourth, as in a lattice."""
+    distance, near = _neighbours(targets, min(len(targets), NEAREST_AND_EQUAL + 1))
+    is_near = distance[:, 1:] <= distance[:, [min(NEAREST, near.shape[1] - 1)]] * (1 + SAME_DISTANCE)
+    first, column = np.nonzero(is_near)
+    return first, near[first, column + 1].astype(np.intp)
+
+
 def torn_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], ids: tuple[int, ...],
                most: int = 3) -> list[tuple[int, int]]:
     """Ids of points that share a source and have different targets: no map without folds does that."""
-    size = float(np.ptp(targets, axis=0).max(initial=0.0))
+    size = diameter_of(targets)
     pairs = scipy.spatial.cKDTree(sources).query_pairs(SAME_PLACE * size) if len(sources) > 1 and size else set()
     return [(ids[i], ids[j]) for i, j in sorted(pairs)[:most]]
 
@@ -319,11 +348,9 @@ def crossing_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], i
     The worst come first to be named: two points piled on one place bend the trend until others seem to cross as well.
     """
     x, y = targets @ linear.T, sources
-    neighbours = min(len(x), 5)
-    if neighbours < 2:
+    if len(x) < 2:
         return []
-    _, near = _neighbours(targets, neighbours)
-    first, second = np.repeat(np.arange(len(x)), neighbours - 1), near[:, 1:].ravel()
+    first, second = _near_pairs(targets)
     along = x[first] - x[second]
     beside = y[first] - y[second] - along
     gap = np.linalg.norm(targets[first] - targets[second], axis=1)
@@ -332,5 +359,5 @@ def crossing_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], i
     degree = np.round(4 * np.log2(np.maximum(ratio, 1.0)))
     pairs = {(min(i, j), max(i, j)): d for i, j, d, r in zip(
         first.tolist(), second.tolist(), degree.tolist(), ratio.tolist(), strict=True) if r > 1}
-    worst = sorted(pairs, key=lambda pair: (-pairs[pair], pair))[:most]
+    worst = sorted(pairs, key=lambda pair: (-pairs[pair], ids[pair[0]], ids[pair[1]]))[:most]
     return [(ids[i], ids[j]) for i, j in sorted(worst) if pairs[i, j] >= pairs[worst[0]] - FAR_BEHIND]

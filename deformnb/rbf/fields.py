@@ -86,6 +86,10 @@ class AbstractField(ABC):
         """The unit of places and displacements, a symbol of :data:`~deformnb.volume.units.UNITS`; "" if not known."""
         return ""
 
+    def rescaled(self, factor: float, unit: str) -> AbstractField:
+        """The same map in numbers of another unit, each length a factor times as large a number."""
+        return Rescaled(self, factor, unit)
+
     @property
     def has_cuts(self) -> bool:
         """True if the field jumps and hides tissue along cuts; see :mod:`deformnb.rbf.cuts`."""
@@ -588,7 +592,7 @@ def converted(field: AbstractField, own: str, to: str) -> AbstractField:
         return Affine(field.matrix, np.asarray(field.offset) * factor, to)
     if isinstance(field, Composed):
         return Composed(converted(field.first, own, to), converted(field.then, own, to))
-    return Rescaled(field, factor, to)
+    return field.rescaled(factor, to)
 
 
 def with_unit(field: AbstractField, unit: str) -> AbstractField:

@@ -10,7 +10,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel, Phi, kernel_named
-from deformnb.rbf.partition import SMALL_LEAF, LocalFits, fit_locally
+from deformnb.rbf.partition import SMALL_LEAF, LocalFits, fit_locally, is_wide
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS, Trend, trend_named
@@ -39,9 +39,10 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     Returns
     -------
     RBFInterpolant, with remarks in ``notes`` where the points did not suffice for the trend. More than 2000 points with
-    a kernel that has no end are fitted locally (:class:`~deformnb.rbf.partition.LocalFits`), with a note; so are fewer
-    whose system is singular, such as those of a smooth kernel of which two nearly coincide. A fit that misses its
-    points by more than :mod:`~deformnb.rbf.exactness` states says by how much in a note.
+    a kernel that has no end, or whose support holds too many of them for one system, are fitted locally
+    (:class:`~deformnb.rbf.partition.LocalFits`), with a note; so are fewer whose system is singular, such as those of a
+    smooth kernel of which two nearly coincide. A fit that misses its points by more than
+    :mod:`~deformnb.rbf.exactness` states says by how much in a note.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     if radius is None:
         radius = choose_support([points], kernel=kind, trend=trend, smoothing=smoothing)
     ready = prepare(points, kind, radius, chosen, smoothing)
-    if len(ready.targets) > LARGEST_SET and not kind.compact:
+    if len(ready.targets) > LARGEST_SET and (not kind.compact or is_wide(ready)):
         return replace(fit_locally(ready, kind, smoothing), unit=points.unit)
     try:
         solved = solve_prepared(ready, kind, smoothing, previous if isinstance(previous, RBFInterpolant) else None)

@@ -28,6 +28,7 @@ from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, in_full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
+from deformnb.rbf.cross_validation import MOST_LEFT_OUT, left_out, parameters_of, polynomials_of
 from deformnb.rbf.evaluation import (
     CAPACITIES,
     Leaves,
@@ -47,20 +48,17 @@ from deformnb.rbf.evaluation import (
     steepest_distance,
 )
 from deformnb.rbf.exactness import DERIVATIVE, MOST_MISSED, RESIDUAL, ROUNDING, SHARES, largest_miss
-from deformnb.rbf.factors import DENSE, Matrix, factored_anew, kernel_values, matrix_of
+from deformnb.rbf.factors import DENSE, Matrix, factored_anew, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
-from deformnb.rbf.system import Solved, plain_moments, solve, solve_bordered, solve_factored
-from deformnb.rbf.trends import FLAT, NO_ANGLE, TRENDS, Span, products
+from deformnb.rbf.system import Solved, solve, solve_bordered, solve_factored
+from deformnb.rbf.trends import NO_ANGLE, spread_of
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 
 # Coefficients this many times the largest drag are no fit but the echo of a matrix that nothing keeps from being
 # singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
 MOST_GAIN = 1e5
-
-# Ratio of the diagonal entries of a Cholesky factor below which its matrix is singular to working precision.
-_SINGULAR = 1e-7
 
 FOLDS = ("the map folds between its control points (det J <= 0): a larger support radius, the thin-plate kernel, "
          "smaller drags or several stages help")
@@ -182,7 +180,11 @@ class RBFInterpolant(AbstractField):
         """
         if not np.asarray(self.coefficients).any() and self.quadratic is None:
             return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.linear) / self.support) <= 0)
-        return bool((np.linalg.det(np.eye(self.dim) + self.jacobian(self.steep_places())) <= 0).any())
+        return self.folds_at(self.steep_places())
+
+    def folds_at(self, places: ArrayLike) -> bool:
+        """Check for ``det(1 + dD/dx) <= 0`` at one of these places (n, dim)."""
+        return bool((np.linalg.det(np.eye(self.dim) + self.jacobian(places)) <= 0).any())
 
     def steep_places(self) -> NDArray[np.float64]:
         """Places (n, dim) at which the map changes most.
@@ -196,11 +198,11 @@ class RBFInterpolant(AbstractField):
         if not n:
             return x
         if self.kernel.order:
-            return np.asarray(self.origin + self.support * _places_between(x))
+            return np.asarray(self.origin + self.support * places_between(x))
         size = np.linalg.norm(alpha, axis=1, keepdims=True)
         way = steepest_distance(self.kernel) * np.divide(alpha, size, out=np.zeros_like(alpha), where=size > 0)
         way = way if self.scales is None else way / np.asarray(self.scales)[:n, None]
-        return np.asarray(self.origin + self.support * np.concatenate([_places_between(x), x - way, x + way]))
+        return np.asarray(self.origin + self.support * np.concatenate([places_between(x), x - way, x + way]))
 
     def _predicts_poorly(self) -> bool:
         """Check whether points predict each other worse than the affine trend alone does, by leave-one-out.
@@ -220,8 +222,8 @@ class RBFInterpolant(AbstractField):
             errors = left_out(x, drags, self.kernel, self.trend, nugget)
         except np.linalg.LinAlgError:
             return False
-        p = np.concatenate([np.ones((n, 1)), x], axis=1)
-        hat = p @ np.linalg.pinv(p)
+        p = polynomials_of(x, "affine")
+        hat = p @ p.T
         alone = (drags - hat @ drags) / np.maximum(1 - hat.diagonal(), 1e-9)[:, None]
         return bool((errors**2).sum() > (alone**2).sum())
 
@@ -434,61 +436,7 @@ def _common_type(fits: Sequence[RBFInterpolant], reaches: Iterable[float], resol
     return np.float32
 
 
-MOST_LEFT_OUT = 512
-"""Points of which a support is chosen at most: evenly taken from larger sets, for leaving out costs N^3 too."""
-
-
-def parameters_of(trend: str, dim: int) -> int:
-    """Number of points that determine an affine trend, or the quadratic one where that is asked for."""
-    return (dim + 1) * (dim + 2) // 2 if trend == "quadratic" else dim + 1
-
-
-def left_out(x: NDArray[np.float64], d: NDArray[np.float64], kernel: type[AbstractKernel], trend: str,
-             nugget: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Leave-one-out errors (n, dim) of displacements at relative places x (n, dim): ``[C d]_i / C_ii``.
-
-    C is the inverse of Phi + nugget without what polynomials explain: linear ones for affine trends, else constants
-    (S. Rippa, Adv. Comput. Math. 11 (1999) 193-210). The similarity and rigid trends of least squares are taken out of
-    the displacements before, once for all points; :func:`deformnb.analysis.quality.fit_quality` does it for each.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is singular to working precision.
-    """
-    n, dim = x.shape
-    phi = kernel_values(x, x, kernel)
-    phi.flat[:: n + 1] += nugget
-    with float64():
-        if trend in ("similarity", "rigid"):
-            rule, moments = TRENDS[trend].linear, plain_moments(x, d, np.ones((n, 1)))
-            assert rule is not None
-            map_linear = np.asarray(rule(*moments, Span(np.eye(dim), np.zeros((dim, dim))), np.eye(dim)))
-            d = d - (x - x.mean(axis=0)) @ (map_linear - np.eye(dim)).T
-    one = np.ones((n, 1))
-    p = np.concatenate([one, x], axis=1) if trend.startswith("affine") else one[:, : trend != "none"]
-    if trend == "quadratic":
-        p = orthonormal(np.concatenate([one, x, products(x)], axis=1))
-    if kernel.order >= 2:
-        whole = np.linalg.inv(np.block([[phi, p], [p.T, np.zeros((p.shape[1],) * 2)]]))[:n, :n]
-    else:  # a constant added to a kernel of order 1 makes it definite and changes nothing else
-        factor = scipy.linalg.cho_factor(phi + (2 * np.abs(phi).max() if kernel.order else 0.0), lower=True)
-        if factor[0].diagonal().min() < _SINGULAR * factor[0].diagonal().max():
-            raise np.linalg.LinAlgError
-        whole = scipy.linalg.cho_solve(factor, np.eye(n))
-        w = whole @ p
-        whole = whole - w @ np.linalg.pinv(p.T @ w, hermitian=True) @ w.T
-    diagonal = np.maximum(whole.diagonal(), _SINGULAR * whole.diagonal().max())
-    return np.asarray(whole @ d / diagonal[:, None])
-
-
-def orthonormal(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An orthonormal basis (n, r) of the span of columns (n, k), which may depend on one another."""
-    u, sigma, _ = np.linalg.svd(p / np.maximum(np.linalg.norm(p, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(u[:, sigma > FLAT * sigma[0]])
-
-
-def _places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Places x (n, dim), on the edges of their triangulation and in its simplices; on a line, between neighbours."""
     n, dim = x.shape
     simplices = None
@@ -636,7 +584,7 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
             f"the affine trend stretches more than {STEEP:g} times: the control points nearly lie on one line or in "
             "one plane; the trend similarity would not"
         )
-    spread = [float(np.ptp(places, axis=0).max()) for places in (sources, targets)]
+    spread = [spread_of(places) for places in (sources, targets)]
     if fit.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
         notes.append(f"the sources nearly coincide: {_COLLAPSES[fit.trend]}")
     elif is_plain and np.linalg.cond(map_linear) > 1 / NO_ANGLE:

@@ -1,7 +1,8 @@
-"""Local fits blended as a partition of unity: many control points with a kernel that has no end.
+"""Local fits blended as a partition of unity: many control points with a kernel that has no end, or a wide support.
 
 A dense system of N points costs N^3. Space is divided in boxes of few points each, halved at the median along their
-longest side, and every box has a fit of its own of the points within it and around it. The displacement is
+longest side, and every box has a fit of its own of the points within it and around it. The boxes stand along the
+principal axes of the points and of their displacements, so that they turn with the data. The displacement is
 
     ``D(x) = sum_k w_k(x) D_k(x) / sum_k w_k(x)``
 
@@ -22,11 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._deferred import scipy
 from deformnb._jax import jax, jnp, lax, pytree
 from deformnb.errors import DeformError
-from deformnb.rbf.conditioning import PreparedPoints
+from deformnb.rbf.conditioning import SAME_DISTANCE, PreparedPoints, diameter_of
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel
-from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
+from deformnb.rbf.trends import Span, quadric_span, ridge_of, spread_of, spreads_of
 
 Floats = NDArray[np.float64]
 
@@ -43,9 +44,13 @@ _LEAST = 60  # points of a fit at least, or all: the nearest ones are added to t
 _PROBES = 9  # places where the deviation is measured
 _MISSED = 4.0  # times the deviation found is stated: larger ones lie between the probes
 _WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is compared with
+_WIDEST = 1500  # and so many at most: in space that many solves of N^3 would take longer than all local fits
+_MOST_WORK = 3e10  # operations of a whole system; 3100 points of which each reaches all others
+_LONGEST = 4.0  # diameters of the points of a fit that a compact kernel's support is at most
+_SHORTEST = 0.05  # and at least
 
 
-@pytree(data_fields=["fits", "low", "high", "margin", "missed"],
+@pytree(data_fields=["fits", "low", "high", "margin", "frame", "missed"],
          meta_fields=["remarks", "ids", "unit"])
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalFits(AbstractField):
@@ -53,9 +58,10 @@ class LocalFits(AbstractField):
 
     Parameters
     ----------
-    fits : one for each box, of one kernel and support.
-    low, high : (n, dim) corners of the boxes, physical; infinite at the rim.
+    fits : one for each box, of one kernel; the support of a compact one is shorter where few points are near.
+    low, high : (n, dim) corners of the boxes, along the frame; infinite at the rim.
     margin : (n, dim) half of the width of the steps across their faces.
+    frame : (dim, dim) axes of the boxes, in rows.
     remarks : notes; ids : of the control points behind the fits; unit : of these.
     missed : how far points that count as one are from what they share, physical.
     """
@@ -64,6 +70,7 @@ class LocalFits(AbstractField):
     low: Any
     high: Any
     margin: Any
+    frame: Any
     remarks: tuple[str, ...] = ()
     ids: tuple[int, ...] = ()
     missed: float = 0.0
@@ -80,8 +87,8 @@ class LocalFits(AbstractField):
 
     @property
     def support(self) -> float:
-        """The support of the fits."""
-        return float(self.fits[0].support)
+        """The longest support of the fits."""
+        return max(float(fit.support) for fit in self.fits)
 
     @property
     def trend(self) -> str:
@@ -104,10 +111,11 @@ class LocalFits(AbstractField):
 
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
+        along = x @ jnp.asarray(self.frame, dtype=x.dtype).T
 
         def add(total: tuple[Any, Any], box: tuple[Any, ...]) -> tuple[tuple[Any, Any], None]:
             fit, low, high, margin = box
-            w = jnp.prod(_steps(x, low, high, margin, jnp), axis=-1, keepdims=True)
+            w = jnp.prod(_steps(along, low, high, margin, jnp), axis=-1, keepdims=True)
             return (total[0] + w * fit.jax_displacement(x), total[1] + w), None
 
         start = jnp.zeros_like(x), jnp.zeros_like(x[..., :1])
@@ -117,9 +125,9 @@ class LocalFits(AbstractField):
 
     def displacement(self, points: ArrayLike) -> Floats:
         x, shape = self._places(points)
-        total, weight = np.zeros(x.shape), np.zeros(len(x))
-        for k, near in self._within(x):
-            w = np.prod(_steps(x[near], self.low[k], self.high[k], self.margin[k], np), axis=1)
+        total, weight, along = np.zeros(x.shape), np.zeros(len(x)), x @ self.frame.T
+        for k, near in self._within(along):
+            w = np.prod(_steps(along[near], self.low[k], self.high[k], self.margin[k], np), axis=1)
             total[near] += w[:, None] * self.fits[k].displacement(x[near])
             weight[near] += w
         return (total / weight[:, None]).reshape(shape)
@@ -128,17 +136,18 @@ class LocalFits(AbstractField):
         """dD/dx by the quotient rule: ``(sum_k w_k J_k + (D_k - D) dw_k^T) / sum_k w_k``."""
         x, shape = self._places(points)
         n, dim = x.shape
-        blended = self.displacement(x)
+        blended, along = self.displacement(x), x @ self.frame.T
         total, weight = np.zeros((n, dim, dim)), np.zeros(n)
-        for k, near in self._within(x):
-            p, m = x[near], self.margin[k]
+        for k, near in self._within(along):
+            p, m = along[near], self.margin[k]
             down, up = (p - self.low[k]) / m, (self.high[k] - p) / m
             rise = (_step_slope(down) * _step(up, np) - _step(down, np) * _step_slope(up)) / m
             steps = _steps(p, self.low[k], self.high[k], m, np)
             w = np.prod(steps, axis=1)
             slope = np.stack([rise[:, a] * np.prod(np.delete(steps, a, axis=1), axis=1) for a in range(dim)], axis=1)
-            beside = self.fits[k].displacement(p) - blended[near]
-            total[near] += w[:, None, None] * self.fits[k].jacobian(p) + beside[:, :, None] * slope[:, None, :]
+            slope = slope @ self.frame
+            beside = self.fits[k].displacement(x[near]) - blended[near]
+            total[near] += w[:, None, None] * self.fits[k].jacobian(x[near]) + beside[:, :, None] * slope[:, None, :]
             weight[near] += w
         return (total / weight[:, None, None]).reshape(*shape, dim)
 
@@ -152,10 +161,10 @@ class LocalFits(AbstractField):
             raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
         return x.reshape(-1, self.dim), x.shape
 
-    def _within(self, x: Floats) -> Any:
+    def _within(self, along: Floats) -> Any:
         for k in range(len(self.fits)):
             low, high = self.low[k] - self.margin[k], self.high[k] + self.margin[k]
-            near = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
+            near = np.flatnonzero(((along > low) & (along < high)).all(axis=1))
             if len(near):
                 yield k, near
 
@@ -191,6 +200,18 @@ def _step_slope(t: Floats) -> Floats:
     return 15 * np.square(s * (1 - s))
 
 
+def is_wide(ready: PreparedPoints) -> bool:
+    """Check whether one system of all points with this support would take longer than about a second.
+
+    It takes N m^2 operations, with m the points within the support of each, on the average. Points with radii of their
+    own have a system that is solved whole.
+    """
+    if (ready.radii != ready.support).any():
+        return False
+    tree = scipy.spatial.cKDTree(ready.targets)
+    return float(tree.count_neighbors(tree, ready.support)) ** 2 / ready.count > _MOST_WORK
+
+
 def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float, leaf: int = LEAF) -> LocalFits:
     """Local fits of prepared points, with a note of how far they deviate from wider ones.
 
@@ -203,25 +224,65 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
     DeformError
         Where a fit is refused; it names points of its own.
     """
-    x = ready.targets
-    low, high, members = _boxes(x, leaf)
+    x, frame = ready.targets, frame_of(ready.targets, ready.displacements)
+    along = x @ frame.T
+    low, high, members = _boxes(along, leaf)
     sides = np.where(np.isfinite(high - low), high - low, np.inf)
-    inner = np.array([np.ptp(x[m], axis=0) for m in members])
+    inner = np.array([np.ptp(along[m], axis=0) for m in members])
     margin = _MARGIN * np.minimum(sides, np.maximum(inner, inner.max(axis=1, keepdims=True) * 1e-3))
     tree = scipy.spatial.cKDTree(x)
     fits = []
     for k in range(len(members)):
-        wide = _AROUND * margin[k]
-        near = ((x >= low[k] - wide) & (x <= high[k] + wide)).all(axis=1)
-        fits.append(solve_prepared(_part_of(ready, _filled(near, x, tree)), kernel, smoothing, None))
+        wide = _AROUND * margin[k] * (1 + SAME_DISTANCE)
+        near = ((along >= low[k] - wide) & (along <= high[k] + wide)).all(axis=1)
+        fits.append(_fit_part(_part_of(ready, _filled(near, x, tree)), kernel, smoothing))
     worst = max(fits, key=lambda fit: float(fit.missed))
     counts = [int(fit.count) for fit in fits]
-    field = LocalFits(tuple(fits), low, high, margin, (), ready.ids, ready.missed)
+    field = LocalFits(tuple(fits), low, high, margin, frame, (), ready.ids, ready.missed)
     deviation = _deviation(field, ready, kernel, smoothing, tree)
     note = (f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
             f"to {max(counts)} points, blended; between points they deviate by up to {_rounded_up(deviation):.2g} from "
             "the fit of all")
     return replace(field, remarks=(*ready.notes, note, *worst.of_points))
+
+
+def frame_of(x: Floats, d: Floats) -> Floats:
+    """Axes (dim, dim), in rows, that turn and mirror with places x (n, dim) and their displacements d (n, dim).
+
+    They are the principal axes of the places, each by as much as it is displaced: those of a square lattice alone
+    would be open. They point to where the third moments are positive. Places and displacements that are symmetrical
+    both leave them open, to rounding.
+    """
+    c = x - x.mean(axis=0)
+    c = c / (spread_of(c) or 1.0)
+    squares = (d**2).sum(axis=1)
+    w = 1 + squares / (squares.mean() or 1.0)
+    axes = np.linalg.eigh((c * w[:, None]).T @ c)[1][:, ::-1].T
+    along = c @ axes.T
+    skew = (w[:, None] * along**3).sum(axis=0) + ((w - 1)[:, None] * along).sum(axis=0)
+    return np.asarray(axes * np.where(skew < 0, -1.0, 1.0)[:, None])
+
+
+def _fit_part(part: PreparedPoints, kernel: type[AbstractKernel], smoothing: float) -> RBFInterpolant:
+    """The fit of a part of the points; of a compact kernel with a support that its few points bear.
+
+    Beyond some times their extent it changes the map no more, and next to points that nearly meet its digits are lost:
+    it is halved until the part solves.
+    """
+    if not kernel.compact:
+        return solve_prepared(part, kernel, smoothing, None)
+    radius = min(part.support, _LONGEST * (diameter_of(part.targets) or part.support))
+    while True:
+        own = replace(part, support=radius, radii=np.full(part.count, radius))
+        is_last = radius < 2 * _SHORTEST * diameter_of(part.targets)
+        try:
+            fit = solve_prepared(own, kernel, smoothing, None)
+            if is_last or fit.missed <= part.missed:
+                return fit
+        except TooFlatError:
+            if is_last:
+                raise
+        radius /= 2
 
 
 def _rounded_up(value: float) -> float:
@@ -234,7 +295,9 @@ def _filled(near: NDArray[np.bool_], x: Floats, tree: Any) -> NDArray[np.int64]:
     """Positions of points near a box, and of the nearest others where these are few."""
     at = np.flatnonzero(near)
     if len(at) < min(_LEAST, len(x)):
-        at = np.union1d(at, np.asarray(tree.query(x[at].mean(axis=0), k=min(_LEAST, len(x)))[1]))
+        middle = x[at].mean(axis=0)
+        reach = float(np.max(tree.query(middle, k=min(_LEAST, len(x)))[0])) * (1 + SAME_DISTANCE)
+        at = np.union1d(at, np.asarray(tree.query_ball_point(middle, reach)))
     return at.astype(np.int64)
 
 
@@ -244,9 +307,10 @@ def _boxes(x: Floats, leaf: int) -> tuple[Floats, Floats, list[NDArray[np.int64]
     low, high, members = [], [], []
     while waiting:
         bottom, top, own = waiting.pop()
-        axis = int(np.ptp(x[own], axis=0).argmax())
+        sides = np.ptp(x[own], axis=0)
+        axis = int((sides >= sides.max() * (1 - SAME_DISTANCE)).argmax())  # the first of sides that are equal
         middle = float(np.median(x[own, axis]))
-        below = x[own, axis] < middle
+        below = x[own, axis] < middle - SAME_DISTANCE * sides[axis] / len(own)
         if len(own) <= leaf or not below.any():
             low.append(bottom)
             high.append(top)
@@ -277,8 +341,8 @@ def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKer
     3.9 times the one found.
     """
     x, worst = ready.targets, 0.0
-    outwards = np.argsort(np.linalg.norm(x - np.median(x, axis=0), axis=1))
-    count = min(_WIDER * int(np.mean([int(fit.count) for fit in field.fits])), len(x))
+    outwards = np.argsort(np.linalg.norm(x - x.mean(axis=0), axis=1))
+    count = min(_WIDER * int(np.mean([int(fit.count) for fit in field.fits])), len(x), _WIDEST)
     for k in outwards[np.linspace(0, len(x) - 1, _PROBES).astype(int)].tolist():
         near = np.asarray(tree.query(x[k], k=count)[1])
         places = _gaps(x[near[: max(_LEAST, count // _WIDER)]])
@@ -291,7 +355,7 @@ def _widest(ready: PreparedPoints, near: NDArray[Any], kernel: type[AbstractKern
             smoothing: float) -> RBFInterpolant:
     """The fit of these nearest points, or of half as many where their system is singular."""
     try:
-        return solve_prepared(_part_of(ready, np.sort(near)), kernel, smoothing, None)
+        return _fit_part(_part_of(ready, np.sort(near)), kernel, smoothing)
     except TooFlatError:
         if len(near) <= _LEAST:
             raise
@@ -303,5 +367,5 @@ def _gaps(x: Floats) -> Floats:
     try:
         return np.asarray(x[scipy.spatial.Delaunay(x).simplices].mean(axis=1))
     except scipy.spatial.QhullError:
-        ordered = x[np.argsort(x[:, np.ptp(x, axis=0).argmax()])]
+        ordered = x[np.argsort((x - x.mean(axis=0)) @ np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2][0])]
         return np.asarray((ordered[1:] + ordered[:-1]) / 2)

@@ -110,7 +110,9 @@ def _held_about_a_row(h: Any, size: Any, ridge: Any) -> Any:
     along = axes[:, 0]
     image = lax.stop_gradient(h) @ along
     length = jnp.sqrt(jnp.sum(image * image))
-    turn = _smallest_turn(along, jnp.where(length > 0, image / jnp.where(length > 0, length, 1.0), along))
+    # Half a turn is about the direction in which the row is thinnest, if there is one.
+    aside = jnp.where(weights[2] > _SURELY * weights[1], axes[:, 2], _axis_beside(along))
+    turn = _smallest_turn(along, jnp.where(length > 0, image / jnp.where(length > 0, length, 1.0), along), aside)
     across = jnp.eye(3, dtype=h.dtype) - jnp.outer(along, along)
     return h + jnp.maximum(weights[1], 0.0) * size * turn @ across
 
@@ -189,8 +191,21 @@ def spreads_of(targets: NDArray[np.float64], sources: NDArray[np.float64]) -> tu
                                                                                   NDArray[np.float64]]:
     """:func:`thin_directions` of places (n, dim) at two places at least."""
     x, y = (places - places.mean(axis=0) for places in (targets, sources))
-    x, y = (places / (np.abs(places).max() or 1.0) for places in (x, y))  # squares of tiny lengths would be zero
+    x, y = (places / (spread_of(places) or 1.0) for places in (x, y))  # squares of tiny lengths would be zero
     return thin_directions(x.T @ x, y.T @ y, y.T @ x)
+
+
+def spread_of(places: NDArray[np.float64]) -> float:
+    """The root mean square distance of places (n, dim) from their centroid; 0 for none.
+
+    >>> spread_of(np.array([[1.0, 0.0], [5.0, 0.0]]))
+    2.0
+    """
+    if len(places) == 0:
+        return 0.0
+    centred = places - places.mean(axis=0)
+    largest = float(np.abs(centred).max())  # squares of tiny lengths would be zero
+    return largest * float(np.sqrt(((centred / largest) ** 2).sum() / len(places))) if largest > 0 else 0.0
 
 
 def are_wide(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> bool:
@@ -256,13 +271,13 @@ def quadric_span(centred: NDArray[np.float64], basis: NDArray[np.float64]) -> tu
     bend (q, q), the penalty of those that nearly do: fewer than 6 points in the plane or 10 in space, or points on a
     conic or a quadric, leave some open.
     """
-    size = float(np.abs(centred).max(initial=0.0)) or 1.0
+    size = spread_of(centred) or 1.0
     p = np.concatenate([np.ones((len(centred), 1)), centred @ basis / size], axis=1)
     q = np.linalg.qr(p)[0]
     every = products(centred / size)
     rest = every - q @ (q.T @ every)
     _, sigma, vt = np.linalg.svd(np.concatenate([rest, np.zeros((every.shape[1],) * 2)]), full_matrices=False)
-    if not sigma[0] > FLAT * np.abs(every).max(initial=1.0):
+    if not sigma[0] > FLAT * np.linalg.norm(every):
         return np.zeros((every.shape[1], 0)), np.eye(every.shape[1])
     spread = sigma / sigma[0]
     return np.ascontiguousarray(vt[spread > FLAT].T), (vt.T * _penalty(spread, THIN_BEND)) @ vt
@@ -279,7 +294,7 @@ def steadied(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: Any) -> tu
     The energy of a row of points is that of its small wiggles: by it, one point dragged past its neighbours would turn
     and scale all that lies beside the row.
     """
-    share = jnp.max(jnp.abs(ridge), axis=(-2, -1), keepdims=True)
+    share = jnp.linalg.eigvalsh(lax.stop_gradient(ridge))[..., -1:, None]  # the largest penalty, whatever the axes
     is_thin = share > 0
 
     def relative(to: Any, weight: Any, where_wide: float) -> Any:
@@ -355,15 +370,24 @@ def complete(images: Any, basis: Any) -> Any:
     return _smallest_turn(basis[:, 0], images[:, 0])
 
 
-def _smallest_turn(q: Any, image: Any) -> Any:
-    """Scale times the smallest rotation that takes the unit vector q to the direction of ``image`` (Rodrigues)."""
+def _axis_beside(q: Any) -> Any:
+    """The axis of coordinates that is farthest from the direction q."""
+    return jnp.eye(3, dtype=q.dtype)[jnp.argmin(jnp.abs(q))]
+
+
+def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
+    """Scale times the smallest rotation that takes the unit vector q to the direction of ``image`` (Rodrigues).
+
+    Half a turn is about the unit vector ``aside`` across q. Points on a line determine none: it is the axis of
+    coordinates that is farthest from the line then, the one thing here that is not turned with the points.
+    """
     length = jnp.sqrt(jnp.sum(image * image))
     t = image / jnp.where(length > 0, length, 1.0)
-    opposite = jnp.dot(q, t) < -1 + 1e-9  # half a turn, about any axis across q, and the rest from there
+    opposite = jnp.dot(q, t) < -1 + 1e-9  # half a turn, and the rest from there
     start = jnp.where(opposite, -q, q)
     axis = jnp.cross(start, t)
     k = jnp.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    other = jnp.eye(3, dtype=q.dtype)[jnp.argmin(jnp.abs(q))]
+    other = _axis_beside(q) if aside is None else aside
     other = other - jnp.dot(other, q) * q
     other = other / jnp.sqrt(jnp.sum(other * other))
     half = 2 * jnp.outer(other, other) - jnp.eye(3, dtype=q.dtype)

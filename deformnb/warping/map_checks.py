@@ -7,19 +7,20 @@ several steps folds where one of its steps does, for determinants multiply along
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields as dataclass_fields
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import warn
 from deformnb.rbf.extrusion import Extrusion, unchanging_axes
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import NOTHING_TO_SEE, Grid, Volume, value_notes
+from deformnb.volume.volume import NOTHING_TO_SEE, Grid, Volume, label_note, value_notes
 from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names, tissue_test
 
 Array = NDArray[np.float64]
@@ -62,14 +63,47 @@ def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, 
     return tuple(note for note in (fold_note(volume, field, output), cut_off_note(volume, field, output)) if note)
 
 
+def with_cautions(volumes: Sequence[Volume], results: Sequence[Volume], notes: Sequence[str],
+                  cautions: Sequence[str]) -> list[Volume]:
+    """Results with the notes of their volumes, further notes and cautions; the latter are warnings too.
+
+    Parameters
+    ----------
+    notes, cautions : of the map, the same for all.
+    """
+    made_up = [made_up_note(volume, result) for volume, result in zip(volumes, results, strict=True)]
+    warn([*cautions, *(note for note, volume in zip(made_up, volumes, strict=True) if note and volume.is_undecided)])
+    return [replace(result, notes=tuple(dict.fromkeys([*volume.notes, *notes, *cautions, *([more] if more else [])])))
+            for result, volume, more in zip(results, volumes, made_up, strict=True)]
+
+
+def made_up_note(volume: Volume, result: Volume) -> str:
+    """A sentence on values that interpolation made up between those of labels that are not declared as such.
+
+    Examples
+    --------
+    >>> bones = np.repeat(np.arange(0, 90, 9, dtype=np.int16), 400).reshape(10, 20, 20).transpose(2, 1, 0)
+    >>> volume = Volume.from_array(np.tile(bones, (1, 1, 2)))
+    >>> made_up_note(volume, volume)
+    ''
+    """
+    if volume.is_labels or not (volume.is_undecided or label_note(volume.values)):
+        return ""
+    count = len(np.setdiff1d(np.unique(result.values), np.append(np.unique(volume.values), volume.background)))
+    values = "1 value that no voxel had was" if count == 1 else f"{count} values that no voxel had were"
+    return (f"{values} made up between voxels that look like labels; declare them as labels to keep each as it is."
+            if count else "")
+
+
 # ---- folds -----------------------------------------------------------------------------------------------------------
 
 
-def fold_note(volume: Volume, field: AbstractField, box: Grid) -> str:
+def fold_note(volume: Volume | None, field: AbstractField, box: Grid) -> str:
     """A sentence on the worst fold of a map in tissue; empty where there is none.
 
     Parameters
     ----------
+    volume : whose tissue counts; None counts every place, where the voxels are not at hand.
     box : that is searched; of a map in several steps each is searched there.
     """
     worst, where = 0.0, None
@@ -81,7 +115,8 @@ def fold_note(volume: Volume, field: AbstractField, box: Grid) -> str:
         source = places + step.displacement(places)
         for before in reversed(steps[:k]):
             source = source + before.displacement(source)
-        in_tissue = tissue_test(volume, _plane_of(step, box))(source)
+        is_tissue = everywhere if volume is None else tissue_test(volume, _plane_of(step, box))
+        in_tissue = is_tissue(source)
         if in_tissue.any() and values[in_tissue][0] <= worst:
             worst, where = float(values[in_tissue][0]), places[in_tissue][0]
     if where is None:
@@ -89,6 +124,11 @@ def fold_note(volume: Volume, field: AbstractField, box: Grid) -> str:
     at = ", ".join(f"{value:.4g}" for value in where + 0.0)
     return (f"The map folds: det J is {worst:.2g} near ({at}), where tissue is shown twice. Drag less far, or use more "
             "stages or a larger support radius.")
+
+
+def everywhere(places: Array) -> NDArray[np.bool_]:
+    """A test for tissue that finds it at all places (n, dim)."""
+    return np.ones(len(places), np.bool_)
 
 
 def _lowest(field: AbstractField, box: Grid) -> tuple[Array, Array]:

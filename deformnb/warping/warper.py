@@ -11,7 +11,6 @@ The paper's transparency map A is applied to voxels too: those that a cut hides 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from typing import Any, TypeVar, overload
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from deformnb import devices
 from deformnb._jax import as_numpy, jax, jnp
 from deformnb._typing import Progress
-from deformnb.checks import shown_value, warn
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
@@ -34,7 +33,7 @@ from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
 from deformnb.warping import planning
 from deformnb.warping.composed import ComposedEvaluator
-from deformnb.warping.map_checks import map_notes
+from deformnb.warping.map_checks import map_notes, with_cautions
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
 from deformnb.warping.node_table import Displacements, Replacement
 
@@ -180,8 +179,7 @@ def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
     first, output = volumes[0], options.get("output")
     results = warp_all(volumes, field, **options)
     cautions = map_notes(first, as_field(field, first), first.grid if output is None else as_grid(output))
-    warn(cautions)
-    return [dataclasses.replace(result, notes=tuple(dict.fromkeys((*result.notes, *cautions)))) for result in results]
+    return with_cautions(volumes, results, (), cautions)
 
 
 class Warper:

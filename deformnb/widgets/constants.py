@@ -10,13 +10,25 @@ import json
 from deformnb import checks
 from deformnb.analysis import folds
 from deformnb.imaging import occlusion
-from deformnb.rbf import conditioning, exactness, interpolant, kernels, regions, rigid, slits, stages, support, trends
+from deformnb.rbf import (
+    conditioning,
+    cross_validation,
+    exactness,
+    interpolant,
+    kernels,
+    regions,
+    rigid,
+    slits,
+    stages,
+    trends,
+)
 from deformnb.volume import units
 from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "LONGEST_SHARE", "COLLAPSED",
-                                    "FAR_BEHIND")),
+                                    "FAR_BEHIND", "SAME_DISTANCE", "NEAREST", "NEAREST_AND_EQUAL")),
+    "cross_validation": (cross_validation, ("MOST_LEFT_OUT",)),
     "exactness": (exactness, ("RESIDUAL", "ROUNDING", "MOST_MISSED")),
     "interpolant": (interpolant, ("MOST_GAIN", "STEEP")),
     "kernels": (kernels, ("TINY",)),
@@ -28,7 +40,6 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
     "slits": (slits, ("MOST_SLITS",)),
     "stages": (stages, ("MOST_STAGES",)),
     "occlusion": (occlusion, ("AMBIENT_CELL", "AMBIENT_NEAR", "AMBIENT_FAR", "AMBIENT_AHEAD", "AMBIENT_EVEN")),
-    "support": (support, ("MANY", "MOST_NEIGHBOURS")),
     "units": (units, ("UNIT_METRES", "UNIT_WORDS", "UNIT_LOWER_WORDS", "NO_UNITS")),
     "edit_messages": (edit_messages, ("LONGEST_EDIT",)),
 }

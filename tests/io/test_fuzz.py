@@ -48,7 +48,8 @@ for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outsi
     except ImportError:
         pass
 
-folder, name, kind, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], sys.argv[3], *map(int, sys.argv[4:])
+folder, names, kind, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], sys.argv[3], *map(int, sys.argv[4:])
+names = names.split("|")  # of valid files, each in a folder of its own if there are several
 
 def read_a_volume():
     check(read_volume(folder / name, max_bytes=2**26))
@@ -86,8 +87,8 @@ used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesi
 if used:  # half a gibibyte more than now, of which a volume may take an eighth
     resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, resource.RLIM_INFINITY))
 signal.signal(signal.SIGALRM, lambda *_: sys.exit(f"too slow: {last}"))
-files = sorted(file for file in folder.rglob("*") if file.is_file() and not file.name.startswith("was."))
-whole = {file: file.read_bytes() for file in files}
+every = sorted(file for file in folder.rglob("*") if file.is_file() and not file.name.startswith("was."))
+whole = {file: file.read_bytes() for file in every}
 good = 0
 
 def damaged(data, chance):
@@ -113,6 +114,8 @@ def damaged(data, chance):
 
 for case in range(cases):
     chance = random.Random(seed * 1_000_003 + case)
+    name = names[case % len(names)]
+    files = [file for file in every if file.is_relative_to((folder / name).parent)]
     target = chance.choice(files)
     last = f"{name} case {case} in {target.name}"
     for file in files:
@@ -284,7 +287,16 @@ def test_random_damage_ends_in_a_series_or_one_sentence(name: str, tmp_path: Pat
     _damage(tmp_path, seeds(tmp_path, name), "series", len(SUFFIXES) + SERIES.index(name))
 
 
-@pytest.mark.sampled(4)
+@ONLY_POSIX
+def test_random_damage_to_each_kind_of_transform_in_turn(tmp_path: Path) -> None:
+    names = []
+    for kind in TRANSFORMS:
+        (tmp_path / kind).mkdir()
+        names.append(f"{kind}/{transform_seeds(tmp_path / kind, kind)}")
+    _damage(tmp_path, "|".join(names), "transform", 3)
+
+
+@pytest.mark.nightly
 @ONLY_POSIX
 @pytest.mark.parametrize("kind", TRANSFORMS)
 def test_random_damage_ends_in_a_transform_or_one_sentence(kind: str, tmp_path: Path) -> None:

@@ -169,6 +169,18 @@ def test_a_spline_is_warped_in_parts_and_inverted() -> None:
     assert np.abs(back + field.displacement(back) - nodes).max() < 1e-2
 
 
+def test_a_spline_in_another_unit_stays_a_spline(tmp_path: Path) -> None:
+    field, grid = made(3, 3), Grid((4, 5, 6), unit="\u00b5m")
+    write_transform(field, tmp_path / "a.tfm", grid)  # lengths of the grid's unit, which become millimetres
+    found = read_transform(tmp_path / "a.tfm")
+    assert (type(found), found.unit) == (BSplineField, "mm")
+    points = places(field, 50)
+    np.testing.assert_allclose(1000 * found.displacement(points / 1000), field.displacement(points), rtol=0, atol=1e-12)
+    again = read_transform(tmp_path / "a.tfm", grid)
+    assert (type(again), again.unit) == (BSplineField, "\u00b5m")
+    np.testing.assert_allclose(again.displacement(points), field.displacement(points), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_every_displacement_in_a_box_is_within_the_bounds(order: int) -> None:
     field = made(3, order)

@@ -19,11 +19,10 @@ from deformnb.errors import DeformError
 from deformnb.rbf import evaluation, interpolant, partition
 from deformnb.rbf.conditioning import prepare
 from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.partition import LocalFits, fit_locally
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.support import MOST_NEIGHBOURS, choose_support, usual_support
+from deformnb.rbf.support import choose_support, usual_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Plane, Raster
 
@@ -83,9 +82,7 @@ def test_lists_of_centres_leave_every_sum_as_it_is(dim: int, own: bool, trend: s
 def test_ten_thousand_points_with_a_compact_kernel_are_interpolated_and_drawn() -> None:
     points = many(10000, 2)
     fit = fit_rbf(points)
-    assert isinstance(fit, RBFInterpolant)
-    near = np.linalg.norm(points.target[:, None] - points.target[None, ::500], axis=2) < fit.support
-    assert 0.5 * MOST_NEIGHBOURS < near.sum(axis=0).mean() - 1 < 1.1 * MOST_NEIGHBOURS
+    assert isinstance(fit, LocalFits)
     oracle.assert_close(fit.displacement(points.target), points.displacement, atol=1e-9)
     raster = Raster((40, 50), (2.5, 2.0), (0.0, 0.0))
     shown = np.moveaxis(fit.on_raster(raster), 0, -1)
@@ -93,7 +90,7 @@ def test_ten_thousand_points_with_a_compact_kernel_are_interpolated_and_drawn() 
     plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
     again = from_json(to_json(Deformation((Step((points,), plane),)))).steps[0]
     assert len(again.maps[0]) == 10000
-    assert choose_support([points]) == usual_support(points, KERNELS["wendland_c2"]) == fit.support
+    assert choose_support([points]) == usual_support(points, KERNELS["wendland_c2"]) >= fit.support
 
 
 @pytest.mark.nightly

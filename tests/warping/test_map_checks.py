@@ -132,6 +132,27 @@ def test_a_volume_without_contrast_says_so(values: Any) -> None:
     assert any("there is nothing to see" in note for note in Volume.from_array(values).notes)
 
 
+def test_values_between_labels_that_are_not_declared_are_counted() -> None:
+    labels = np.kron(np.random.default_rng(1).integers(0, 9, (5, 5, 5)) * 13, np.ones((8, 8, 8), int)).astype(np.int16)
+    drag = Deformation.in_space(ControlPoints.from_arrays([[20, 20, 20]], [[23.3, 20, 20]]), support=30.0, trend="none")
+    undecided = Volume.from_array(labels)
+    with pytest.warns(DeformWarning, match="values that no voxel had were made up") as caught:
+        made = drag.apply(undecided)
+    count = len(set(np.unique(made.values)) - set(np.unique(labels)))
+    assert count > 0
+    assert str(caught[0].message).startswith(f"{count} values that")
+    plain = Volume(labels, Grid(labels.shape))
+    assert any(note.startswith(f"{count} values") for note in drag.apply(plain).notes)
+    assert not any("made up" in note for note in drag.apply(undecided.decided(True)).notes)
+    assert not any("made up" in note for note in drag.apply(BODY).notes)
+
+
+def test_a_large_volume_says_the_same(tmp_path: Any) -> None:
+    with pytest.warns(DeformWarning, match="The map folds"):
+        made = dn.chunked.warp(BODY, on_picture(FAR), tmp_path / "a.zarr")
+    assert any("The map folds" in note for note in made.notes)
+
+
 def test_the_warning_speaks_the_language_that_was_chosen() -> None:
     dn.set_language("de")
     try:

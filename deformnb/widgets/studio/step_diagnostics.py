@@ -331,15 +331,15 @@ def chosen_fields(chosen: ChosenFit, step: Step) -> dict[str, Any]:
     return {name: value for name, value in found.items() if getattr(step, name) != value}
 
 
-def said_of(chosen: ChosenFit) -> str:
+def said_of(chosen: ChosenFit, grid: Grid) -> str:
     """A choice in one sentence for the status line."""
     if not chosen.tried:
         return "There are too few control points to leave some of them out."
     settings, best = chosen.settings, chosen.tried[0]
     folds = " Every fit that was tried folds." if best.folds else ""
     return (f"Best prediction: {settings.direction.capitalize()}, {KERNELS[settings.kernel].title}, "
-            f"{TRENDS[settings.trend].title}. Left-out points come within {length_text(best.error)} of their targets."
-            f"{folds}")
+            f"{TRENDS[settings.trend].title}. Left-out points come within {length_text(best.error)} "
+            f"{unit_of(grid)} of their targets.{folds}")
 
 
 class FoldActions:
@@ -430,11 +430,13 @@ class FoldActions:
         DeformError
             If no point is active.
         """
-        session, chosen = self._session, best_prediction(self._session.step)
+        session = self._session
+        self._chosen_for = session.step.maps
+        chosen = best_prediction(session.step)
         fields = chosen_fields(chosen, session.step)
         if fields:
             session.change("best prediction", **fields)
-        self._report(said_of(chosen))
+        self._report(said_of(chosen, session.grid))
 
     def keep_chosen(self) -> bool:
         """Choose the fit anew where the points are others than before, as part of the edit; whether that was done."""
@@ -451,7 +453,8 @@ class FoldActions:
         fields = chosen_fields(chosen, step)
         if not fields:
             return False
-        return session.amend(deformation, deformation.with_step(index, replace(step, **fields)), said_of(chosen))
+        made = deformation.with_step(index, replace(step, **fields))
+        return session.amend(deformation, made, said_of(chosen, session.grid))
 
     def _report(self, text: str) -> None:
         self._session.notice = ""  # the same message again is shown again

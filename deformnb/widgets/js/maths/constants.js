@@ -7,6 +7,12 @@ export const SAME_DISPLACEMENT = 1e-09;
 export const LONGEST_SHARE = 100.0;
 export const COLLAPSED = 1e-06;
 export const FAR_BEHIND = 12;
+export const SAME_DISTANCE = 1e-06;
+export const NEAREST = 4;
+export const NEAREST_AND_EQUAL = 12;
+
+// cross_validation.py
+export const MOST_LEFT_OUT = 512;
 
 // exactness.py
 export const RESIDUAL = 1e-07;
@@ -52,10 +58,6 @@ export const AMBIENT_NEAR = [1, 1.0];
 export const AMBIENT_FAR = [3, 4.0];
 export const AMBIENT_AHEAD = 3.0;
 export const AMBIENT_EVEN = 0.04;
-
-// support.py
-export const MANY = 1000;
-export const MOST_NEIGHBOURS = 64;
 
 // units.py
 export const UNIT_METRES = {"Ym": 1e+24, "Zm": 1e+21, "Em": 1e+18, "Pm": 1000000000000000.0, "Tm": 1000000000000.0, "Gm": 1000000000.0, "Mm": 1000000.0, "km": 1000.0, "hm": 100.0, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "\u00b5m": 1e-06, "nm": 1e-09, "pm": 1e-12, "fm": 1e-15, "am": 1e-18, "zm": 1e-21, "ym": 1e-24, "\u00c5": 1e-10, "in": 0.0254, "ft": 0.3048, "yd": 0.9144, "mi": 1609.344, "pc": 3.085677581491367e+16};

@@ -2,9 +2,9 @@
 // float64, as in the package; a test compares the two for every kernel and trend.
 
 import {
-  COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MANY, MOST_GAIN,
-  MOST_MISSED, MOST_NEIGHBOURS, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT, SAME_PLACE, SOFTNESS, STEEP, THIN,
-  THIN_BEND, TINY,
+  COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MOST_GAIN,
+  MOST_LEFT_OUT, MOST_MISSED, NEAREST, NEAREST_AND_EQUAL, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT,
+  SAME_DISTANCE, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
 } from "./constants.js";
 import { kernelMatrix } from "./kernel_matrix.js";
 import { kernelOfTable } from "./kernel_table.js";
@@ -12,7 +12,7 @@ import { kernelOfTable } from "./kernel_table.js";
 /** @import { FitSettings, KernelTable, Lattice, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
 
 /**
- * share: of the box's diagonal that the usual support is; gaps: the longest one beside points in a row, in gaps;
+ * share: of the points' diameter that the usual support is; gaps: the longest one beside points in a row, in gaps;
  * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
  * @typedef {{ title: string, order: number, compact: boolean, share: number, gaps: number,
  *   profile: (s: number) => number, slope: (s: number) => number }} Kernel
@@ -227,11 +227,11 @@ function rbfProjected(p, b, n, r, m) {
  * @param {number} dim
  */
 function rbfQuadricSpan(rows, basis, dim) {
-  const n = rows.length, size = rows.flat().reduce((m, value) => Math.max(m, Math.abs(value)), 0) || 1;
+  const n = rows.length, size = rbfSpread(rows) || 1;
   const x = Float64Array.from(rows.flat(), (value) => value / size), q = rbfProducts(x, dim), count = q.length / n;
   const rest = rbfProjected(rbfAffineColumns(x, basis, dim), q, n, basis.length + 1, count);
   const { sigma, directions } = rbfSingular(Array.from({ length: count }, (_, k) => rows.map((__, i) => rest[count * i + k])));
-  if (!(sigma[0] > FLAT * q.reduce((m, value) => Math.max(m, Math.abs(value)), 1))) {
+  if (!(sigma[0] > FLAT * Math.hypot(...q))) {
     return { quadrics: [], bend: rbfEye(count) };
   }
   const spreads = sigma.map((value) => value / sigma[0]), weights = spreads.map((value) => rbfPenalty(value, THIN_BEND));
@@ -392,7 +392,7 @@ function rbfPlainMoments(x, d, dim) {
  * @param {number[][]} ridge
  */
 function rbfSteady(s, h, plain, ridge) {
-  const share = Math.max(...ridge.flat().map(Math.abs)), weight = 1 / rbfTrace(s), other = share / rbfTrace(plain.s);
+  const share = rbfSingular(ridge).sigma[0], weight = 1 / rbfTrace(s), other = share / rbfTrace(plain.s);
   for (let i = 0; i < s.length; i++) {
     for (let j = 0; j < s.length; j++) {
       s[i][j] = weight * s[i][j] + other * plain.s[i][j];
@@ -466,7 +466,8 @@ function rbfHeldAboutRow(h, size, ridge) {
   if (h.length === 2) return h;
   const { sigma, directions } = rbfSingular(ridge), along = directions[2]; // the penalty of the row is zero
   const image = h.map((row) => rbfDot(row, along)), length = Math.hypot(...image);
-  const turn = rbfSmallestTurn(along, length > 0 ? image.map((value) => value / length) : along);
+  const aside = sigma[0] > (1 + 1e-6) * sigma[1] ? directions[0] : null; // the row is thinnest there
+  const turn = rbfSmallestTurn(along, length > 0 ? image.map((value) => value / length) : along, aside);
   const across = rbfMatrix(3, (i, j) => Number(i === j) - along[i] * along[j]), more = rbfTimes(turn, across);
   return h.map((row, i) => row.map((value, j) => value + sigma[1] * size * more[i][j]));
 }
@@ -510,17 +511,19 @@ function rbfComplete(images, basis, dim) {
  * Scale times the smallest rotation that takes a unit vector to the direction of its image, by Rodrigues.
  * @param {number[]} q
  * @param {number[]} image
+ * @param {number[] | null} [axis]  of half a turn, across q; without one that of coordinates farthest from q
  */
-function rbfSmallestTurn(q, image) {
+function rbfSmallestTurn(q, image, axis = null) {
   const length = Math.hypot(...image), t = image.map((value) => value / (length || 1));
-  const isOpposite = rbfDot(q, t) < -1 + 1e-9; // half a turn, about any axis across q, and the rest from there
+  const isOpposite = rbfDot(q, t) < -1 + 1e-9; // half a turn, and the rest from there
   const start = isOpposite ? q.map((value) => -value) : q, [a, b, c] = rbfCross(start, t);
   const k = [[0, -c, b], [c, 0, -a], [-b, a, 0]], square = rbfTimes(k, k);
   const rest = 2 / start.reduce((sum, value, i) => sum + (value + t[i]) ** 2, 0);
   const turn = rbfMatrix(3, (i, j) => Number(i === j) + k[i][j] + rest * square[i][j]);
   if (!isOpposite) return turn.map((row) => row.map((value) => length * value));
   const sizes = q.map(Math.abs), least = sizes.indexOf(Math.min(...sizes));
-  const aside = q.map((value, i) => Number(i === least) - q[least] * value), size = Math.hypot(...aside);
+  const open = axis ?? rbfEye(3)[least], slant = rbfDot(open, q);
+  const aside = q.map((value, i) => open[i] - slant * value), size = Math.hypot(...aside);
   const half = rbfMatrix(3, (i, j) => 2 * aside[i] * aside[j] / size ** 2 - Number(i === j));
   return rbfTimes(turn, half).map((row) => row.map((value) => length * value));
 }
@@ -660,12 +663,21 @@ function rbfSpreads(targets, sources) {
   return { spreads: sigma.map((value) => Math.sqrt(value / sigma[0])), directions };
 }
 
-/** Places centred, and at most 1 in size: squares of tiny lengths would be zero. @param {number[][]} places */
+/** Places centred, and about 1 in size: squares of tiny lengths would be zero. @param {number[][]} places */
 function rbfScaled(places) {
   const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
   const centred = places.map((p) => p.map((value, k) => value - mean[k]));
-  const size = centred.flat().reduce((m, value) => Math.max(m, Math.abs(value)), 0) || 1;
+  const size = rbfSpread(centred) || 1;
   return centred.map((p) => p.map((value) => value / size));
+}
+
+/** The root mean square distance of places from their centroid; 0 for none. @param {number[][]} places */
+function rbfSpread(places) {
+  if (places.length === 0) return 0;
+  const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k], 0) / places.length);
+  const away = places.map((p) => Math.hypot(...p.map((value, k) => value - mean[k])));
+  const largest = away.reduce((m, value) => Math.max(m, value), 0);
+  return largest && largest * Math.sqrt(away.reduce((sum, value) => sum + (value / largest) ** 2, 0) / places.length);
 }
 
 /** Second moments relative to their largest eigenvalue. @param {number[][]} m */
@@ -728,11 +740,7 @@ function rbfWarnings(ready, kernel, map) {
     notes.push(`the affine trend stretches more than ${STEEP} times: the control points nearly lie on one line ` +
       "or in one plane; the trend similarity would not");
   }
-  /** @type {(place: (q: Place) => number[]) => number} */
-  const spread = (place) => Math.max(...map.map((_, k) => {
-    const all = ready.merged.map((q) => place(q)[k]);
-    return all.reduce((m, v) => Math.max(m, v), -Infinity) - all.reduce((m, v) => Math.min(m, v), Infinity);
-  }));
+  const spread = (/** @type {(q: Place) => number[]} */ place) => rbfSpread(ready.merged.map(place));
   /** @type {Record<string, string>} */
   const collapses = { affine: "the trend collapses everything to one place",
     affine_exact: "the trend collapses everything to one place",
@@ -750,7 +758,7 @@ function rbfWarnings(ready, kernel, map) {
 
 /** Ids of points that share a source and have different targets. @param {Ready} ready @param {number} [most] */
 function rbfTornPairs({ merged, n, ids }, most = 3) {
-  const size = Math.max(0, ...rbfSizes(merged.map((q) => q.x))), near = SAME_PLACE * size;
+  const size = rbfDiameter(merged.map((q) => q.x)), near = SAME_PLACE * size;
   const sources = merged.map(rbfSource);
   /** @type {Vector2[]} */
   const found = [];
@@ -780,10 +788,12 @@ function rbfCrossingPairs(ready, map, most = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
   const moved = merged.map(({ d, x }) => map.map((row, k) => d[k] + x[k] - rbfDot(row, x)));
-  const pairs = new Map(), { found, count } = rbfNeighbours(ready, 4);
+  const pairs = new Map(), { found, count } = rbfNeighbours(ready, NEAREST_AND_EQUAL);
   for (let i = 0; i < n; i++) {
+    const fourth = rbfDistance(merged[i].x, merged[found[i * count + Math.min(NEAREST, count) - 1]].x);
     for (const j of found.subarray(i * count, (i + 1) * count)) {
       const gap = merged[i].x.map((value, k) => value - merged[j].x[k]);
+      if (Math.hypot(...gap) > fourth * (1 + SAME_DISTANCE)) break;
       const along = Math.max(COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => rbfDot(row, gap))));
       const beside = rbfDistance(moved[i], moved[j]);
@@ -792,7 +802,8 @@ function rbfCrossingPairs(ready, map, most = 3) {
       if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }
   }
-  const worst = [...pairs].sort(([p, [,, d]], [q, [,, e]]) => e - d || p - q).slice(0, most);
+  const worst = [...pairs].sort(([, [i, j, d]], [, [k, l, e]]) => e - d || ready.ids[i] - ready.ids[k] ||
+    ready.ids[j] - ready.ids[l]).slice(0, most);
   return worst.filter(([, [,, degree]]) => degree >= worst[0][1][2] - FAR_BEHIND).sort(([p], [q]) => p - q)
     .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
 }
@@ -988,7 +999,7 @@ export function rbfCheckPoints(points, dim = 2) {
 function rbfAtRest(points) {
   const active = points.filter((p) => p.active !== false);
   const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
-  return rbfExtent(sources) > SAME_PLACE * rbfExtent(targets) ? sources : targets;
+  return rbfSpread(sources) > SAME_PLACE * rbfSpread(targets) ? sources : targets;
 }
 
 /** The sides of the box of places; nothing for none. @param {number[][]} places */
@@ -997,28 +1008,80 @@ function rbfSizes(places) {
     places.reduce((m, p) => Math.min(m, p[k]), Infinity));
 }
 
-/** The diagonal of the box of places; 0 for none. @param {number[][]} places */
-function rbfExtent(places) { return Math.hypot(...rbfSizes(places)); }
+/** The largest distance between two places; 0 for none. @param {number[][]} places */
+function rbfDiameter(places) {
+  const size = rbfSpread(places);
+  if (size === 0) return 0;
+  const scaled = rbfScaled(places), middle = scaled[0].map(() => 0);
+  /** @type {(p: number[], q: number[]) => number} */
+  const square = (p, q) => {
+    let sum = 0;
+    for (let k = 0; k < p.length; k++) sum += (p[k] - q[k]) ** 2;
+    return sum;
+  };
+  /** @type {(from: number[]) => number[]} */
+  const farthest = (from) => scaled.reduce((far, p) => (square(p, from) > square(far, from) ? p : far), from);
+  const one = farthest(middle), other = farthest(one);
+  const least = Math.sqrt(square(other, farthest(other))), reach = Math.sqrt(square(one, middle));
+  // Others are within that distance of all.
+  const ends = scaled.filter((p) => Math.sqrt(square(p, middle)) >= (1 - 1e-9) * (least - reach));
+  let most = 0;
+  ends.forEach((p, k) => { for (let i = 0; i < k; i++) most = Math.max(most, square(p, ends[i])); });
+  return size * Math.sqrt(most);
+}
 
-/** @param {Ends[]} points */
+/** The support of documents of before 2.0, which depends on the axes; nothing else does. @param {Ends[]} points */
 export function rbfBoxDiagonal(points) {
-  return rbfExtent(rbfAtRest(points)) || null;
+  return Math.hypot(...rbfSizes(rbfAtRest(points))) || null;
 }
 
 /**
- * The usual support of points: a share of their box, less for points in a row.
+ * The usual support of points: a share of their diameter, not below the distance at which they hang together, and less
+ * for points in a row.
  * @param {Point[]} points
  * @param {string} kernel
  */
 function rbfUsualSupport(points, kernel) {
-  const places = rbfAtRest(points), size = rbfExtent(places), { share, gaps } = RBF_KERNELS[kernel];
+  const places = rbfAtRest(points), size = rbfDiameter(places), { share, gaps } = RBF_KERNELS[kernel];
   if (size === 0) return null;
   const { spreads } = rbfSpreads(places, places), wide = spreads.filter((spread) => spread >= THIN).length;
-  const isThin = wide < spreads.length, ball = [2, Math.PI, 4 / 3 * Math.PI][wide - 1];
   const across = Math.max(1, places.length ** (1 / wide) - 1);
-  const most = places.length > MANY && RBF_KERNELS[kernel].order < 2
-    ? (MOST_NEIGHBOURS / ball) ** (1 / wide) / Math.sqrt(wide) / across : Infinity;
-  return size * Math.min(share, most, ...(isThin ? [0.5, gaps / across] : []));
+  const usual = share >= 1 ? share * size : Math.max(share * size, rbfGap(rbfSample(places)));
+  return wide === spreads.length ? usual : Math.min(usual, size * Math.min(0.5, gaps / across));
+}
+
+/** The longest edge of the shortest tree of places: the distance at which they hang together. @param {number[][]} places */
+function rbfGap(places) {
+  if (places.length < 2) return 0;
+  const near = places.map((p) => rbfDistance(p, places[0])), waiting = places.map((_, k) => k > 0);
+  let longest = 0;
+  for (let count = 1; count < places.length; count++) {
+    let next = -1;
+    waiting.forEach((is, k) => { if (is && (next < 0 || near[k] < near[next])) next = k; });
+    longest = Math.max(longest, near[next]);
+    waiting[next] = false;
+    places.forEach((p, k) => { near[k] = Math.min(near[k], rbfDistance(p, places[next])); });
+  }
+  return longest;
+}
+
+/**
+ * About so many of the places, by their distance from the centroid: deformnb.rbf.cross_validation.sample_of.
+ * @param {number[][]} places
+ */
+function rbfSample(places) {
+  const n = places.length;
+  if (n <= MOST_LEFT_OUT) return places;
+  const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k], 0) / n);
+  const ranked = places.map((p, k) => ({ k, away: rbfDistance(p, mean) })).sort((p, q) => p.away - q.away || p.k - q.k);
+  const found = [], last = ranked[n - 1].away;
+  for (let first = 0, next = 0; first < n; first = next) {
+    for (next = first + 1; next < n && ranked[next].away - ranked[next - 1].away <= SAME_DISTANCE * last;) next++;
+    if (Math.floor(next * (MOST_LEFT_OUT / n)) > Math.floor(first * (MOST_LEFT_OUT / n))) {
+      found.push(...ranked.slice(first, next));
+    }
+  }
+  return found.length <= 2 * MOST_LEFT_OUT ? found.sort((p, q) => p.k - q.k).map(({ k }) => places[k]) : [];
 }
 
 /**
@@ -1059,19 +1122,20 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength, dim) {
     const x = strength === 1 ? [...p.target] : p.source.map((value, k) => value + strength * (p.target[k] - value));
     return { point: p, w: p.weight ?? 1, x, d: p.source.map((value, k) => value - x[k]) };
   });
-  const box = rbfBoxDiagonal(places.map((q) => ({ source: q.point.source, target: q.x }))) ?? Infinity, limited = [];
+  const ends = places.map((q) => ({ source: q.point.source, target: q.x })), limited = [];
+  const size = rbfDiameter(rbfAtRest(ends)) || Infinity;
   let radius = given;
-  if (RBF_KERNELS[kernel].compact && given > LONGEST_SHARE * box) {
-    radius = LONGEST_SHARE * box;
-    limited.push(`the support radius is limited to ${LONGEST_SHARE} diagonals of the control points' box; beyond ` +
-      "that the map hardly changes");
+  if (RBF_KERNELS[kernel].compact && given > LONGEST_SHARE * size) {
+    radius = LONGEST_SHARE * size;
+    limited.push(`the support radius is limited to ${LONGEST_SHARE} times the largest distance between control points; ` +
+      "beyond that the map hardly changes");
   }
-  const { merged, notes } = rbfMerge(places, radius, Math.min(radius, box), smoothing);
+  const { merged, notes } = rbfMerge(places, radius, Math.min(radius, size), smoothing);
   const n = merged.length;
   const origin = Array.from({ length: dim }, (_, k) => n && merged.reduce((sum, q) => sum + q.x[k], 0) / n);
   const centred = merged.map((q) => q.x.map((value, k) => value - origin[k])), basis = rbfSpan(centred);
   const { ridge, where } = rbfThinness(merged, basis);
-  const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where);
+  const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where, dim);
   /** @type {Pick<Span, "quadrics" | "bend">} */
   const bent = name === "quadratic" ? rbfQuadricSpan(centred, basis, dim) : {};
   const open = bent.bend?.flat().some((value) => value !== 0) ? rbfOpenBend(n, kernel, dim) : [];
@@ -1091,25 +1155,7 @@ function rbfThinness(merged, basis) {
   const wide = spreads.filter((spread) => spread >= THIN).length;
   if (wide === spreads.length) return { ridge: null, where: "" };
   return { ridge: rbfWeighted(directions, spreads.map((spread) => rbfPenalty(spread, THIN))),
-    where: rbfThinly(directions, wide) };
-}
-
-/** @param {number[][]} directions @param {number} wide  of them that are not thin */
-function rbfThinly(directions, wide) {
-  const along = wide === 1 ? directions[0] : directions[directions.length - 1];
-  if (along.length === 2) {
-    const quarters = rbfRound(Math.atan2(along[1], along[0]) * 180 / Math.PI / 15);
-    return `on one line, at ${((quarters * 15) % 180 + 180) % 180} degrees`;
-  }
-  const sizes = along.map(Math.abs), sign = Math.sign(along[sizes.indexOf(Math.max(...sizes))]);
-  const text = along.map((value) => (rbfRound(10 * sign * value) / 10 + 0).toFixed(1)).join(", ");
-  return wide === 1 ? `on one line, along (${text})` : `in one plane, across (${text})`;
-}
-
-/** The nearest integer; halves go to the even number, as in Python. @param {number} value */
-function rbfRound(value) {
-  const low = Math.floor(value), rest = value - low;
-  return rest < 0.5 || (rest === 0.5 && low % 2 === 0) ? low : low + 1;
+    where: wide === 1 ? "on one line" : "in one plane" };
 }
 
 /**
@@ -1183,15 +1229,16 @@ function rbfShown(value) {
  * @param {number} n
  * @param {number} rank
  * @param {string} where
+ * @param {number} dim
  * @returns {[trend: string, remarks: string[]]}
  */
-function rbfDeterminedTrend(trend, kernel, n, rank, where) {
+function rbfDeterminedTrend(trend, kernel, n, rank, where, dim) {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
   if (rank === 0) return [order >= 2 ? trend : "translation", ["one control point: the trend is a translation"]];
   if (!where) return [trend, []];
   if (RBF_TRENDS[trend].order < 2) {
-    return [trend, rank === 1 && where.includes("along")
+    return [trend, rank === 1 && dim === 3
       ? ["the control points lie on one line: the turn about it is the smallest possible"] : []];
   }
   const lie = `the control points lie nearly ${where}: across it`;

@@ -147,7 +147,8 @@ class DiagnosticsPanel(Panel):
 
     def _chosen_changed(self, change: Any) -> None:
         self._model.keep_chosen = change["new"]
-        self.refresh()
+        if change["new"]:
+            self._soon(lambda panel: panel._model.fold_actions.predict())
 
     def close(self) -> None:
         for link in self._links:

@@ -318,3 +318,43 @@ def test_only_the_newest_document_is_amended() -> None:
     assert (session.step.stages, session.step.trend) == (1, "rigid")
     session.redo()
     assert (session.step.stages, session.step.trend) == (2, "none")
+
+
+def bent_grid(studio: Studio) -> ControlPoints:
+    """Nodes over the picture that are bent as a parabola is."""
+    a0, a1, b0, b1 = studio.session.picture().raster.box
+    a, b = np.meshgrid(np.linspace(a0, a1, 5), np.linspace(b0, b1, 4))
+    source = np.column_stack([a.ravel(), b.ravel()])
+    return ControlPoints.from_arrays(source, source + 0.2 / (a1 - a0) * np.column_stack([
+        (source[:, 1] - b0) ** 2, 0 * source[:, 0]]))
+
+
+def test_the_best_prediction_is_chosen_by_a_button_and_kept_by_a_switch(studio: Studio) -> None:
+    drag(studio, bent_grid(studio))
+    settle(studio)
+    diagnostics = panel(studio, "Diagnostics")
+    diagnostics.predict.click()
+    settle(studio)
+    step = studio.session.step
+    assert (step.trend, studio.editor.history["undo"]) == ("quadratic", "best prediction")
+    assert step.support is not None
+    assert "Best prediction: " in notice_of(studio)
+    studio.session.undo()
+    assert studio.session.step.trend == "affine"
+    diagnostics.chosen.value = True
+    settle(studio)
+    assert studio.session.step.trend == "quadratic"
+    studio.session.change(trend="affine")
+    settle(studio)
+    assert studio.session.step.trend == "affine"  # the points are the same: a setting of one's own stays
+    drag(studio, studio.editor.points.move(7, studio.editor.points.target[7] + 0.01))
+    settle(studio)
+    assert studio.session.step.trend == "quadratic"
+
+
+def test_too_few_points_are_said_to_be_so(studio: Studio) -> None:
+    before = studio.session.step
+    panel(studio, "Diagnostics").predict.click()
+    settle(studio)
+    assert studio.session.step is before
+    assert "no active control point" in notice_of(studio) or "too few" in notice_of(studio)
