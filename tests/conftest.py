@@ -6,6 +6,7 @@ import gc
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -42,9 +43,28 @@ def _compile_quickly() -> None:
         os.environ["XLA_FLAGS"] = _QUICK_COMPILATION
 
 
+# Users keep what took a tenth of a second to compile. Tests compile hundreds of small programs, the same in several
+# processes, after each clear_caches and in the next run: 24 of 62 s of three files of tests were compiling, and looking
+# a program up costs little beside it. A file that another process is writing is compiled anew, with a warning.
+_PROGRAMS = {"JAX_COMPILATION_CACHE_DIR": str(_CACHE / "programs"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+             "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1"}
+_KEPT_SECONDS = 14 * 24 * 60 * 60.0
+
+
+def _keep_all_programs() -> None:
+    """Keep each compiled program, 20 kB, for two weeks: changes of the code leave behind those of before."""
+    os.environ.update(_PROGRAMS)
+    folder = _CACHE / "programs"
+    for file in folder.iterdir() if folder.exists() else ():
+        if time.time() - file.stat().st_mtime > _KEPT_SECONDS:
+            file.unlink(missing_ok=True)
+
+
 # The processes of pytest-xdist have it from the first one.
 if os.environ.get("HYPOTHESIS_PROFILE") != "nightly" and not {"XLA_FLAGS", "PYTEST_XDIST_WORKER"} & os.environ.keys():
     _compile_quickly()
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        _keep_all_programs()
 
 hypothesis.settings.register_profile("dev", deadline=None, max_examples=25)
 # The same examples at each run, so that a change is not blamed for what chance has found; the nightly run searches.

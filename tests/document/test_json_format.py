@@ -580,7 +580,7 @@ def replayed_volume() -> Volume:
 
 @pytest.mark.parametrize("version", ["1.0", "1.1", "1.2", "1.3", "1.4", "2.0", "2.1"])
 def test_a_document_of_an_earlier_version_replays_to_the_same_voxels(version: str) -> None:
-    """Rows of points, automatic and chosen supports, parts, cuts, stages, own radii; the program of then has written it."""
+    """Rows of points, supports, parts, cuts, stages, own radii; the voxels were written by the program of then."""
     fixtures = Path(__file__).parents[1] / "fixtures"
     deformation = from_json((fixtures / f"replay_{version}.json").read_text())
     wanted = np.load(fixtures / f"replay_{version}.npy")
@@ -590,8 +590,8 @@ def test_a_document_of_an_earlier_version_replays_to_the_same_voxels(version: st
         assert found.shape == wanted.shape
         # Where a value lies at the middle between two whole numbers, another processor may round it the other way.
         assert np.abs(found - wanted).max() <= 1
-        # A chain (1.3, 2.0, 2.1) is interpolated between nodes, at most a hundredth of a voxel off, where a voxel is some
-        # 40 grey levels of slope: 0.7 % of the values are rounded the other way.
+        # A chain (1.3, 2.0, 2.1) is interpolated between nodes, at most a hundredth of a voxel off, where a voxel is
+        # some 40 grey levels of slope: 0.7 % of the values are rounded the other way.
         assert (found != wanted).mean() < (1e-2 if version in ("1.3", "2.0", "2.1") else 1e-3)
     if version < "2":
         assert {step.trend for step in deformation.steps} & {"affine_exact"}
