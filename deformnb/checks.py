@@ -44,6 +44,20 @@ def shown_value(value: object) -> str:
         return "a number of thousands of digits"
 
 
+def any_array(value: object) -> NDArray[Any]:
+    """The value as an array of any type; a list that is none (ragged, of unlike things) as an array of one object.
+
+    Examples
+    --------
+    >>> any_array([True, False]).dtype, any_array([1, [2]]).dtype
+    (dtype('bool'), dtype('O'))
+    """
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.array(None)
+
+
 def real_array(value: object) -> NDArray[np.float64] | None:
     """The value as float64; None for texts, complex numbers, ragged lists and whole numbers that no float holds."""
     try:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._jax import blockwise, in_full_precision, jax, jnp, lax, pytree, pytree_node
-from deformnb.checks import LARGEST_COORDINATE, check_fields, real_array
+from deformnb.checks import LARGEST_COORDINATE, any_array, check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
@@ -329,7 +329,7 @@ class Line(_Outline):
     def __post_init__(self) -> None:
         v = _array_of(self.vertices, "places of a line", 2, (2,))
         object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
-        stops = np.asarray(self.stops)
+        stops = any_array(self.stops)
         if stops.shape != (2,) or stops.dtype != np.bool_:
             raise DeformError("the stops of a line are two of True and False, for its first vertex and its last, got "
                               f"{self.stops!r:.60}.")
@@ -466,7 +466,7 @@ class Mask(AbstractRegion):
     kind: ClassVar[str] = "mask"
 
     def __post_init__(self) -> None:
-        values = np.array(self.values)
+        values = np.array(any_array(self.values))
         if values.dtype != np.bool_:
             raise DeformError(f"a mask holds True and False, got {values.dtype}; compare it with a label first.")
         if isinstance(self.lattice, Volume):

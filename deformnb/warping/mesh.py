@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._entrances import READERS
 from deformnb._typing import Progress
-from deformnb.checks import check_fields, shown_value
+from deformnb.checks import any_array, check_fields, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.units import checked_unit, ratio
@@ -137,7 +137,7 @@ class Mesh:
 
 
 def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
-    array = np.asarray(given)
+    array = any_array(given)
     if array.size == 0:
         return np.zeros((0, 3), dtype=dtype)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in ("iu" if dtype is np.int64 else "iuf"):
