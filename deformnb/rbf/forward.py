@@ -23,6 +23,7 @@ from deformnb._deferred import scipy
 from deformnb._jax import adjugate, determinant, in_full_precision, jax, jnp, lax, one_plus, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
+from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import BLOCK, AbstractField
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
@@ -132,6 +133,13 @@ class ForwardFit(AbstractField):
     @property
     def is_identity(self) -> bool:
         return bool(self.forward.is_identity)
+
+    def bound(self, pixel: float = 0.0) -> float:
+        """As :meth:`~deformnb.rbf.interpolant.RBFInterpolant.bound`: that of the fit, and the residual that a certain
+        place may have, times the largest stretch of the inverse at the points.
+        """
+        stretch = max(1.0, float(np.linalg.norm(self._at_points[1], 2, axis=(1, 2)).max(initial=1.0)))
+        return stretch * (float(self.forward.bound()) + _FOUND * self.size) + SHARES["lattice"] * pixel
 
     def folds_between_points(self) -> bool:
         """Check for a fold of the fit at a control point or between them, where the inverse jumps."""
