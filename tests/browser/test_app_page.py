@@ -274,6 +274,7 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         assert tab.errors == []
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (1280, "light"), (390, "light")])
 def test_it_fits_its_window_in_light_and_dark(browser: Any, fresh: RunningApp, width: int, scheme: str) -> None:
     tab = Tab(browser, fresh, scheme=scheme, size=(width, 800))

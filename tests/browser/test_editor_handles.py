@@ -131,6 +131,7 @@ def brightness(colour: NDArray[np.float64]) -> NDArray[np.float64]:
     return linear @ np.array([0.2126, 0.7152, 0.0722])
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("grey", [20, 128, 235])
 def test_handles_are_told_apart_by_form_whatever_colours_are_seen(opened: Any, picture: Picture, grey: int) -> None:
     plain = Picture(np.full_like(picture.values, grey), picture.plane, picture.raster, "mip", (0.0, 255.0))
@@ -150,6 +151,7 @@ def test_handles_are_told_apart_by_form_whatever_colours_are_seen(opened: Any, p
             assert (light[k].max() + 0.05) / (light[k].min() + 0.05) > 3, (eyes, k)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("eyes", EYES)
 def test_what_is_selected_has_a_ring_that_all_eyes_see(opened: Any, picture: Picture, points: ControlPoints,
                                                       eyes: str) -> None:

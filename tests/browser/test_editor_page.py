@@ -52,6 +52,7 @@ def test_the_picture_at_rest_is_the_picture(opened: Any, picture: Picture, point
     assert_alike(opened(Editor(picture, points, show_grid=False)), picture)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("by", [(60, 0), (-45, 0), (0, 50), (0, -40), (37, 29)])
 def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, picture: Picture, points: ControlPoints,
                                                                 by: tuple[int, int]) -> None:
@@ -65,6 +66,7 @@ def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, pi
     assert page.js("models.editor.saved.filter((s) => 'points' in s || 'next_id' in s)") == []  # one way, not two
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("view", VIEWS)
 def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: str) -> None:
     values = np.zeros((24, 30, 36), np.uint8)

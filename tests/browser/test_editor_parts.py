@@ -275,6 +275,7 @@ def test_points_that_a_part_carries_go_with_it(opened: Any, picture: Picture) ->
     assert (page.editor.parts, page.editor.points) == ((BONE,), points)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("how", ["carry", "off", "cancel"])
 def test_a_part_laid_over_points_asks_once_what_becomes_of_them(opened: Any, picture: Picture, how: str) -> None:
     points = frame().add([104.0, 20.0], [104.0, 20.0]).add([106.0, 30.0], [106.0, 30.0])

@@ -533,6 +533,7 @@ def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: 
     assert page.js("document.querySelectorAll('.dnb-ed-grip').length") == 0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 def test_the_quick_picture_of_a_drag_is_the_full_one_but_for_corners_of_cuts(opened: Any, picture: Picture,
                                                                             rule: str) -> None:

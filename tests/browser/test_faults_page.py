@@ -16,6 +16,7 @@ from deformnb.widgets.editor.editor import Editor
 pytestmark = pytest.mark.needs_browser
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("size", "direction"), [((900, 700), "rtl"), ((320, 260), "ltr"), ((320, 260), "rtl")])
 def test_a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged(
         browser: Any, picture: Picture, points: ControlPoints, size: tuple[int, int], direction: str) -> None:

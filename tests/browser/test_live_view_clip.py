@@ -86,7 +86,7 @@ def opened(shared: tuple[LivePage, LiveView]) -> Iterator[tuple[LivePage, LiveVi
     view.clip = WHOLE
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("pair", "axis"), HALVES)
 @pytest.mark.parametrize("deformed", [False, True], ids=["as it is", "deformed"])
 def test_a_half_is_the_cores_half(opened: Any, pair: tuple[float, float], axis: int, deformed: bool) -> None:

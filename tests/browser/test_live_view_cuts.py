@@ -200,6 +200,7 @@ def _gap(page: LivePage) -> int:
     return int((~row[inside[0] : inside[-1]]).sum())
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("projection", ["shaded", "mip"])
 @pytest.mark.parametrize("rule", list(CUT_RULES))
 def test_a_closed_cut_is_not_seen(drawn: tuple[LivePage, LiveView], projection: str, rule: str) -> None:

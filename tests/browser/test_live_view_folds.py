@@ -80,6 +80,7 @@ def expected(page: LivePage, deformation: Deformation) -> NDArray[np.float64]:
     return np.asarray(jacobian_determinant(step.fits(GRID)[0], places(page)))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("projection", ["composite", "shaded", "mip"])
 def test_what_folds_is_red_at_its_place(page: LivePage, projection: str) -> None:
     view = opened(page, projection=projection)

@@ -136,6 +136,7 @@ def degrees(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("coarseness", [1.0, 2.6])
 def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(browser: Any, coarseness: float) -> None:
     rows, columns, slices = np.meshgrid(*[np.arange(48) - 23.5] * 3, indexing="ij")

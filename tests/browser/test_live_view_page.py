@@ -148,7 +148,7 @@ def test_pictures_are_like_those_of_vtks_own_renderer(page: LivePage) -> None:
         scene.close()
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", list(fields()))
 def test_the_card_deforms_as_the_core_does(page: LivePage, name: str) -> None:
     view = opened(page)
@@ -176,6 +176,7 @@ def test_a_field_of_view_shows_what_has_moved_out_of_the_box(page: LivePage) -> 
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.965
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", ["none", "modulate", "two planes"])
 @pytest.mark.parametrize("projection", ["shaded", "mip"])
 def test_skipping_what_is_empty_changes_no_pixel(page: LivePage, name: str, projection: str) -> None:

@@ -41,6 +41,7 @@ def row(page: LivePage, volume: Volume, transfer: TransferFunction | str, zoom: 
     return page.pixels()[SIZE[1] // 2] / 255
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("transfer", [
     TransferFunction(((0, 0, 0.2, 1), (60, 1, 0.5, 0), (100, 1, 1, 1)), ((0, 0.9),), unit=0.1), "surface", "specimen"])
 def test_a_hot_voxel_changes_no_colour(browser: Any, transfer: TransferFunction | str) -> None:

@@ -133,6 +133,7 @@ def test_without_points_to_edit_it_is_a_viewer_of_linked_slices(opened: Callable
     here.page.wait("document.querySelector('.dnb-sp-row').style.gridTemplateColumns !== ''")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("pane", range(3))
 def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(opened: Callable[..., Opened], pane: int) -> None:
     here = opened(four())

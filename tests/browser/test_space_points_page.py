@@ -171,6 +171,7 @@ def test_a_drag_moves_a_point_parallel_to_the_screen_and_the_body_with_it(shown:
     assert 2 * (lit(live) & lit(still)).sum() / (lit(live).sum() + lit(still).sum()) > 0.965
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("key", ["x", "z"])
 def test_a_key_locks_an_axis(shown: Any, key: str) -> None:
     here = shown(one())

@@ -405,6 +405,7 @@ def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) ->
     page.requests[:] = [url for url in page.requests if "example.org" not in url]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("size", [(360, 740), (1280, 800), (1920, 1080)])
 def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], size: tuple[int, int]) -> None:
     page = opened(*pair(), size=size, about="A line about it.")

@@ -42,6 +42,7 @@ TURNED = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 DIRECTIONS = [(1.0, 0.2, -0.1), (-0.3, -1.0, 0.2), (0.2, 0.3, 1.0), (0.5, 0.7, -0.6)]
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @pytest.mark.parametrize("perspective", [None, 80.0])
 @pytest.mark.parametrize("volume", [body(), body((1.0, 1.0, 1.5)), body(direction=TURNED)],

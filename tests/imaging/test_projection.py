@@ -58,7 +58,7 @@ def test_composite_and_shading_follow_the_formula(view: str, direction: str) -> 
     assert np.abs(wanted - composite(layers, dn, RAMP))[..., :3].max() > 0.1  # shading does something
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("layers", [32, 33, 70])
 @pytest.mark.parametrize("method", PROJECTIONS)
 def test_blocks_of_layers_do_not_show(method: str, layers: int, monkeypatch: pytest.MonkeyPatch) -> None:

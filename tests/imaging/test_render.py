@@ -60,6 +60,7 @@ def middle(image: np.ndarray) -> np.ndarray:
 # ---- the picture -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_up_left_and_right_are_those_of_the_plane(backend: str, direction: str) -> None:
@@ -288,7 +289,7 @@ def test_a_pair_has_one_scale() -> None:
     oracle.assert_close(middle(left), middle(right), atol=0.5)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("caption", ["", "carp", "鯉", "two\nlines", "<script>alert(1)</script>", "long " * 60,
                                      "\x1b[31m"])
 def test_captions_are_written_as_they_are(caption: str) -> None:

@@ -141,6 +141,7 @@ def test_labels_beside_cuts_stay_labels() -> None:
         assert set(np.unique(result.values)) <= {0, 3, 7, 1000}
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("dtype", ["uint8", "float32", "float64", "bool"])
 @pytest.mark.parametrize("shape", ["line", "bent", "crossing"])
 @pytest.mark.parametrize("cut_rule", CUT_RULES)

@@ -98,7 +98,7 @@ def all_of(grid: Grid) -> tuple[slice, slice]:
     return slice(0, grid.shape[0]), slice(0, grid.shape[1])
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(11)
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", CHAINS)
 def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
@@ -120,6 +120,7 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
         assert share.min() == 1.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["two planes", "stages", "beside a cut", "beside two cuts", "modulated"])
 def test_most_voxels_are_interpolated(name: str) -> None:
     field, block = Deformation(CHAINS[name](0)).field(FINER), all_of(FINER)

@@ -39,7 +39,7 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 # -- a studio that cannot be made --------------------------------------------------------------------------------------
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("wrong", [
     {"view": "hologram"}, {"side": "+w"}, {"transfer": "no such preset"}, {"method": "cubist"},
     {"deformation": "none.json"}, {"labels": np.zeros((3, 3, 3))},

@@ -751,6 +751,7 @@ def test_extremes_of_blocks_hold_what_interpolation_mixes_in() -> None:
         assert np.reshape(got["high"], counts)[index] == part.max()
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", ["replicate", "modulate", "oblique", "in space", "two planes"])
 @pytest.mark.parametrize("is_largest", [False, True])
 @pytest.mark.parametrize("voxels", [8, 16])

@@ -108,7 +108,7 @@ def middle(image: np.ndarray) -> np.ndarray:
     return np.array([columns.mean(), rows.mean()])
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("grid", [GRID, SKEW], ids=["turned", "oblique grid"])
 @pytest.mark.parametrize("name", ["replicate", "oblique", "modulate", "interpolate", "two planes", "in space"])
 def test_both_ways_show_what_the_core_has_warped(scene: Any, grid: Grid, name: str) -> None:
@@ -149,7 +149,7 @@ def slit_step(grid: Grid, gap: float) -> Step:
     return Step((ControlPoints.from_arrays(source, source + move),), plane, cuts=(cut,))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("name", ["replicate", "modulate", "paper", "after a bend", "before a bend",
                                   *(pytest.param(f"stops inside{more}", marks=pytest.mark.nightly)
                                     for more in ("", ", before a bend"))])

@@ -81,7 +81,7 @@ def scene() -> Iterator[Any]:
         one.close()
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("method", ["texture", "array"])
 @pytest.mark.parametrize("name", list(DEFORMED))
