@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress, Spacing
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.io import ome_zarr
+from deformnb.io import ome_zarr, tiff, tiff_pages
 from deformnb.io.formats import describe_file
 from deformnb.io.headers import Damage, as_path, fail, regular_file, shown, unpacking, volume_shape
 from deformnb.io.memory import default_limit
@@ -165,19 +165,25 @@ class _Hdf5:
 
 @dataclass(frozen=True, eq=False)
 class _Tiff:
-    """The pages of a TIFF file, through tifffile's view of them as a Zarr array."""
+    """The pages of a TIFF file, of whose strips and tiles only those in the part are unpacked."""
 
     path: str
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     chunks: tuple[int, ...]
 
+    @cached_property
+    def _pages(self) -> list[tiff_pages.Page]:
+        return tiff.slices_of(Path(self.path))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Tiff, (self.path, self.shape, self.dtype, self.chunks)
+
     def read(self, part: Part) -> NDArray[Any]:
-        tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
-        with unpacking(Path(self.path)), tifffile.imread(self.path, aszarr=True, level=0) as store:
-            array = zarr.open_array(store, mode="r")
-            found = np.asarray(array[part[-array.ndim:]])
-        return found if found.ndim == 3 else found[None]
+        with unpacking(Path(self.path)), Path(self.path).open("rb") as file:
+            found = [page.read(file, *part[1:]) for page in self._pages[part[0]]]
+            sizes = [len(range(*one.indices(n))) for one, n in zip(part, self.shape, strict=True)]
+            return np.array(found, self.dtype).reshape(sizes)
 
     def identity(self) -> str:
         return _stamp(self.path)
@@ -578,14 +584,13 @@ def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> Grid:
 
 def _of_tiff(path: Path) -> LargeVolume:
     about = describe_file(path)
-    tifffile, zarr = optional_package("tifffile"), ome_zarr.zarr_package()
-    with tifffile.imread(str(path), aszarr=True, level=0) as store:
-        array = zarr.open_array(store, mode="r")
-        if array.ndim not in (2, 3) or (1,) * (3 - array.ndim) + array.shape != about.grid.shape:
-            raise fail(path, f"its pages make an array of shape {array.shape}, and its header says "
-                             f"{about.grid.shape}.")
-        _check_chunk(path, math.prod(array.chunks) * array.dtype.itemsize)
-        stored, chunks = np.dtype(array.dtype), (1, *array.chunks)[-3:]
+    header = tiff.read_header(path)
+    if not header.layout.is_single:
+        raise fail(path, f"a volume is one channel at one moment, and this file holds {header.layout}; give "
+                         "deformnb.chunked one of them as a dask array.")
+    stored, first = header.dtype.newbyteorder("="), tiff.slices_of(path)[0]
+    chunks = (1, *(min(size, n) for size, n in zip(first.part, first.shape, strict=True)))
+    _check_chunk(path, first.working_bytes)
     return LargeVolume(_Tiff(str(path), about.grid.shape, stored, chunks), about.grid, path.stem, about.is_labels,
                        about.notes, path=path)
 

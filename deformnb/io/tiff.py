@@ -69,13 +69,33 @@ _Pages = Iterator[tuple[Page | None, BinaryIO]]
 
 def read_header(path: Path) -> Header:
     """Geometry and type of a TIFF file with one or many pages."""
+    text, found = _description(path)
+    header = _header(path, lambda: _pages(path, found), found)
+    return _annotated(header, text) if "<OME" in text[:2000] else header
+
+
+def slices_of(path: Path) -> list[Page]:
+    """The pages of a file in their order, to read parts of them."""
+    found, tables = list[Page](), 0
+    with closing(_pages(path, _description(path)[1])) as pages:  # type: ignore[type-var]  # generators can be closed
+        for page, _ in pages:
+            if page is None:
+                continue
+            found.append(page)
+            _require_like(path, page, found[0], len(found) - 1)
+            tables += page.offsets.nbytes + page.counts.nbytes
+            if tables > _MOST_TABLES:
+                raise fail(path, f"the tables of its pages take more than {_MOST_TABLES} bytes; save it uncompressed.")
+    return found
+
+
+def _description(path: Path) -> tuple[str, _Described]:
+    """The text in the first page, and what it says."""
     with regular_file(path).open("rb") as file:
         _, tags = next(directories(path, file))
     description = tags.get(DESCRIPTION, b"")
     text = description.split(b"\0")[0].decode("utf-8", "replace") if isinstance(description, bytes) else ""
-    found = _described(path, text, tags)
-    header = _header(path, lambda: _pages(path, found), found)
-    return _annotated(header, text) if "<OME" in text[:2000] else header
+    return text, _described(path, text, tags)
 
 
 def read_folder_header(folder: Path) -> Header:

@@ -106,24 +106,28 @@ class Page:
         copies = 2 if self.predictor != 1 or self.compression in _PICTURES or self.bits % 8 else 1
         return math.prod(self.shape) * self.pixel_bytes + table + packed + part * copies
 
-    def read(self, file: BinaryIO) -> NDArray[Any]:
-        """The voxels [y, x] of the page in its stored type; [y, x, sample] where it has several."""
-        out = np.empty((*self.shape, self.samples), self.dtype)
+    def read(self, file: BinaryIO, rows: slice = slice(None), columns: slice = slice(None)) -> NDArray[Any]:
+        """The voxels [y, x] of the page in its stored type, or of some rows and columns; [y, x, sample] of several."""
+        (y0, y1, _), (x0, x1, _) = rows.indices(self.shape[0]), columns.indices(self.shape[1])
+        out = np.empty((max(0, y1 - y0), max(0, x1 - x0), self.samples), self.dtype)
         high, wide = self.part
-        columns = -(-self.shape[1] // wide)
-        per_plane = -(-self.shape[0] // high) * columns
+        across = -(-self.shape[1] // wide)
+        per_plane = -(-self.shape[0] // high) * across
         for number, (offset, count) in enumerate(zip(self.offsets, self.counts, strict=True)):
             plane, place = divmod(number, per_plane)
-            top, left = place // columns * high, place % columns * wide
+            top, left = place // across * high, place % across * wide
+            bottom, right = min(top + high, self.shape[0]), min(left + wide, self.shape[1])
+            if top >= y1 or bottom <= y0 or left >= x1 or right <= x0:
+                continue
             # The last strip is shorter; tiles are always whole.
-            rows = high if self.is_tiled else min(high, self.shape[0] - top)
+            lines = high if self.is_tiled else bottom - top
             file.seek(int(offset))
             # Of plain voxels one byte more than there should be is enough to see that there are too many.
-            most = self.packed_bytes(rows) + 1 if self.compression == 1 else int(count)
-            block = self._unpacked(file.read(min(int(count), most)), rows,
-                                   (min(high, self.shape[0] - top), min(wide, self.shape[1] - left)))
-            target = out[top:top + rows, left:left + wide, plane:plane + 1 if self.is_planar else None]
-            target[:] = block[:target.shape[0], :target.shape[1]]
+            most = self.packed_bytes(lines) + 1 if self.compression == 1 else int(count)
+            block = self._unpacked(file.read(min(int(count), most)), lines, (bottom - top, right - left))
+            target = out[max(top, y0) - y0:min(bottom, y1) - y0, max(left, x0) - x0:min(right, x1) - x0,
+                         plane:plane + 1 if self.is_planar else None]
+            target[:] = block[max(y0 - top, 0):min(bottom, y1) - top, max(x0 - left, 0):min(right, x1) - left]
         return out if self.samples > 1 else out[..., 0]
 
     def packed_bytes(self, rows: int) -> int:

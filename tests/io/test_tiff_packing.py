@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import struct
 import time
 import tracemalloc
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import tifffile
 
+from deformnb.chunked import open_volume
 from deformnb.errors import VolumeFileError
 from deformnb.io import read_channels, read_volume
 from deformnb.io.codecs import unpack_picture
@@ -56,6 +58,18 @@ def test_every_packing_is_read_as_tifffile_reads_it(codec: str, values: np.ndarr
     tifffile.imwrite(tmp_path / "a.tif", values, compression=None if codec == "none" else codec, metadata=None,
                      photometric="rgb" if is_colour else "minisblack", **PARTS[parts])
     compare(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("parts", PARTS)
+@pytest.mark.parametrize("codec", [None, "zlib", "lzw", "png"])
+def test_parts_of_pages_are_those_of_the_whole(codec: str | None, parts: str, tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", DEEP, compression=codec, metadata=None, photometric="minisblack",
+                     **PARTS[parts])
+    source = pickle.loads(pickle.dumps(open_volume(tmp_path / "a.tif")))  # as it is sent to another process
+    whole, row, column = slice(0, 3), slice(39, 40), slice(47, 48)
+    for part in ((whole,) * 3, (slice(1, 2), slice(15, 17), slice(31, 48)), (whole, row, slice(0, 48)),
+                 (slice(2, 3), slice(0, 40), column), (slice(0, 0), slice(3, 4), slice(5, 9))):
+        np.testing.assert_array_equal(source.read(part), DEEP[part])
 
 
 @pytest.mark.parametrize("order", "<>")
