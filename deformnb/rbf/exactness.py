@@ -38,8 +38,7 @@ SHARES = {"lattice": 1e-3, "nodes": 1e-2, "page": 2e-2}
 lattice : sums over control points on a raster or a grid: a thousandth of the contrast of neighbouring pixels, which no
     type of voxels shows. nodes : compositions of several steps or stages in a warp, which are interpolated between
     nodes, of the voxel however small the drags are; where neighbouring voxels differ by 100 grey levels, that changes
-    the result by one at most. page : stored
-    maps of exported pages, rounded to 1/64 so that they are small to send.
+    the result by one at most. page : stored maps of exported pages, rounded to 1/64 so that they are small to send.
 """
 
 DERIVATIVE = 5e-3
