@@ -564,7 +564,7 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
         if not isinstance(item, h5py.HardLink):
             raise fail(path, f"{shown(name)} is a link to elsewhere or is not there.")
         item = file[name or found[0]]
-        if not isinstance(item, h5py.Dataset) or len(item.shape or ()) != 3 or item.external:
+        if not isinstance(item, h5py.Dataset) or len(item.shape or ()) != 3 or item.external or item.is_virtual:
             raise fail(path, f"{shown(name or found[0])} is no array of three axes in this file.")
         if item.dtype.kind not in "biuf":
             raise fail(path, f"voxels of type {item.dtype} are no numbers that can be deformed.")

@@ -158,7 +158,7 @@ def unpack_picture(name: str, data: bytes, shape: tuple[int, ...], dtype: np.dty
     --------
     >>> import imagecodecs
     >>> coded = imagecodecs.png_encode(np.eye(3, dtype=np.uint8))
-    >>> unpack_picture("png", coded, (3, 3), np.dtype("u1")).trace()
+    >>> int(unpack_picture("png", coded, (3, 3), np.dtype("u1")).trace())
     3
     """
     decode = getattr(optional_package("imagecodecs"), f"{name}_decode")

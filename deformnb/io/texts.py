@@ -26,8 +26,8 @@ def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
 
     Examples
     --------
-    >>> decoded(Path("a.csv"), "\u00d6se".encode("utf-16"))
-    ('\u00d6se', ())
+    >>> decoded(Path("a.csv"), "\u00d6se".encode("utf-16")) == ("\u00d6se", ())
+    True
     >>> decoded(Path("a.csv"), "\u00d6se".encode("cp1252"))[1] == (WESTERN,)
     True
     """

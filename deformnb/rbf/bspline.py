@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._deferred import ndimage
 from deformnb._jax import in_full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import BLOCK, AbstractField
@@ -130,17 +131,18 @@ class BSplineField(AbstractField):
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)
         flat = x.reshape(-1, self.dim)
-        out = np.empty_like(flat)
-        values = np.asarray(self.coefficients, dtype=np.float64).reshape(-1, self.dim)
+        out = np.empty((self.dim, len(flat)))
+        values = np.moveaxis(np.asarray(self.coefficients, dtype=np.float64), -1, 0)
+        low, high = self.domain
         for first in range(0, len(flat), BLOCK):
             part = slice(first, first + BLOCK)
             start, t, inside = self._cell(np, self.index_of(flat[part]))
-            weights = _weights(np, t, self.order)
-            total = np.zeros_like(t)
-            for at, w in self._terms(start, [weights] * self.dim):
-                total += w * values[at]
-            out[part] = np.where(inside[:, None], total, 0.0)
-        return out.reshape(x.shape)
+            # SciPy's splines of coefficients are the same sum, compiled: a tenth of the time of NumPy's.
+            at = np.clip(start + t + low, low, high).T[::-1]
+            for component, into in zip(values, out[:, part], strict=True):
+                ndimage.map_coordinates(component, at, output=into, order=self.order, mode="nearest", prefilter=False)
+            out[:, part][:, ~inside] = 0.0
+        return np.moveaxis(out, 0, -1).reshape(x.shape)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """Exact: ``b_n'`` in the place of ``b_n`` along one axis; on the border of the domain that of the inside."""
