@@ -187,7 +187,7 @@ def test_info_of_every_kind_of_file(suffix: str, small: Path, capsys: pytest.Cap
     rows = dict(re.split(r" {2,}", line, maxsplit=1) for line in captured.out.splitlines())
     assert rows["file"] == f"my volume{suffix}"
     assert rows["voxels (x, y, z)"] == "8 x 7 x 6"
-    assert rows["spacing"] == "1 x 2 x 1.5"
+    assert rows["spacing"] == "1 x 2 x 1.5" + " mm" * (suffix == ".vti")  # which has no word for an unknown unit
 
 
 @pytest.mark.parametrize("name", ["pull.json", "PULL.JSON"])

@@ -82,7 +82,8 @@ def test_other_colours_are_no_edit_and_nothing_unsaved(tmp_path: Path) -> None:
     session.transfer, session.method = "bone", "mean"
     assert session.history["undo"] == ""
     assert session.saved is not None
-    assert replace(session.saved, volume=None) == session.deformation
+    assert session.saved.unit == "mm"  # that of its volume
+    assert replace(session.saved, volume=None, unit="") == session.deformation
 
 
 def test_a_window_set_by_hand_is_kept_exported_and_no_edit(tmp_path: Path) -> None:
