@@ -23,7 +23,9 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.rbf.forward import ForwardFit
+from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, searched
+from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.units import checked_unit, ratio
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
@@ -167,8 +169,26 @@ def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int 
     left = np.flatnonzero(~(error <= tolerance))
     if len(left) and thorough:
         y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
+    _bring_to_targets(y, error, x, field, tolerance)
     found = error <= tolerance
     return y, found & ~_turned_over(y, found, x, field)
+
+
+def _bring_to_targets(y: Array, error: Array, x: Array, field: AbstractField, tolerance: float) -> None:
+    """Put points x (N, dim) that are where a map without steps takes a control point's target from at that target.
+
+    Where the map folds there are several places that it takes to one source, and a landmark's own is its target.
+    """
+    fits = field.fits if isinstance(field, LocalFits) else (field,)
+    targets = [fit.origin + fit.support * np.asarray(fit.centers, dtype=np.float64)[: int(fit.count)]
+               for fit in fits if isinstance(fit, RBFInterpolant) and int(fit.count)]
+    if not targets:
+        return
+    places = np.concatenate(targets)
+    brought = places + field.displacement(places)
+    gap, nearest = scipy.spatial.cKDTree(brought).query(x, distance_upper_bound=tolerance)
+    at = np.flatnonzero(gap <= tolerance)
+    y[at], error[at] = places[nearest[at]], gap[at]
 
 
 def _turned_over(y: Array, found: NDArray[np.bool_], x: Array, field: AbstractField) -> NDArray[np.bool_]:
@@ -268,6 +288,7 @@ class Landmarks:
     active : (N,) bool, False for a landmark that is switched off.
     notes : remarks for a status line.
     unit : of the places, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is not known.
+    found : (N,) bool of landmarks that were warped, False for those that have no place in the result; None of others.
 
     Examples
     --------
@@ -282,6 +303,7 @@ class Landmarks:
     active: NDArray[np.bool_] | None = None
     notes: tuple[str, ...] = ()
     unit: str = ""
+    found: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "notes")
@@ -383,7 +405,9 @@ def _places(given: Any, what: str) -> NDArray[np.float64]:
 
 def warp_landmarks(landmarks: LandmarksLike, field: AbstractField | HasField,
                    grid: Grid | VolumeLike | None = None) -> Landmarks:
-    """The landmarks in the deformed volume; a note names those without a place in it, which stay where they were.
+    """The landmarks in the deformed volume; those without a place in it stay where they were.
+
+    A note names them, and ``found`` of the result is False for them.
 
     Parameters
     ----------
@@ -406,4 +430,4 @@ def warp_landmarks(landmarks: LandmarksLike, field: AbstractField | HasField,
         lost = [landmarks.names[k] or str(k) for k in np.flatnonzero(~found)]
         more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
         notes += (f"these landmarks have no place in the result and stay where they were: {', '.join(lost[:5])}{more}",)
-    return replace(landmarks, points=np.where(found[:, None], moved, landmarks.points), notes=notes)
+    return replace(landmarks, points=np.where(found[:, None], moved, landmarks.points), notes=notes, found=found)
