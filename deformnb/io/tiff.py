@@ -100,8 +100,8 @@ def _description(path: Path) -> tuple[str, _Described]:
 
 def read_folder_header(folder: Path) -> Header:
     """Geometry and type of a folder of TIFF files with one page each."""
-    found = (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and file.is_file())
-    files = sorted(found, key=_natural)
+    found = (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    files = [regular_file(file) for file in sorted(found, key=_natural)]  # a pipe in the place of a slice is no slice
     order = f"{len(files)} files in the order {shown(files[0].name, 40)} ... {shown(files[-1].name, 40)}"
     return _header(folder, lambda: _single_pages(files), _Described(notes=(order,)))
 

@@ -185,6 +185,59 @@ def _composite() -> SimpleITK.Transform:
                                          spline, field, SimpleITK.AffineTransform(3)])
 
 
+FORMS = ["jpeg.tif", "jpeg2000.tif", "lerc.tif", "png.tif", "jpegxl.tif", "jpegxr.tif", "webp.tif", "zstd.tif",
+         "lzma.tif", "lzw.tif", "bits.tif", "planes.tif", "lossless.dcm", "jpegls.dcm", "frames.dcm", "list.nhdr",
+         "pattern.mhd", "text.nrrd", "hex.nrrd", "axes.zarr"]
+"""Files in other packings and forms than those that are written here."""
+
+
+def form_seeds(folder: Path, name: str) -> str:
+    """One valid file of a form in an empty folder; returns its name."""
+    import imagecodecs
+    import tifffile
+
+    values, kind = np.arange(960, dtype=np.uint8).reshape(2, 20, 24), name.partition(".")[0]
+    colours = np.stack([values] * 3, axis=-1)
+    if name in ("bits.tif", "planes.tif"):
+        options = {"bitspersample": 4} if kind == "bits" else {"planarconfig": "separate", "compression": "zlib"}
+        tifffile.imwrite(folder / name, values % 16 if kind == "bits" else np.moveaxis(colours, -1, 1), metadata=None,
+                         photometric="minisblack" if kind == "bits" else "rgb", **options)
+    elif name.endswith(".tif"):
+        is_colour = kind in ("jpeg", "webp")
+        tifffile.imwrite(folder / name, colours if is_colour else values, compression=kind, metadata=None,
+                         photometric="rgb" if is_colour else "minisblack")
+    elif name.endswith(".dcm"):
+        pydicom = pytest.importorskip("pydicom")
+        from dicom_series import write_slice
+
+        deep = values[0].astype(np.uint16) * 11
+        coded = {"lossless": ("70", lambda: imagecodecs.jpeg8_encode(deep, lossless=True)),
+                 "jpegls": ("80", lambda: imagecodecs.jpegls_encode(deep)),
+                 "frames": ("90", lambda: imagecodecs.jpeg2k_encode(deep, reversible=True, level=0))}
+        syntax, encode = coded[kind]
+        count = 3 if kind == "frames" else 1
+        write_slice(folder / name, deep, (1, 2, 3), syntax=f"1.2.840.10008.1.2.4.{syntax}", NumberOfFrames=count,
+                    SliceThickness=2, raw=pydicom.encaps.encapsulate([bytes(encode())] * count))
+    elif name.endswith(".zarr"):
+        zarr = pytest.importorskip("zarr")
+        axes = [{"name": axis, "type": "channel" if axis == "c" else "space"} for axis in "xcyz"]
+        scales = [{"type": "scale", "scale": [1, 1, 2, 3]}]
+        about = {"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scales}]}
+        group = zarr.create_group(str(folder / name), zarr_format=3,
+                                  attributes={"ome": {"version": "0.5", "multiscales": [about]}})
+        group.create_array("0", shape=(6, 2, 4, 5), chunks=(3, 1, 2, 5), shards=(6, 1, 4, 5), dtype="u1")[...] = 7
+    else:
+        head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 24 20 2\n"
+        named = {"list": "encoding: raw\ndata file: LIST\ns0.raw\ns1.raw\n", "text": "encoding: ascii\n\n",
+                 "hex": "encoding: hex\n\n", "pattern": "ObjectType = Image\nNDims = 3\nDimSize = 24 20 2\n"
+                 "ElementType = MET_UCHAR\nElementDataFile = s%d.raw 0 1 1\n"}[kind]
+        data = {"text": " ".join(map(str, values.ravel())), "hex": values.tobytes().hex()}.get(kind, "")
+        (folder / name).write_text(("" if kind == "pattern" else head) + named + data)
+        for k in range(2 if kind in ("list", "pattern") else 0):
+            (folder / f"s{k}.raw").write_bytes(values[k].tobytes())
+    return name
+
+
 def transform_seeds(folder: Path, kind: str) -> str:
     """A transform in an empty folder; returns its name."""
     suffix = kind[kind.index("."):]
@@ -278,6 +331,13 @@ ONLY_POSIX = pytest.mark.skipif(sys.platform == "win32", reason="limits of a pro
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_random_damage_ends_in_a_volume_or_one_sentence(suffix: str, tmp_path: Path) -> None:
     _damage(tmp_path, seeds(tmp_path, suffix), "volume", SUFFIXES.index(suffix))
+
+
+@pytest.mark.sampled(7)
+@ONLY_POSIX
+@pytest.mark.parametrize("name", FORMS)
+def test_random_damage_to_other_forms_ends_in_a_series_or_one_sentence(name: str, tmp_path: Path) -> None:
+    _damage(tmp_path, form_seeds(tmp_path, name), "series", FORMS.index(name))
 
 
 @pytest.mark.nightly

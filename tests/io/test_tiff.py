@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from pathlib import Path
@@ -100,6 +101,15 @@ def test_stacks_of_ome(tmp_path: Path) -> None:
     assert (read.grid.unit, read.notes) == ("\u00b5m", ())
     tifffile.imwrite(path, STACK, metadata={"axes": "CYX"}, photometric="minisblack")
     refuse(path, "holds 5 channels")
+
+
+def test_a_pipe_or_a_folder_in_the_place_of_a_slice_is_refused(tmp_path: Path) -> None:
+    for number in range(3):
+        tifffile.imwrite(tmp_path / f"{number}.tif", STACK[number])
+    for make in (os.mkfifo, os.mkdir):
+        (tmp_path / "1.tif").rmdir() if (tmp_path / "1.tif").is_dir() else (tmp_path / "1.tif").unlink()
+        make(tmp_path / "1.tif")
+        refuse(tmp_path, "1.tif: this is not a plain file")
 
 
 def test_ome_names_of_other_files_are_not_followed(tmp_path: Path) -> None:
