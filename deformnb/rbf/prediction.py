@@ -31,12 +31,12 @@ from deformnb._typing import Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
+from deformnb.rbf.cross_validation import parameters_of
 from deformnb.rbf.evaluation import profile_of
 from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.forward import ForwardFit, oriented
-from deformnb.rbf.interpolant import parameters_of
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.newton import lengths_of, map_of, searched
 from deformnb.rbf.points import ControlPoints, as_control_points
