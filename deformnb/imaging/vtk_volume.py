@@ -92,6 +92,7 @@ class VolumeWindow:
         self.set_background(background)
         self.actor: Any = None
         self._grid: Grid | None = None
+        self._range: tuple[float, float] | None = None  # the widest of the voxels in one actor
 
     def set_background(self, background: Sequence[float]) -> None:
         """Set the colour where nothing is."""
@@ -112,7 +113,7 @@ class VolumeWindow:
                                              render=False)
         self.actor.user_matrix = placement(grid)
         self.actor.mapper.SetAutoAdjustSampleDistances(False)
-        self._grid = grid
+        self._grid, self._range = grid, None
 
     def unload(self) -> None:
         """Remove the volume."""
@@ -126,10 +127,14 @@ class VolumeWindow:
 
         Parameters
         ----------
-        values : the smallest and the largest one of the volume.
+        values : the smallest and the largest one of the volume. VTK makes its tables before it looks at voxels that
+            have been exchanged for others, so that the range of those before counts too: in a film's narrower range
+            the nodes would be nearer than the tables are long.
         projection : "shaded", "composite" or "mip".
         """
-        _set_transfer(self.actor.prop, transfer, values)
+        before = self._range or values
+        self._range = (min(before[0], values[0]), max(before[1], values[1]))
+        _set_transfer(self.actor.prop, transfer, self._range)
         self.actor.prop.SetShade(projection == "shaded")
         if projection == "mip":
             self.actor.mapper.SetBlendModeToMaximumIntensity()

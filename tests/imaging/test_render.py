@@ -15,6 +15,7 @@ from PIL import Image
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging import vtk_volume as module
+from deformnb.imaging.camera import Camera
 from deformnb.imaging.render import (
     RENDERERS,
     image_places,
@@ -25,7 +26,7 @@ from deformnb.imaging.render import (
 )
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.volume.plane import Plane
-from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 
 BACKENDS = ["core", pytest.param("vtk", marks=pytest.mark.needs_gl)]
@@ -399,4 +400,16 @@ def test_vtk_is_given_no_table_longer_than_it_makes(transfer: Any, capfd: pytest
     values[3, 3, 3] = 1e6
     function = TransferFunction(((0, 1, 1, 1), (0, 0.5, 1, 1)), transfer)
     render_volume(Volume.from_array(values), transfer=function, size=(32, 32), backend="vtk")
+    assert "texture size" not in capfd.readouterr().err
+
+
+@pytest.mark.needs_gl
+def test_nor_where_voxels_are_exchanged_for_some_of_another_range(capfd: pytest.CaptureFixture[str]) -> None:
+    values = np.random.default_rng(0).integers(0, 200, (12, 12, 12)).astype(np.uint8)
+    wide, narrow = Volume.from_array(values), Volume.from_array(values // 2)
+    renderer = RENDERERS["vtk"](as_transfer("specimen", wide), (32, 32))
+    camera = Camera(Plane((5.5, 5.5, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), 14.0)
+    for volume in (wide, narrow, wide):
+        renderer(volume, camera)
+    renderer.close()
     assert "texture size" not in capfd.readouterr().err
