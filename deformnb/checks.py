@@ -6,13 +6,14 @@ import os
 import sys
 import types
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import fields
-from functools import cache
+from functools import cache, wraps
+from inspect import signature
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,6 +223,57 @@ def check_fields(owner: Any, *names: str) -> None:
                               f"{shown_value(given)}.")
         if value is not given:
             object.__setattr__(owner, name, value)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def check_arguments(function: Function) -> Function:
+    """Check the arguments of a function by their annotations, as :func:`check_fields` does the fields of a dataclass.
+
+    Looked at are numbers, texts, truth values, and objects of this package; what has a grid counts as its grid.
+
+    Examples
+    --------
+    >>> @check_arguments
+    ... def double(number: float) -> float:
+    ...     return 2 * number
+    >>> double("2")
+    Traceback (most recent call last):
+    ...
+    deformnb.errors.DeformError: number of double must be a finite number, got '2'.
+    """
+    called = signature(function)
+
+    @wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        bound = called.bind(*args, **kwargs)
+        for name, hint in _plain_hints(function):
+            if name not in bound.arguments:
+                continue
+            given = bound.arguments[name]
+            value = _conformed(given, hint)
+            if value is _WRONG:
+                value = _conformed(getattr(given, "grid", None), hint)
+            if value is _WRONG:
+                raise DeformError(f"{name.replace('_', ' ')} of {function.__name__} must be {_in_words(hint)}, got "
+                                  f"{shown_value(given)}.")
+            bound.arguments[name] = value
+        return function(*bound.args, **bound.kwargs)
+
+    return checked  # type: ignore[return-value]
+
+
+@cache
+def _plain_hints(function: Any) -> tuple[tuple[str, Any], ...]:
+    hints = get_type_hints(function)
+    return tuple((name, hint) for name, hint in hints.items() if name != "return" and _is_plain(hint))
+
+
+def _is_plain(hint: Any) -> bool:
+    if get_origin(hint) in (Union, types.UnionType):
+        return all(map(_is_plain, get_args(hint)))
+    return hint in _PLAIN or (isinstance(hint, type) and hint.__module__.startswith("deformnb"))
 
 
 _WRONG: Any = object()

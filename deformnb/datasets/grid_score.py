@@ -101,6 +101,8 @@ def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: 
     from deformnb.rbf.fields import AbstractField
     from deformnb.warping.points import warp_points
 
+    if not hasattr(grids, "source_nodes"):
+        raise DeformError(f"a pair of Thompson's grids is needed, got {shown_value(grids)}; thompson_map makes one.")
     source, target = grids.source_nodes, grids.target_nodes
     pixel = np.ptp(source.reshape(-1, 2), axis=0) / np.ptp(grids.source.nodes.reshape(-1, 2), axis=0)
     before = np.linalg.norm((target - source) / pixel, axis=-1)

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import finite_number
+from deformnb.checks import check_fields, finite_number
 from deformnb.document.deformation import EASINGS, LOOPS, Deformation, Keyframe, Step
 from deformnb.document.motion_paths import StepPath, one_map, step_paths
 from deformnb.errors import DeformError
@@ -163,6 +163,7 @@ class Animation:
     loop: str = ""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         for name in ("easing", "loop"):
             object.__setattr__(self, name, getattr(self, name) or getattr(self.deformation, name))
         if self.easing not in EASINGS:

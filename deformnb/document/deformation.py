@@ -19,7 +19,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import check_fields, is_finite, shown_value
+from deformnb.checks import check_arguments, check_fields, is_finite, shown_value
 from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
@@ -191,6 +191,7 @@ class Step(AbstractFitSettings):
         """The (first) set of control points."""
         return self.maps[0]
 
+    @check_arguments
     def with_points(self, points: ControlPoints, key: int = 0) -> Step:
         """The same step with another set of control points (the key-th, for the rule "interpolate")."""
         if not 0 <= key < len(self.maps):
@@ -205,10 +206,12 @@ class Step(AbstractFitSettings):
         arguments = {"replicate": (), "modulate": (self.curve,), "interpolate": (self.knots,)}
         return EXTRUSIONS[self.extrusion](*arguments.get(self.extrusion, ()))
 
+    @check_arguments
     def fits(self, grid: Grid) -> tuple[Fit | TipBlend, ...]:
         """The solved interpolants: one for each set of control points, and for each region of it between cuts."""
         return tuple(fit for fits in self.fits_of_regions(grid) for fit in fits.values())
 
+    @check_arguments
     def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit | TipBlend], ...]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region.
 
@@ -222,6 +225,7 @@ class Step(AbstractFitSettings):
             self.__dict__["_solved"] = known  # in one assignment, for threads
         return known[1]
 
+    @check_arguments
     def cautions(self, grid: Grid) -> tuple[str, ...]:
         """Sentences on what is probably a mistake of a step on a volume's grid: a support radius below a voxel, cuts
         that cross nothing, and rigid parts that contradict each other.
@@ -251,6 +255,7 @@ class Step(AbstractFitSettings):
         """The regions of the cuts that are switched on."""
         return tuple(cut.region for cut in self.cuts if cut.enabled)
 
+    @check_arguments
     def field(self, grid: Grid) -> AbstractField:
         """The backward displacement in space of this step on a volume's grid."""
         if self.points.unit not in ("", grid.unit):
@@ -606,16 +611,19 @@ class Deformation:
         return replace(self, steps=(*self.steps, *following.steps), mode="compose",
                        output=self.output if following.output is None else following.output)
 
+    @check_arguments
     def with_step(self, index: int, step: Step) -> Deformation:
         """Another step in the place of an old one."""
         self._check(index)
         return replace(self, steps=(*self.steps[:index], step, *self.steps[index + 1 :]))
 
+    @check_arguments
     def without_step(self, index: int) -> Deformation:
         """One step less."""
         self._check(index)
         return replace(self, steps=(*self.steps[:index], *self.steps[index + 1 :]))
 
+    @check_arguments
     def moved_step(self, index: int, to: int) -> Deformation:
         """The same steps with one of them at another place in the order."""
         self._check(index)
@@ -623,10 +631,12 @@ class Deformation:
         rest = [step for k, step in enumerate(self.steps) if k != index]
         return replace(self, steps=(*rest[:to], self.steps[index], *rest[to:]))
 
+    @check_arguments
     def _check(self, index: int) -> None:
         if not 0 <= index < len(self.steps):
             raise DeformError(f"there is no step {index}; there are {len(self.steps)}.")
 
+    @check_arguments
     def scaled(self, strength: float) -> Deformation:
         """Every step ``strength`` times as strong."""
         return replace(self, steps=tuple(replace(s, strength=s.strength * strength) for s in self.steps))
@@ -669,6 +679,7 @@ class Deformation:
         fits = (fit for step in steps if step.enabled for fit in step.fits(grid))
         return (*self._unit_notes(grid.unit), *dict.fromkeys(note for fit in fits for note in fit.notes))
 
+    @check_arguments
     def notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits ("points on one line ..."), each once, and that of a document with an older spacing.
 
@@ -691,6 +702,7 @@ class Deformation:
         found = (caution for step in steps if step.enabled for caution in step.cautions(own))
         return tuple(dict.fromkeys([*([differs] if differs else []), *found]))
 
+    @check_arguments
     def older_spacing(self, grid: Grid) -> KnownSpacing | None:
         """The volume, if this was made on a known one with the wrong spacing of its file and ``grid`` has the true one.
 
@@ -702,6 +714,7 @@ class Deformation:
         spacing = made.spacing if made.grid is None else made.grid.in_unit(grid.unit).spacing
         return older_document(made.sha256, spacing, grid)
 
+    @check_arguments
     def own_grid(self, grid: Grid) -> Grid:
         """Grid of a volume in the coordinates of this document: its own grid, but for :meth:`older_spacing`."""
         known = self.older_spacing(grid)

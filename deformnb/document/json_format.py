@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from deformnb.checks import LARGEST_COORDINATE, shown_value
+from deformnb.checks import LARGEST_COORDINATE, check_arguments, shown_value
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
@@ -279,6 +279,7 @@ MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _from_1}
 """From major version n to n + 1; a fixture of every released version is kept in the tests."""
 
 
+@check_arguments
 def to_json(deformation: Deformation) -> str:
     """The document as text, one control point a line, so that versions differ by the lines that changed.
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb.checks import check_arguments
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import region_to_data, without_surrogates
 from deformnb.rbf.kernels import BUILT_IN
@@ -45,6 +46,7 @@ def own_grid_text(volume: Volume) -> str:
     return "volume.grid" if volume.level is None else "volume.finest_grid"
 
 
+@check_arguments
 def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOLUME, own: str = "volume.grid") -> str:
     """A script that makes ``deformation`` and applies it.
 

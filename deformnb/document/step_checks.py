@@ -25,6 +25,7 @@ from deformnb.analysis.folds import (
 )
 from deformnb.analysis.gaussian_process import Uncertainty, fit_system, process_scale, uncertainty
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
+from deformnb.checks import check_arguments
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
@@ -177,6 +178,7 @@ def _least(stage: AbstractField, sides: Sides, step: Step, lattice: Grid) -> flo
 # ---- how far one may go ----------------------------------------------------------------------------------------------
 
 
+@check_arguments
 def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES, *,
                   is_tissue: IsTissue | None = None) -> int:
     """The smallest of 1, 2, 4, ... stages in which a step does not fold.
@@ -214,6 +216,7 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
                       "part, on their straight ways. Drag them less far, or one around the other in several steps.")
 
 
+@check_arguments
 def safe_strength(step: Step, grid: Grid, least: float = LEAST, *, is_tissue: IsTissue | None = None) -> float:
     """The strength of a step, at most its own, at which it does not fold; its own if it does not.
 
@@ -228,6 +231,7 @@ def safe_strength(step: Step, grid: Grid, least: float = LEAST, *, is_tissue: Is
         lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least, is_tissue))
 
 
+@check_arguments
 def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: Grid, key: int = 0,
                 least: float = LEAST, *, is_tissue: IsTissue | None = None) -> ControlPoints:
     """The control points as far as is safe on the straight way from one state to another.
@@ -273,6 +277,7 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
 # ---- the quality of a step's fit -------------------------------------------------------------------------------------
 
 
+@check_arguments
 def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     """Goodness of fit of a step's control points; see :class:`~deformnb.analysis.quality.FitQuality`.
 
@@ -455,6 +460,7 @@ class StepUncertainty:
         return self.at(np.moveaxis(places, 0, -1)).astype(np.float32)
 
 
+@check_arguments
 def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     """Uncertainty of the map of a step: the deviation of :func:`uncertainty` on its plane or in space.
 

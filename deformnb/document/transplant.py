@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from deformnb.checks import check_arguments
 from deformnb.document.deformation import Deformation, Keyframe
 from deformnb.document.space_maps import SAME, SpaceMap
 from deformnb.errors import DeformError, OtherVolumeError
@@ -41,6 +42,7 @@ ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _un
 """Alignments of a document with another volume by name; the first is the default."""
 
 
+@check_arguments
 def transplanted(deformation: Deformation, grid: Grid, alignment: str = "none") -> Deformation:
     """The document for a volume of another grid; after the alignment "box" it has no volume of its own any more.
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import in_full_precision, jnp, pytree
+from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
@@ -447,4 +448,7 @@ def extrude(plane: Plane, grid: Grid | VolumeLike, maps: Sequence[AbstractField]
     >>> extrude(Plane.along(grid, "+y"), grid, [Identity(2)], modulate("z")).dim
     3
     """
+    if not isinstance(plane, Plane):
+        raise DeformError(f"a Plane is needed to extrude from, got {shown_value(plane)}; Plane.along(volume, view) "
+                          "makes one.")
     return Extrusion(plane, plane.depth_range(grid), tuple(maps), *weights)

@@ -209,6 +209,10 @@ class ControlPoints:
         >>> points.displacement.tolist(), left_moving, left_fixed
         ([[0.0, -1.0, 0.0]], ('nose',), ('ear',))
         """
+        for side in (moving, fixed):
+            if not all(hasattr(side, name) for name in ("points", "names", "active")):
+                raise DeformError(f"Landmarks are needed, got {shown_value(side)}; Landmarks(points, names) makes "
+                                  "some.")
         if moving.points.shape[1] != fixed.points.shape[1]:
             raise DeformError(f"the moving landmarks have {moving.points.shape[1]} coordinates and the fixed ones "
                               f"{fixed.points.shape[1]}; they must have the same.")

@@ -9,13 +9,14 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from deformnb.checks import shown_value
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.document.transplant import transplanted
@@ -130,7 +131,9 @@ def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], fold
     >>> (folder / "results" / "a.nrrd").is_file()
     True
     """
-    files, target = inputs_of(inputs), Path(folder)
+    if isinstance(inputs, str | PathLike) or not isinstance(inputs, Iterable):
+        raise DeformError(f"the inputs are a list of paths, got {shown_value(inputs)}.")
+    files, target = inputs_of(list(inputs)), Path(folder)
     outputs = [target / _renamed(path, suffix) for path in files]
     _check_outputs(files, outputs)
     target.mkdir(parents=True, exist_ok=True)

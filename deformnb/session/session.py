@@ -29,7 +29,7 @@ from deformnb.analysis.extent import (
     padded,
     reached_places,
 )
-from deformnb.checks import checked_window, one_of
+from deformnb.checks import check_arguments, checked_window, one_of
 from deformnb.document.deformation import STEP_LABELS, Deformation, LazyReference, Step
 from deformnb.document.edits import complete_change, points_between, turned, untouched_step
 from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
@@ -196,6 +196,7 @@ class Session(traitlets.HasTraits):
         """Plane of the picture; for points in space, that of the first picture."""
         return self.step.plane or self._home
 
+    @check_arguments
     def edit_step(self, index: int, key: int = 0) -> None:
         """Choose the step, and its set of points, that is edited."""
         if not 0 <= index < len(self.deformation.steps):
@@ -225,6 +226,7 @@ class Session(traitlets.HasTraits):
         with self._lock:
             self._become(deformation, label, kind, index=index)
 
+    @check_arguments
     def edit_points(self, points: ControlPoints, label: str = "move points", kind: str | None = None) -> None:
         """Other control points in the place of those being edited.
 

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from deformnb._entrances import CONVERSIONS
 from deformnb._typing import Float3, Spacing
-from deformnb.checks import LARGEST_COORDINATE, check_fields, finite_array, real_array, shown_value
+from deformnb.checks import LARGEST_COORDINATE, check_arguments, check_fields, finite_array, real_array, shown_value
 from deformnb.errors import DeformError, FileChangedError, MissingPackageError
 from deformnb.volume.units import checked_unit, find_unit, ratio
 
@@ -537,6 +537,7 @@ class Grid:
         """Number of voxels."""
         return self.shape[0] * self.shape[1] * self.shape[2]
 
+    @check_arguments
     def is_like(self, other: Grid) -> bool:
         """True if the voxels of both lie at the same places, as far as files keep digits, whatever their units."""
         other = other.in_unit(self.unit)
@@ -559,6 +560,7 @@ class Grid:
         bits = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)])
         return self.index_to_point(np.where(bits == 1, high, low))
 
+    @check_arguments
     def overlaps(self, other: Grid) -> bool:
         """Check whether the upright boxes around two grids have places in common."""
         own, others = self.corners(), other.in_unit(self.unit).corners()
