@@ -134,13 +134,14 @@ class BSplineField(AbstractField):
         out = np.empty((self.dim, len(flat)))
         values = np.moveaxis(np.asarray(self.coefficients, dtype=np.float64), -1, 0)
         low, high = self.domain
+        order: Any = self.order
         for first in range(0, len(flat), BLOCK):
             part = slice(first, first + BLOCK)
             start, t, inside = self._cell(np, self.index_of(flat[part]))
             # SciPy's splines of coefficients are the same sum, compiled: a tenth of the time of NumPy's.
             at = np.clip(start + t + low, low, high).T[::-1]
             for component, into in zip(values, out[:, part], strict=True):
-                ndimage.map_coordinates(component, at, output=into, order=self.order, mode="nearest", prefilter=False)
+                ndimage.map_coordinates(component, at, output=into, order=order, mode="nearest", prefilter=False)
             out[:, part][:, ~inside] = 0.0
         return np.moveaxis(out, 0, -1).reshape(x.shape)
 

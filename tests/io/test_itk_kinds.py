@@ -74,7 +74,7 @@ def test_a_transform_on_a_grid_is_the_map_that_itk_makes_of_it(name: str, dim: i
     if is_spline and not name.endswith("_0"):
         assert isinstance(field, BSplineField)
         still = (known == places).all(axis=1)
-        assert 0.2 < still.mean() < 0.95  # within the domain and outside
+        assert 0 < still.sum() < len(still)  # within the domain and outside
 
 
 @pytest.mark.parametrize("suffix", ["tfm", "h5", "mat"])
