@@ -570,16 +570,19 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
             raise fail(path, f"voxels of type {item.dtype} are no numbers that can be deformed.")
         shape, _ = volume_shape(path, [int(n) for n in item.shape[::-1]], item.dtype.itemsize)
         _check_chunk(path, math.prod(item.chunks or (1,)) * item.dtype.itemsize)
-        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype, item.chunks), _hdf5_grid(path, item, shape),
-                           path.stem, path=path)
+        grid, notes = _hdf5_grid(path, item, shape)
+        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype, item.chunks), grid, path.stem, notes=notes,
+                           path=path)
 
 
-def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> Grid:
+def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> tuple[Grid, tuple[str, ...]]:
     """The grid of a dataset, with the attribute that ImageJ's and ilastik's HDF5 files have: element_size_um."""
-    sizes = item.attrs.get("element_size_um")
-    if sizes is None or np.shape(sizes) != (3,):
-        return Grid(shape)
-    return Grid(shape, tuple(float(s) for s in sizes[::-1]), unit="\u00b5m")  # type: ignore[arg-type]
+    if "element_size_um" not in item.attrs:
+        return Grid(shape), ("the file states no element_size_um: spacing 1 was taken along each axis",)
+    sizes = np.asarray(item.attrs["element_size_um"])
+    if sizes.shape != (3,) or sizes.dtype.kind not in "iuf":
+        raise fail(path, f"its element_size_um should be three numbers along z, y and x but is {shown(sizes, 60)}.")
+    return Grid(shape, (float(sizes[2]), float(sizes[1]), float(sizes[0])), unit="\u00b5m"), ()
 
 
 def _of_tiff(path: Path) -> LargeVolume:
