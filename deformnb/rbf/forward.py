@@ -138,6 +138,8 @@ class ForwardFit(AbstractField):
         """As :meth:`~deformnb.rbf.interpolant.RBFInterpolant.bound`: that of the fit, and the residual that a certain
         place may have, times the largest stretch of the inverse at the points.
         """
+        if self.is_identity:
+            return float(self.forward.bound())
         stretch = max(1.0, float(np.linalg.norm(self._at_points[1], 2, axis=(1, 2)).max(initial=1.0)))
         return stretch * (float(self.forward.bound()) + _FOUND * self.size) + SHARES["lattice"] * pixel
 
@@ -160,6 +162,8 @@ class ForwardFit(AbstractField):
     def jacobian(self, points: ArrayLike) -> Array:
         """dD/dy: the inverse of ``1 + dF/dx``, less 1; where nothing is found the map has the determinant 0."""
         y = self._checked(points)
+        if self.is_identity:
+            return np.zeros((*y.shape, self.dim))
         x, error = self._solved(y.reshape(-1, self.dim))
         a = self._derivative(x)
         det = determinant(a)
@@ -174,6 +178,8 @@ class ForwardFit(AbstractField):
         has the sign that it has at most of the control points.
         """
         y = self._checked(points)
+        if self.is_identity:
+            return np.ones(y.shape[:-1], dtype=bool)
         flat = y.reshape(-1, self.dim)
         x, error = self._solved(flat)
         return np.asarray(self._certain(flat, error, determinant(self._derivative(x))).reshape(y.shape[:-1]))
@@ -242,7 +248,9 @@ class ForwardFit(AbstractField):
 
     @cached_property
     def size(self) -> float:
-        """Size of the points; the support for one place."""
+        """Size of the points; the support for one place and for none."""
+        if not len(self._sources):
+            return self.support
         both = np.concatenate([self._sources, self._targets])
         return float(np.linalg.norm(np.ptp(both, axis=0))) or self.support
 

@@ -169,3 +169,17 @@ def test_directions_exchange_sources_and_targets() -> None:
     points = bent()
     assert oriented(points, DIRECTIONS[0]) is points
     assert np.array_equal(oriented(points, "forward").displacement, -points.displacement)
+
+
+@pytest.mark.parametrize("points", [ControlPoints.empty(), bent().reset()])
+def test_what_moves_nothing_is_the_identity(points: ControlPoints) -> None:
+    fit = fit_forward(points, support=20.0)
+    y = np.array([[3.0, 4.0], [50.0, -9.0]])
+    assert fit.is_identity
+    assert fit.found(y).all()
+    assert not fit.displacement(y).any()
+    assert not fit.jacobian(y).any()
+    assert fit.bound() >= 0
+    moved, found = warp_points(y, fit)
+    assert found.all()
+    assert (moved == y).all()
