@@ -123,6 +123,19 @@ def assert_a_page_shows_the_pictures(notebook: Any, outputs: list[Any]) -> None:
     assert [png[:40] for png in drawn if f'src="data:image/png;base64,{png}' not in page] == []
 
 
+def test_widgets_that_jupyterlab_has_kept_are_pictures_by_the_option_that_the_documentation_names() -> None:
+    nbformat, nbconvert = pytest.importorskip("nbformat"), pytest.importorskip("nbconvert")
+    option = re.search(r"--(\w+)\.enabled=True", (ROOT / "docs" / "hosts.md").read_text(encoding="utf-8"))
+    assert option is not None
+    view, state = (f"application/vnd.jupyter.widget-{kind}+json" for kind in ("view", "state"))
+    shown = nbformat.v4.new_output("display_data", {view: {"model_id": "one"}, "image/png": "iVBORw0KGgo="})
+    model = {"model_name": "AnyModel", "model_module": "anywidget", "state": {}}
+    kept = {"widgets": {state: {"state": {"one": model}}}}
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(outputs=[shown])], metadata=kept)
+    page, _ = nbconvert.HTMLExporter(config={option[1]: {"enabled": True}}).from_notebook_node(notebook)
+    assert 'src="data:image/png;base64,iVBORw0KGgo="' in page
+
+
 @every_notebook
 def test_it_is_stored_without_results(path: Path) -> None:
     notebook = stored(path)
