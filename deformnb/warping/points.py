@@ -316,10 +316,11 @@ class Landmarks:
         if isinstance(self.names, str) or not isinstance(self.names, Iterable):
             raise DeformError(f"the names of landmarks are a list of texts, got {shown_value(self.names)}.")
         names = tuple(map(str, self.names)) or ("",) * len(points)
-        check_fields(self, "active")
+        check_fields(self, "active", "found")
         active = np.ones(len(points), dtype=bool) if self.active is None else np.array(self.active, dtype=bool)
         if len(names) != len(points) or active.shape != (len(points),) or (
-                fixed is not None and fixed.shape != points.shape):
+                fixed is not None and fixed.shape != points.shape) or (
+                self.found is not None and self.found.shape != (len(points),)):
             raise DeformError(f"{len(points)} landmarks need as many names, switches and fixed places.")
         for name, value in (("points", points), ("names", names), ("fixed", fixed), ("active", active)):
             if isinstance(value, np.ndarray):
