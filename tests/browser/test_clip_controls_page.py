@@ -16,7 +16,7 @@ pytestmark = pytest.mark.needs_browser
 
 # Index x grows to the top, y to the right side, z to the front.
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
-GRID = Grid((16, 20, 24), (2.0, 1.0, 1.5), (0.0, 0.0, 0.0), TURNED)
+GRID = Grid((16, 20, 24), (2.0, 1.0, 1.5), (0.0, 0.0, 0.0), TURNED, "mm")
 BAR = "document.querySelector('.dnb-scale')"
 
 

@@ -177,7 +177,8 @@ def test_escape_gives_a_drag_of_the_window_up(opened: Any, picture: Picture, poi
 
 
 def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture, points: ControlPoints) -> None:
-    page = opened(Editor(replace(picture, grid=Grid((44, 9, 60), (2.0, 2.0, 2.5))), points, slices=SLICES, slice=3))
+    seen = replace(picture, grid=Grid((44, 9, 60), (2.0, 2.0, 2.5), unit="mm"))
+    page = opened(Editor(seen, points, slices=SLICES, slice=3))
     status = page.page.locator(".dnb-ed-slice")
     assert status.inner_text() == "slice 4 / 9, -2.0 mm"
     page.page.evaluate("document.body.style.height = '4000px'")

@@ -31,7 +31,7 @@ from deformnb.widgets.edit_messages import EditMessage, points_from_json, points
 def volume() -> Volume:
     values = np.zeros((20, 30, 40), np.uint8)
     values[5:15, 8:22, 10:30] = np.arange(20, dtype=np.uint8) * 10 + 30
-    return Volume(values, Grid((20, 30, 40), spacing=(2.0, 1.0, 1.5)))
+    return Volume(values, Grid((20, 30, 40), spacing=(2.0, 1.0, 1.5), unit="mm"))
 
 
 @pytest.fixture
