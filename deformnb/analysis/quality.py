@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, jax
 from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
-from deformnb.rbf.conditioning import SAME_PLACE, same_place
+from deformnb.rbf.conditioning import SAME_PLACE, diameter_of, same_place
 from deformnb.rbf.evaluation import capacity
 from deformnb.rbf.fitting import fit_one_system
 from deformnb.rbf.points import ControlPoints
@@ -159,7 +159,7 @@ def bending_energy(points: ControlPoints) -> float:
     active = points.take(np.flatnonzero(points.active))
     if len(active) <= points.dim + 1:
         return 0.0
-    size = float(np.linalg.norm(np.ptp(active.source, axis=0))) or 1.0
+    size = diameter_of(active.source) or 1.0
     x, first = np.unique(np.round(active.source / (SAME_PLACE * size)), axis=0, return_index=True)
     y = active.target[first]
     if len(x) < len(active) and not _same_targets(active, size):

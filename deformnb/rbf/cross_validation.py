@@ -44,7 +44,7 @@ def parameters_of(trend: str, dim: int) -> int:
 
 
 def left_out(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats) -> Floats:
-    """Leave-one-out errors (n, dim) of displacements d (n, dim) at places x (n, dim) in units of the support.
+    """Leave-one-out errors (n, dim) of displacements d (n, dim) at places x (n, dim), all in units of the support.
 
     Raises
     ------

@@ -218,7 +218,7 @@ class RBFInterpolant(AbstractField):
         if not least <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
             return False
         nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
-        drags = self._dragged()[1]
+        drags = self._dragged()[1] / self.support  # in the unit of the places: rigid maps are not linear in it
         if np.count_nonzero(drags.any(axis=1)) <= n / 2:
             return False
         try:

@@ -67,7 +67,7 @@ class AbstractKernel(ABC):
     order: ClassVar[int] = 0
     compact: ClassVar[bool] = False
     shares: ClassVar[tuple[float, ...]] = (1.0,)
-    """Supports among which a fit chooses, in diagonals of the box of its points; the middle one is the usual."""
+    """Supports among which a fit chooses, in diameters of the set of its points; the middle one is the usual."""
     gaps: ClassVar[float] = np.inf
     """The longest support that a fit chooses for points in a row, in gaps between them: longer ones extrapolate wildly
     across the row. Measured with one point dragged by a tenth of rows of 3 to 33."""
@@ -434,7 +434,7 @@ def register_kernel(kernel: Phi | type[AbstractKernel], *, name: str | None = No
     order : of conditional positive definiteness, 0 to 3; a fit needs a trend of this order.
     compact : the function ends at rho = 1, where it is 0, and is taken as 0 beyond.
     title : in menus; default is made of the name.
-    shares : supports among which a fit chooses, in diagonals of the box of its points, the middle one the usual.
+    shares : supports among which a fit chooses, in diameters of the set of its points, the middle one the usual.
     gaps : the longest support that a fit chooses for points in a row, in gaps between them.
 
     Returns

@@ -202,8 +202,9 @@ def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractK
     is_shrunk = ready.trend in ("affine", "quadratic") and ready.span.ridge.any()
     rule = "similarity" if is_shrunk and kernel.order < 3 else ready.trend
     balls = balls_of(ready.relative, 1 + parameters_of(ready.trend, points.dim))
-    errors = prediction_errors(ready.relative, ready.displacements, kernel, rule, smoothing / ready.weights, balls)
-    return (errors[ready.place_of]**2).ravel()  # as many for each radius, though merged for some
+    errors = radius * prediction_errors(ready.relative, ready.displacements / radius, kernel, rule,
+                                        smoothing / ready.weights, balls)
+    return np.asarray(errors[ready.place_of]**2).ravel()  # as many for each radius, though merged for some
 
 
 def check_support(support: Any) -> None:
