@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import blockwise, in_64_bits, in_full_precision, is_traced, jax, jnp, pytree
+from deformnb._jax import blockwise, float64, in_64_bits, in_full_precision, is_traced, jax, jnp, pytree
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
@@ -120,7 +120,13 @@ class AbstractField(ABC):
         derivative ``1 + dD/dx``; where the determinant of that is 0 or less, the map folds.
         """
         x = np.asarray(points, dtype=np.float64)
-        return np.moveaxis(_jacobians(self, x.reshape(-1, self.dim).T), -1, 0).reshape(*x.shape, self.dim)
+        flat = x.reshape(-1, self.dim)
+        if any(leaf is self for leaf in jax.tree.leaves(self)):  # no pytree, for which nothing can be compiled
+            with float64():
+                found = np.asarray(jax.vmap(jax.jacfwd(self.jax_displacement))(flat))
+        else:
+            found = np.moveaxis(_jacobians(self, flat.T), -1, 0)
+        return found.reshape(*x.shape, self.dim)
 
     def jacobian_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike) -> NDArray[np.float32]:
         """:meth:`jacobian` at all points ``rows[:, r] + columns[:, c]``: dD_m/dx_k at [m, k] of (dim, dim, R, C)."""
