@@ -198,6 +198,8 @@ def test_import_leaves_global_jax_settings_alone() -> None:
 OF_A_WHOLE_PACKAGE = {
     "interop/test_pipelines.py": "the page docs/pipelines.md, whose code is run",
     "app/test_app.py": "the application's parts together",
+    "io/test_allowed_readers.py": "readers of other packages in all modules",
+    "io/test_entrances.py": "every public function, given things of other kinds",
     "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
     "io/test_format_table.py": "every format, and the program that agreed on it",

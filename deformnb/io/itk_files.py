@@ -1,4 +1,4 @@
-"""What ITK's transform files state, without ITK: text (.tfm, .txt), MATLAB's level 4 (.mat), HDF5 (.h5).
+"""Files of ITK's transforms, read without ITK: text (.tfm, .txt), MATLAB's level 4 (.mat), HDF5 (.h5).
 
 Each is a list of transforms: the name of a class, its parameters and its fixed parameters. Sizes, counts and types are
 compared with what is there before any number is decoded.
