@@ -186,7 +186,7 @@ def _bring_to_targets(y: Array, error: Array, x: Array, field: AbstractField, to
         return
     places = np.concatenate(targets)
     brought = places + field.displacement(places)
-    gap, nearest = scipy.spatial.cKDTree(brought).query(x, distance_upper_bound=tolerance)
+    gap, nearest = map(np.asarray, scipy.spatial.cKDTree(brought).query(x, distance_upper_bound=tolerance))
     at = np.flatnonzero(gap <= tolerance)
     y[at], error[at] = places[nearest[at]], gap[at]
 
