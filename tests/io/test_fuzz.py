@@ -185,7 +185,7 @@ def _composite() -> SimpleITK.Transform:
                                          spline, field, SimpleITK.AffineTransform(3)])
 
 
-FORMS = ["jpeg.tif", "jpeg2000.tif", "lerc.tif", "png.tif", "jpegxl.tif", "jpegxr.tif", "webp.tif", "zstd.tif",
+FORMS = ["jpeg.tif", "jpeg2000.tif", "lerc.tif", "png.tif", "jpegxl.tif", "webp.tif", "zstd.tif",
          "lzma.tif", "lzw.tif", "bits.tif", "planes.tif", "lossless.dcm", "jpegls.dcm", "frames.dcm", "list.nhdr",
          "pattern.mhd", "text.nrrd", "hex.nrrd", "axes.zarr"]
 """Files in other packings and forms than those that are written here."""
