@@ -113,7 +113,7 @@ def test_transformations_of_the_pyramid_follow_those_of_the_level(tmp_path: Path
     {"compressors": [zarr.codecs.ZstdCodec()]}, {"compressors": [zarr.codecs.BloscCodec()]},
     {"chunk_key_encoding": {"name": "v2", "separator": "."}},
     {"chunk_key_encoding": {"name": "default", "separator": "."}},
-], ids=str)
+], ids=["shards", "gzip", "plain", "zstd", "blosc", "names of version 2", "names of version 3"])
 def test_shards_codecs_and_names_of_chunks(options: dict[str, Any], tmp_path: Path) -> None:
     store(tmp_path / "a.zarr", "zyx", values=VALUES, **options)
     read = read_volume(tmp_path / "a.zarr")
