@@ -220,8 +220,9 @@ def balls_of(x: Floats, least: int) -> list[Positions]:
 def sample_of(x: Floats, most: int = MOST_LEFT_OUT) -> Positions:
     """About ``most`` of the places x (n, dim), spread over all, whatever their order and the axes; all where few.
 
-    They are taken by their distance from the centroid, every so-manyth; what is equally far is taken together. Where
-    that would be more than twice as many as asked for (a ring, a ball's surface) there are none.
+    They are taken by their distance from the centroid, every so-manyth; what is equally far, such as the eight nodes of
+    a grid that its symmetries exchange, is taken together. There are none of places more than twice as many as asked
+    for that are all equally far (a ring, a ball's surface).
     """
     n = len(x)
     if n <= most:
@@ -230,7 +231,8 @@ def sample_of(x: Floats, most: int = MOST_LEFT_OUT) -> Positions:
     order = np.argsort(distance, kind="stable")
     ranked = distance[order]
     group = np.concatenate([[0], np.cumsum(np.diff(ranked) > SAME_DISTANCE * ranked[-1])])
-    first = np.searchsorted(group, np.arange(group[-1] + 1))
-    passed = np.floor(np.concatenate([first[1:], [n]]) * (most / n)) > np.floor(first * (most / n))
-    found = np.sort(order[passed[group]])
-    return found if len(found) <= 2 * most else found[:0]
+    sizes, taken, passed = np.bincount(group), 0, []
+    for size, end in zip(sizes.tolist(), np.cumsum(sizes).tolist(), strict=True):
+        passed.append(taken + size / 2 <= end * most / n)
+        taken += size if passed[-1] else 0
+    return np.sort(order[np.array(passed)[group]])

@@ -102,7 +102,8 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     alone, and at the middle of every ball that is left out whole, as wide as the widest gap between points
     (:mod:`deformnb.rbf.cross_validation`). Those are alike whose mean square is worse than the least by no more than
     one standard error of the paired differences, or whose root is by no more than a tenth; the longest of these is
-    taken that solves and does not fold between the points. The choice belongs to the moment when points are added or
+    taken that solves and does not fold between the points; if none of them solves, as of a flat kernel for a thousand
+    points, the longest of all that does. The choice belongs to the moment when points are added or
     removed: chosen anew during a drag, the map would jump.
 
     With dim + 2 dragged points or fewer (with the quadratic trend one more than it has parameters) it is a fixed share
@@ -143,11 +144,16 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     if current is not None and _is_within(current, least, limit):
         radii.append(current)
     near = _alike(_errors_of(informative, radii, kind, trend, smoothing))
-    for radius in sorted(near, key=lambda radius: (radius == current, radius), reverse=True):
+    near, solved = near or [usual], list[float]()
+    for radius in sorted({*radii, usual}, key=lambda radius: (radius in near, radius == current, radius), reverse=True):
+        if solved and radius not in near:  # what is worse is for points that no better one solves
+            break
         with contextlib.suppress(DeformError):
-            if not any(_folds(points, radius, kind, trend, smoothing) for points in informative):
+            folds = any(_folds(points, radius, kind, trend, smoothing) for points in informative)
+            solved.append(radius)
+            if radius not in near or not folds:
                 return radius
-    return max(near, default=usual)
+    return solved[0] if solved else max(near)
 
 
 def _is_within(radius: float, least: float, most: float) -> bool:

@@ -151,3 +151,12 @@ def test_a_map_that_folds_between_its_points_says_so_and_what_helps() -> None:
     assert np.linalg.det(np.eye(2) + fit.jacobian(places)).min() < 0
     assert FOLDS in fit.notes
     assert "larger support radius" in FOLDS
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_the_default_fits_many_points_whatever_the_kernel(kernel: str) -> None:
+    """A sample of them is fitted by supports for which all of them are singular."""
+    grid = np.stack(np.meshgrid(np.arange(30.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
+    points = ControlPoints.from_arrays(grid, grid + np.random.default_rng(0).normal(0, 0.1, grid.shape))
+    fit = fit_rbf(points, kernel=kernel, trend="quadratic" if KERNELS[kernel].order > 2 else "affine")
+    assert np.abs(fit.displacement(points.target) - points.displacement).max() <= fit.bound()
