@@ -241,7 +241,7 @@ def check_arguments(function: Function) -> Function:
     >>> double("2")
     Traceback (most recent call last):
     ...
-    deformnb.errors.DeformError: number of double must be a finite number, got '2'.
+    deformnb.errors.DeformError: number must be a finite number, got '2'.
     """
     called = signature(function)
 
@@ -256,8 +256,7 @@ def check_arguments(function: Function) -> Function:
             if value is _WRONG:
                 value = _conformed(getattr(given, "grid", None), hint)
             if value is _WRONG:
-                raise DeformError(f"{name.replace('_', ' ')} of {function.__name__} must be {_in_words(hint)}, got "
-                                  f"{shown_value(given)}.")
+                raise DeformError(f"{name.replace('_', ' ')} must be {_in_words(hint)}, got {shown_value(given)}.")
             bound.arguments[name] = value
         return function(*bound.args, **bound.kwargs)
 

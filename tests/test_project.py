@@ -202,6 +202,7 @@ OF_A_WHOLE_PACKAGE = {
     "io/test_entrances.py": "every public function, given things of other kinds",
     "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
+    "io/test_metadata_mutations.py": "every field of metadata of every format",
     "io/test_format_table.py": "every format, and the program that agreed on it",
     "io/test_peers.py": "formats and the programs with which they are exchanged",
 }

@@ -611,7 +611,6 @@ class Deformation:
         return replace(self, steps=(*self.steps, *following.steps), mode="compose",
                        output=self.output if following.output is None else following.output)
 
-    @check_arguments
     def with_step(self, index: int, step: Step) -> Deformation:
         """Another step in the place of an old one."""
         self._check(index)

@@ -81,6 +81,11 @@ class Candidate:
     ----------
     settings : of the fit; a ``support`` is relative to the size of the points that are fitted, 1 by default.
     margin : the factor by which its error counts more.
+
+    Examples
+    --------
+    >>> Candidate(FitSettings(kernel="thin_plate")).settings.direction
+    'backward'
     """
 
     settings: FitSettings

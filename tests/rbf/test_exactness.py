@@ -30,7 +30,7 @@ from deformnb.rbf.conditioning import prepare
 from deformnb.rbf.evaluation import in_turn, stacked
 from deformnb.rbf.exactness import DERIVATIVE, EXACT, EXACT_PLACE, SHARES
 from deformnb.rbf.extrusion import Extrusion, modulate
-from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, blend, compose
+from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, Rescaled, blend, compose
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.forward import ForwardFit, fit_forward
@@ -217,7 +217,7 @@ EVALUATORS = {
 # Public callables of maps that give no displacements of given places: derivatives have a test of their own below.
 OTHERS = {"kernel", "jacobian", "jacobian_on_outer_sum", "opacity", "bound", "float32_error", "float32_slope_error",
           "derivative_type", "folds_between_points", "weights_at", "slopes_at", "zeta", "lines", "axis_of", "found",
-          "ends_of", "steep_places"}
+          "ends_of", "steep_places", "folds_at", "rescaled"}
 
 
 def test_every_method_of_a_map_is_in_the_table() -> None:
@@ -380,6 +380,7 @@ MAPS: dict[str, Callable[[], AbstractField]] = {
     "DisplacementField": samples,
     "BSplineField": lambda: BSplineField(np.random.default_rng(4).normal(0, 1, (9, 9, 2)), (-10.0, -10.0),
                                          ((10.0, 0.0), (0.0, 10.0))),
+    "Rescaled": lambda: Rescaled(steep(), 1000.0, "\u00b5m"),
     "_Magnified": lambda: magnified(samples(), 3.0),
 }
 

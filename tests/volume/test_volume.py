@@ -517,4 +517,7 @@ def test_a_volume_of_one_value_is_noted(value: float) -> None:
     assert any(f"has the value {float(value):g}" in note for note in Volume.from_array(values).notes)
     values[-1, -1, -1] = not value
     assert Volume.from_array(values.astype(np.float32)).notes == ()
-    assert "not finite" in Volume.from_array(np.full((2, 2, 2), np.nan)).notes[0]
+    nowhere = np.full((2, 2, 2), np.nan)
+    assert Volume.from_array(nowhere).notes == ("no voxel is a finite number: there is nothing to see in this volume",)
+    nowhere[0, 0, 0] = 1.0
+    assert Volume.from_array(nowhere).notes == ("7 voxels are not finite, shown as background",)

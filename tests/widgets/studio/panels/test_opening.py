@@ -85,7 +85,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
 
     before = studio.deformation
     for name, words in (("notes.odt", "notes.odt is no file that can be opened here"),
-                        ("notes.txt", "notes.txt: it is neither"), ("names.tsv", "names.tsv is no table of label"),
+                        ("notes.txt", "notes.txt: it is neither"), ("names.tsv", "names.tsv: line 1 names no columns"),
                         ("affine.tfm", "affine.tfm is a transform")):
         (tmp_path / name).write_text("hello")
         assert words in drop(tmp_path / name)
