@@ -179,6 +179,8 @@ def _bring_to_targets(y: Array, error: Array, x: Array, field: AbstractField, to
 
     Where the map folds there are several places that it takes to one source, and a landmark's own is its target.
     """
+    if field.is_identity:  # no place but x; and scipy stays out of the start of a studio, where nothing is dragged
+        return
     fits = field.fits if isinstance(field, LocalFits) else (field,)
     targets = [fit.origin + fit.support * np.asarray(fit.centers, dtype=np.float64)[: int(fit.count)]
                for fit in fits if isinstance(fit, RBFInterpolant) and int(fit.count)]
