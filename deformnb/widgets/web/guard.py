@@ -171,7 +171,7 @@ class SlowRequests:
     """
 
     def __init__(self) -> None:
-        self._busy: set[Any] = set()
+        self._busy: dict[Any, asyncio.Task[Any]] = {}
         self._since: dict[Any, float] = {}
 
     def middleware(self) -> Any:
@@ -186,14 +186,14 @@ class SlowRequests:
                            ) -> web.StreamResponse:
             task = asyncio.current_task()
             assert task is not None
-            self._busy.add(request.protocol)
+            self._busy[request.protocol] = task
             task.add_done_callback(lambda _: self._answered(request.protocol))
             return await handler(request)
 
         return answered
 
     def _answered(self, connection: Any) -> None:
-        self._busy.discard(connection)
+        self._busy.pop(connection, None)
         self._since[connection] = time.monotonic()
 
     def cut_off(self, connections: Iterable[Any]) -> None:
@@ -204,6 +204,18 @@ class SlowRequests:
             transport = connection.transport
             if now - since > REQUEST_SECONDS and connection not in self._busy and transport is not None:
                 transport.abort()
+
+    async def stop_answers(self) -> None:
+        """Stop what is still being answered; to be done before its connections are cut off.
+
+        Python sends a file by the system and does not learn there that its connection was cut off: the task of a reader
+        who does not read would wait on, and aiohttp a minute for that.
+        """
+        tasks = list(self._busy.values())
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            await asyncio.wait(tasks, timeout=FAREWELL_SECONDS)
 
 
 class RefusedByServer(logging.Filter):

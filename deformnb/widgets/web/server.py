@@ -152,6 +152,7 @@ class PageServer:
         server = self._web.runner.server
         ending = asyncio.ensure_future(self.trame.stop())
         await asyncio.wait({ending}, timeout=2 * FAREWELL_SECONDS)
+        await self._slow_requests.stop_answers()
         for connection in list(server.connections):
             if connection.transport is not None:
                 connection.transport.abort()

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import socket
 import sys
 import threading
 from collections.abc import Iterator
@@ -483,9 +484,29 @@ def test_who_sends_no_whole_request_is_cut_off_and_nobody_else(monkeypatch: pyte
                     assert await asyncio.to_thread(one.recv, 1) == b""
                 one.close()
             assert len(await asyncio.to_thread(slow.recv, 1000)) > 0
-            assert len(running.server._web.runner.server.connections) == 2  # the page and the slow reader
+            # The page and the slow reader; aiohttp keeps those that were cut off until their tasks have ended.
+            await asyncio.to_thread(wait_for, lambda: _connected(running) == 2)
             slow.close()
             assert await page.call("trame.state.get") is not None
 
     with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
         asyncio.run(stay())
+
+
+def _connected(running: RunningApp) -> int:
+    connections = list(running.server._web.runner.server.connections)
+    return sum(one.transport is not None for one in connections)
+
+
+def test_who_does_not_read_a_file_does_not_hold_up_the_end(caplog: pytest.LogCaptureFixture) -> None:
+    with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
+        slow = connection_with(running.name, b"", receive_buffer=4096)
+        wait_for(lambda: _connected(running) == 1)
+        (connection,) = running.server._web.runner.server.connections
+        connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        slow.sendall(request_of(running.name, "/vue.global.js"))
+        assert slow.recv(4096, socket.MSG_WAITALL)  # more than the head of the answer: the file is on its way
+        running.server.stop()
+        running.ended(20.0)  # aiohttp itself waits for 60 seconds
+        slow.close()
+    assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []
