@@ -3,7 +3,8 @@
 The volume's box is where the foreground was, not where it goes: voxels that are dragged out of it are cut off, unless
 the result gets a larger grid. The extent is found in both directions. Forwards, the corners of small boxes around all
 foreground at the surface are followed through the map, which is exact. Backwards, the nodes of a lattice around that
-extent are looked up in the foreground: they find the second copy of the tissue that a fold shows.
+extent are looked up in the foreground: they find the second copy of the tissue that a fold shows, and the corners
+are followed from there too.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._jax import determinant, one_plus
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.rbf.newton import map_of, newton
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import foreground_level, leaving_voxels, side_names
 from deformnb.warping.points import warp_points
@@ -44,6 +47,9 @@ _RIM = 1
 _NODES = 24
 _AROUND = 0.15
 _ROUNDS = 8
+
+# Newton steps of each corner from each outermost place.
+_STEPS = 20
 
 # Foreground that a fold shows apart from the rest is looked for as far away from the volume as these shares of its
 # edges.
@@ -155,7 +161,37 @@ def reached_places(foreground: Foreground, field: AbstractField | None) -> Array
         places = np.concatenate([places, hits])
         if not at_edge and bool(np.all(np.abs(np.subtract(_box(foreground, places), before)) < 1.0)):
             break
-    return np.concatenate([places, _beside_nodes(foreground, moved[found], places)])
+    followed = np.concatenate([moved[found], _on_other_sheets(foreground, field, places)])
+    places = np.concatenate([places, followed])
+    return np.concatenate([places, _beside_nodes(foreground, followed, places)])
+
+
+def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Array) -> Array:
+    """Places (n, 3) of the corners on all sheets of a map that folds, followed from the outermost places on each side.
+
+    A corner has a place on every sheet, and following it finds one; between the nodes of a lattice the tip of another
+    sheet is not seen.
+    """
+    if field.has_cuts or not _is_folded(field, places):  # a map that jumps has no derivative across its cuts
+        return np.empty((0, 3))
+    corners, tolerance, found = foreground.corners, _EXACT * min(foreground.grid.spacing), [np.empty((0, 3))]
+    numbers = np.arange(len(corners))
+    for _ in range(_ROUNDS):
+        before, at = _box(foreground, places), foreground.grid.point_to_index(places)
+        outer = places[np.unique(np.concatenate([at.argmin(axis=0), at.argmax(axis=0)]))]
+        for start in outer:
+            y, error = newton(np.tile(start, (len(corners), 1)), corners, numbers, map_of(field), tolerance, _STEPS)
+            found.append(y[error <= tolerance])
+        places = np.concatenate([places, *found[-len(outer):]])
+        if bool(np.all(np.abs(np.subtract(_box(foreground, places), before)) < 1.0)):
+            break
+    return np.concatenate(found)
+
+
+def _is_folded(field: AbstractField, places: Array) -> bool:
+    """Check whether det J of the map has both signs at the places (n, 3)."""
+    det = determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1)))
+    return bool((det < 0).any() and (det > 0).any())
 
 
 def _beside_nodes(foreground: Foreground, followed: Array, places: Array) -> Array:
