@@ -156,10 +156,18 @@ NOTHING_TO_SEE = "there is nothing to see in this volume"
 
 def value_notes(array: NDArray[Any]) -> tuple[str, ...]:
     """Notes on voxels that are NaN or infinite, and on an array [z, y, x] that holds one value only."""
+    return empty_note(array) or _not_finite_note(array)
+
+
+def empty_note(array: NDArray[Any]) -> tuple[str, ...]:
+    """A note on an array [z, y, x] without contrast: of one value, or without a finite number."""
     first = array[0, 0, 0]
     if (array[0] == first).all() and all((slab == first).all() for slab in slabs(array)):
         return (f"every voxel has the value {float(first):g}: {NOTHING_TO_SEE}",)
-    return _not_finite_note(array)
+    if array.dtype.kind == "f" and not np.isfinite(array[0]).any() and not any(
+            np.isfinite(slab).any() for slab in slabs(array)):
+        return (f"no voxel is a finite number: {NOTHING_TO_SEE}",)
+    return ()
 
 
 def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
@@ -168,8 +176,6 @@ def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     bad = sum(int(slab.size - np.count_nonzero(np.isfinite(slab))) for slab in slabs(array))
     if not bad:
         return ()
-    if bad == array.size:
-        return (f"no voxel is a finite number: {NOTHING_TO_SEE}",)
     many = f"{bad:,}".replace(",", " ")
     return (f"{many} voxels are not finite, shown as background" if bad > 1
             else "1 voxel is not finite, shown as background",)

@@ -20,7 +20,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane
-from deformnb.volume.volume import NOTHING_TO_SEE, Grid, Volume, label_note, value_notes
+from deformnb.volume.volume import Grid, Volume, empty_note, label_note
 from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names, tissue_test
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, 
     The map folds: det J is -1.1 near (22.5, 15, 15), where tissue is shown twice. Drag less far, or use more stages or
     a larger support radius.
     """
-    empty = tuple(note for note in value_notes(volume.values) if note.endswith(NOTHING_TO_SEE))
+    empty = empty_note(volume.values)
     if empty or field.is_identity:
         return empty
     return tuple(note for note in (fold_note(volume, field, output), cut_off_note(volume, field, output)) if note)
