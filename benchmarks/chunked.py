@@ -270,9 +270,9 @@ class _PeakMemory:
 
 def _resident(process: int) -> int:
     try:
-        own = int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize()
+        own = int(Path(f"/proc/{process}/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize()
         children = [child for thread in Path(f"/proc/{process}/task").iterdir()
-                    for child in (thread / "children").read_text().split()]
+                    for child in (thread / "children").read_text(encoding="utf-8").split()]
     except (OSError, IndexError):
         return 0
     return own + sum(_resident(int(child)) for child in children)

@@ -298,7 +298,7 @@ class Seat:
             metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
             used += metrics["JSHeapUsedSize"]
             session.detach()
-        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
+        lines = Path(f"/proc/{self.pid}/status").read_text(encoding="utf-8").splitlines()
         kernel = next(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
         return kernel / 2**10, used / 2**20
 

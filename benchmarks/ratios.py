@@ -65,11 +65,11 @@ def compare(file: Path, machine: str, now: Ratios) -> list[str]:
         If the file holds something else.
     """
     try:
-        runs: dict[str, list[Ratios]] = json.loads(file.read_text()) if file.exists() else {}
+        runs: dict[str, list[Ratios]] = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
         before = list(runs.get(machine, []))
         found = worse(before, now)
     except (OSError, ValueError, TypeError, AttributeError) as error:
         raise SystemExit(f"{file} is no file of ratios ({error}); move it away, or name another one.") from None
     runs[machine] = [*before, now][-_KEPT:]
-    file.write_text(json.dumps(runs, indent=1) + "\n")
+    file.write_text(json.dumps(runs, indent=1) + "\n", encoding="utf-8")
     return found

@@ -92,7 +92,7 @@ def _row(result: Measured, first: Measured) -> str:
 
 def machine() -> str:
     info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     where = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
     return f"{names[0] if names else platform.processor()}, {os.cpu_count()} processors, {where}"

@@ -98,12 +98,12 @@ def peak_memory(run: Callable[[], Any]) -> tuple[int | None, Any]:
     if not sys.platform.startswith("linux"):
         return None, run()
     ctypes.CDLL(None).malloc_trim(0)  # what earlier calls have freed must not hide what this one takes
-    Path("/proc/self/clear_refs").write_text("5")
+    Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
     before = _status("VmRSS")
     result = run()
     return max(0, _status("VmHWM") - before), result
 
 
 def _status(name: str) -> int:
-    lines = Path("/proc/self/status").read_text().splitlines()
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     return 1024 * next(int(line.split()[1]) for line in lines if line.startswith(name))

@@ -92,7 +92,7 @@ class Copy:
             finally:
                 with contextlib.suppress(ProcessLookupError, PermissionError):
                     os.killpg(process.pid, signal.SIGKILL)  # with the browsers and servers it has started
-        lines = log.read_text(errors="replace").strip().splitlines() or [""]
+        lines = log.read_text(errors="replace", encoding="utf-8").strip().splitlines() or [""]
         failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
         verdict = "caught" if code < 0 else _VERDICTS.get(code, "no tests")  # below zero a signal has ended it
         return verdict, failed[0][:160] if failed and verdict == "caught" else lines[-1]

@@ -133,7 +133,7 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     """Programs that JAX has compiled go when there are many: they are gigabytes, in thousands of pieces of memory."""
     maps = Path("/proc/self/maps")
     if nextitem is not None and nextitem.path != item.path and maps.exists() and "jax" in sys.modules:
-        with maps.open() as lines:
+        with maps.open(encoding="utf-8") as lines:
             if sum(1 for _ in lines) > 15_000:
                 sys.modules["jax"].clear_caches()
 

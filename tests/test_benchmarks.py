@@ -153,7 +153,7 @@ def test_the_hooks_see_what_changes_the_screen() -> None:
         browser = p.chromium.launch(executable_path=chromium(), args=ARGUMENTS)
         page = browser.new_page()
         page.set_content(PAGE)
-        page.evaluate(HOOKS.read_text())
+        page.evaluate(HOOKS.read_text(encoding="utf-8"))
         said = page.evaluate(DRAW)
         page.mouse.move(20, 30)
         page.keyboard.press("a")
@@ -225,10 +225,10 @@ def test_ratios_are_kept_for_each_machine(tmp_path: Path) -> None:
     assert ratios.compare(file, "slow", {"a / C loop": 1.0}) == []
     assert ratios.compare(file, "fast", {"a / C loop": 2.0}) == []
     assert len(ratios.compare(file, "slow", {"a / C loop": 2.0})) == 1
-    file.write_text("[]")
+    file.write_text("[]", encoding="utf-8")
     with pytest.raises(SystemExit, match="no file of ratios"):
         ratios.compare(file, "slow", {})
-    assert file.read_text() == "[]"
+    assert file.read_text(encoding="utf-8") == "[]"
 
 
 @pytest.mark.nightly

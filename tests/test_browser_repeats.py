@@ -61,8 +61,8 @@ def test_next_on_that_page(page, server):
 
 def run_suite(folder: Path, *options: str) -> tuple[int, str]:
     """Exit status and print-out of pytest on the suite above."""
-    (folder / "test_suite.py").write_text(SUITE)
-    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n    needs_browser: drives a browser\n")
+    (folder / "test_suite.py").write_text(SUITE, encoding="utf-8")
+    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n    needs_browser: drives a browser\n", encoding="utf-8")
     (folder / "attempts").mkdir(exist_ok=True)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment |= {"ATTEMPTS": str(folder / "attempts"), "PYTHONPATH": str(HERE)}
@@ -73,7 +73,7 @@ def run_suite(folder: Path, *options: str) -> tuple[int, str]:
 
 
 def attempts(folder: Path) -> dict[str, int]:
-    return {file.name: len(file.read_text()) for file in (folder / "attempts").iterdir()}
+    return {file.name: len(file.read_text(encoding="utf-8")) for file in (folder / "attempts").iterdir()}
 
 
 @pytest.mark.nightly
@@ -94,7 +94,7 @@ def test_a_browser_test_is_repeated_once_and_every_repeat_is_printed(tmp_path: P
 
 def test_where_all_pass_at_once_nothing_is_said(tmp_path: Path) -> None:
     (tmp_path / "attempts").mkdir()
-    (tmp_path / "attempts" / "test_lost_race").write_text("x")
+    (tmp_path / "attempts" / "test_lost_race").write_text("x", encoding="utf-8")
     status, said = run_suite(tmp_path, "-k", "lost_race")
     assert status == pytest.ExitCode.OK, said
     assert "defect to mend" not in said

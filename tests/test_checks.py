@@ -168,7 +168,7 @@ def test_tables_of_points_with_endless_cells(text: str) -> None:
     (".csv", f"a,true,1,2,3,{LONG}\n"), (".fcsv", f"1,1,2,{LONG}"),
 ])
 def test_landmark_files_with_endless_fields(suffix: str, text: str, tmp_path: Path) -> None:
-    (tmp_path / f"a{suffix}").write_text(text)
+    (tmp_path / f"a{suffix}").write_text(text, encoding="utf-8")
     try:
         read_landmarks(tmp_path / f"a{suffix}")
     except DeformError as error:

@@ -18,7 +18,7 @@ MEGABYTE = {"M": 1, "G": 1000}
 
 
 def values() -> dict[str, Any]:
-    return dict(yaml.safe_load((ROOT / "hub" / "values.yaml").read_text()))
+    return dict(yaml.safe_load((ROOT / "hub" / "values.yaml").read_text(encoding="utf-8")))
 
 
 def megabytes(text: str) -> float:
@@ -30,13 +30,13 @@ def test_the_steps_of_the_image_are_a_script_that_can_be_run() -> None:
     script = ROOT / "binder" / "postBuild"
     assert os.access(script, os.X_OK)
     subprocess.run(["bash", "-n", str(script)], check=True)
-    for name in re.findall(r"notebooks/lessons/\S+", script.read_text()):
+    for name in re.findall(r"notebooks/lessons/\S+", script.read_text(encoding="utf-8")):
         assert list(ROOT.glob(name)), f"{name} is not there"
 
 
 def test_pip_takes_every_line_of_the_requirements() -> None:
-    environment = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"][-1]["pip"]
-    for line in (*(ROOT / "binder" / "requirements.txt").read_text().splitlines(), *environment):
+    environment = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))["dependencies"][-1]["pip"]
+    for line in (*(ROOT / "binder" / "requirements.txt").read_text(encoding="utf-8").splitlines(), *environment):
         assert re.fullmatch(r"#.*|(--editable )?\.(\[[a-z,]+\])?", line), f"{line!r}: pip options are no requirements"
 
 
@@ -45,9 +45,10 @@ def test_the_hub_opens_lessons_that_are_there_with_the_memory_that_was_measured(
     user = values()["singleuser"]
     opened = [user["defaultUrl"], *(p["kubespawner_override"]["default_url"] for p in user["profileList"][1:])]
     assert {address.rsplit("/", 1)[1] for address in opened} <= lessons
-    config = (ROOT / "hub" / "jupyterhub_config.py").read_text()
+    config = (ROOT / "hub" / "jupyterhub_config.py").read_text(encoding="utf-8")
     assert set(re.findall(r"[\w]+\.ipynb", config)) <= lessons
-    said = int(re.search(r"plan (\d+) MB for each pupil", (ROOT / "docs" / "teaching.md").read_text())[1])  # type: ignore[index]
+    page = (ROOT / "docs" / "teaching.md").read_text(encoding="utf-8")
+    said = int(re.search(r"plan (\d+) MB for each pupil", page)[1])  # type: ignore[index]
     guaranteed = [user["memory"]["guarantee"], re.search(r'mem_guarantee = "(\w+)"', config)[1]]  # type: ignore[index]
     assert [megabytes(text) for text in guaranteed] == [said, said]
 

@@ -47,7 +47,8 @@ def dead_links(folder: Path) -> set[tuple[str, str]]:
 
 
 def test_a_link_to_nowhere_is_found(tmp_path: Path) -> None:
-    (tmp_path / "a.html").write_text('<a href="b.html">b</a> <a id="here" href="#here">a</a> <a href="#gone">a</a>')
+    (tmp_path / "a.html").write_text('<a href="b.html">b</a> <a id="here" href="#here">a</a> <a href="#gone">a</a>',
+                                     encoding="utf-8")
     assert dead_links(tmp_path) == {("a.html", "b.html"), ("a.html", "#gone")}
 
 

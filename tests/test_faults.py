@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 import victims
 from driven_studio import a_drag, a_volume, closed, crash, drag, notice_of, panel, wait_for
+from full_disk import full_disk
 from waiting import PATIENCE, Threads
 
 from deformnb.errors import DeformError
@@ -285,27 +286,17 @@ def test_a_full_disk_keeps_the_old_file_and_stops_no_edit(tmp_path: Path) -> Non
     assert found["after"] == ["fish.json", "state"]
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
 def test_no_more_room_for_a_file_is_said(tmp_path: Path) -> None:
-    import resource
-    import signal
-
     session = Session(victims.a_volume())
     session.save(tmp_path / "fish.json")
     before = (tmp_path / "fish.json").read_bytes()
     troubles: list[str] = []
     saving = Autosave(session, tmp_path / "state", 0.01, on_trouble=troubles.append)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (500, limits[1]))
-    try:
+    with full_disk(500):
         session.change(strength=0.5)
         saving.flush()
         with pytest.raises(DeformError, match="is full; an older file of this name is untouched"):
             session.save(tmp_path / "fish.json")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, old)
     assert len(troubles) == 1
     assert (tmp_path / "fish.json").read_bytes() == before
     session.save(tmp_path / "fish.json")

@@ -62,7 +62,7 @@ def test_kept_programs_outlive_other_versions_of_the_same_kernel(isolated_folder
     found = []
     for number, (lines, constant) in enumerate([("", 1), ("# a later version\n" * 30, 1), ("", 2)]):
         script = tmp_path / f"version{number}.py"
-        script.write_text(kernel.format(lines, constant))
+        script.write_text(kernel.format(lines, constant), encoding="utf-8")
         subprocess.run([sys.executable, str(script)], check=True, capture_output=True)
         found.append({name for name in entries(isolated_folders) if name.startswith("jit_kernel")})
     assert len(found[0]) == 1

@@ -51,10 +51,12 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "deformnb").mkdir()
     (tmp_path / "tests").mkdir()
     (tmp_path / "deformnb" / "__init__.py").touch()
-    (tmp_path / "deformnb" / "shapes.py").write_text(SHAPES)
-    (tmp_path / "deformnb" / "pen.js").write_text(SCRIPT)
+    (tmp_path / "deformnb" / "shapes.py").write_text(SHAPES, encoding="utf-8")
+    (tmp_path / "deformnb" / "pen.js").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "tests" / "test_shapes.py").write_text(
-        "from deformnb.shapes import Square\n\n\ndef test_area():\n    assert Square().area(3.0) == 9.0\n")
+        "from deformnb.shapes import Square\n\n\ndef test_area():\n    assert Square().area(3.0) == 9.0\n",
+        encoding="utf-8",
+    )
     return tmp_path
 
 
@@ -114,7 +116,7 @@ def test_a_seed_draws_the_same_whatever_else_there_is(tree: Path) -> None:
     assert {symbol for symbol, _, _ in before} == {"Square.area", "Square.edge"}
     text = SHAPES.replace("LEAST = 1\n", "LEAST = 1\n\n\ndef empty() -> None:\n    return None\n")
     (tree / "deformnb" / "shapes.py").rename(tree / "deformnb" / "squares.py")
-    (tree / "deformnb" / "squares.py").write_text(text)
+    (tree / "deformnb" / "squares.py").write_text(text, encoding="utf-8")
     assert places() == before
     assert {(one.symbol, one.old, one.new) for seed in range(20) for one in drawn(2, seed, (".py",), tree)} == {
         ("Square.area", "*", "/"), ("Square.area", ">", ">="), ("Square.area", "0.0", "(0.0 + 1)"),
@@ -129,7 +131,7 @@ export async function draw(path, { at = 5, name = "a - 3" } = {}) {
   if (!path.isOpen && at <= 2) return `${at} * 9`.replace(/x - 4/, "");
   path.moveTo(at, name);
 }
-""")
+""", encoding="utf-8")
     ones = [one for seed in range(60) for one in drawn(9, seed, (".js",), tree)]
     assert {(one.symbol, one.old, one.new) for one in ones} == {
         ("Pen.width", "*", "/"), ("Pen.width", "2", "(2 + 1)"), ("Pen.move", "+", "-"), ("move", "+", "-"),
@@ -145,15 +147,15 @@ def test_a_drawn_mutant_of_a_script_is_tested_by_what_knows_its_module(tree: Pat
     (tree / "deformnb" / "pen.js").rename(tree / "deformnb" / "widgets" / "js" / "ui" / "pen.js")
     for name, text in (("pen.test.js", ""), ("test_drawing.py", 'FILES = ("ui/pen.js",)\n'),
                        ("test_opens.py", 'FILES = ("ui/open.js",)\n')):
-        (tree / "tests" / name).write_text(text)
+        (tree / "tests" / name).write_text(text, encoding="utf-8")
     one = mutant("Pen.move", "+", "-", "widgets/js/ui/pen.js")
     assert files_for(one, tree) == ("tests/pen.test.js", "tests/test_drawing.py")
     assert files_for(one, tree, most=1) == ("tests/pen.test.js",)
 
 
 def test_a_drawn_mutant_is_tested_by_what_knows_its_module(tree: Path) -> None:
-    (tree / "tests" / "test_other.py").write_text("from deformnb.shapes import LEAST\n")
-    (tree / "tests" / "test_unrelated.py").write_text("import json\n")
+    (tree / "tests" / "test_other.py").write_text("from deformnb.shapes import LEAST\n", encoding="utf-8")
+    (tree / "tests" / "test_unrelated.py").write_text("import json\n", encoding="utf-8")
     assert files_for(mutant("Square.edge", "4", "5"), tree) == (
         "deformnb/shapes.py", "tests/test_shapes.py", "tests/test_other.py")
 
@@ -168,16 +170,17 @@ def test_the_runner_says_what_the_tests_say_and_leaves_the_tree_alone(
     assert status == 1
     assert [line.split()[:2] for line in told.splitlines() if line[0] != " "][1:] == [
         ["caught", "noticed"], ["survived", "unnoticed"], ["stale", "outdated"], ["1", "of"]]
-    assert (tree / "deformnb" / "shapes.py").read_text() == SHAPES
+    assert (tree / "deformnb" / "shapes.py").read_text(encoding="utf-8") == SHAPES
     assert run(mutants[:1], {"noticed": ["tests/test_shapes.py"]}, root=tree) == 0
-    (tree / "tests" / "test_shapes.py").write_text("def test_wrong():\n    assert False\n")
+    (tree / "tests" / "test_shapes.py").write_text("def test_wrong():\n    assert False\n", encoding="utf-8")
     assert run(mutants[:1], {"noticed": ["tests/test_shapes.py"]}, root=tree) == 2
     assert "fail without any mutant" in capsys.readouterr().out
 
 
 @pytest.mark.nightly
 def test_what_hangs_is_ended_and_not_taken_for_caught(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tree / "tests" / "test_shapes.py").write_text("def test_for_ever():\n    while True:\n        pass\n")
+    (tree / "tests" / "test_shapes.py").write_text("def test_for_ever():\n    while True:\n        pass\n",
+                                                   encoding="utf-8")
     one = mutant("Square.edge", "* 4", "* 5")
     assert run([one], {one.name: ["tests/test_shapes.py"]}, 0.02, baseline=False, root=tree) == 1
     assert capsys.readouterr().out.startswith("too long  one")

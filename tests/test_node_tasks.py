@@ -22,7 +22,7 @@ def small(tmp_path: Path) -> ModuleType:
     shutil.copy(module.__file__, tmp_path / "bundle.py")
     for name, text in (("js/a.js", "export default 1;"), ("static/a.js", "export default 1;")):
         (tmp_path / name).parent.mkdir()
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_text(text, encoding="utf-8")
     spec = importlib.util.spec_from_file_location("small_bundle", tmp_path / "bundle.py")
     assert spec is not None
     assert spec.loader is not None
@@ -32,17 +32,17 @@ def small(tmp_path: Path) -> ModuleType:
 
 
 def test_a_bundle_of_these_sources_is_taken(small: ModuleType) -> None:
-    small.STAMP.write_text(small.digest())
+    small.STAMP.write_text(small.digest(), encoding="utf-8")
     assert small.bundle("a.js") == "export default 1;"
 
 
 @pytest.mark.parametrize("change", ["edited", "added", "renamed"])
 def test_a_bundle_of_other_sources_is_refused_with_the_cure(small: ModuleType, change: str) -> None:
-    small.STAMP.write_text(small.digest())
+    small.STAMP.write_text(small.digest(), encoding="utf-8")
     if change == "renamed":
         (small.SOURCES / "a.js").rename(small.SOURCES / "b.js")
     else:
-        (small.SOURCES / {"edited": "a.js", "added": "b.css"}[change]).write_text("other")
+        (small.SOURCES / {"edited": "a.js", "added": "b.css"}[change]).write_text("other", encoding="utf-8")
     with pytest.raises(RuntimeError, match='has changed since it was bundled: run "sh run bundle"'):
         small.bundle("a.js")
 
@@ -50,7 +50,7 @@ def test_a_bundle_of_other_sources_is_refused_with_the_cure(small: ModuleType, c
 def test_what_was_never_bundled_is_refused_and_a_wheel_has_no_sources(small: ModuleType) -> None:
     with pytest.raises(RuntimeError, match="has not been bundled"):
         small.bundle("a.js")
-    small.STAMP.write_text("of the day of the release")
+    small.STAMP.write_text("of the day of the release", encoding="utf-8")
     shutil.rmtree(small.SOURCES)
     assert small.bundle("a.js") == "export default 1;"
 
@@ -61,7 +61,7 @@ def test_without_node_a_sentence_says_what_to_install(monkeypatch: pytest.Monkey
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(node_tasks.importlib.util, "find_spec", lambda name: None)
     if version is not None:
-        (tmp_path / "node").write_text(f"#!/bin/sh\necho {version}\n")
+        (tmp_path / "node").write_text(f"#!/bin/sh\necho {version}\n", encoding="utf-8")
         (tmp_path / "node").chmod(0o755)
     with pytest.raises(node_tasks.MissingNodeError, match=f"{words}; install Node.js 20 or newer") as error:
         node_tasks.find_node()
@@ -71,7 +71,7 @@ def test_without_node_a_sentence_says_what_to_install(monkeypatch: pytest.Monkey
 def test_npm_is_not_run_where_it_would_empty_the_folder_of_another_checkout(monkeypatch: pytest.MonkeyPatch,
                                                                             tmp_path: Path) -> None:
     monkeypatch.setattr(node_tasks, "ROOT", tmp_path)
-    (tmp_path / "package-lock.json").write_text("{}")
+    (tmp_path / "package-lock.json").write_text("{}", encoding="utf-8")
     kept = tmp_path / "other" / "esbuild"
     kept.mkdir(parents=True)
     (tmp_path / "node_modules").symlink_to(kept.parent)

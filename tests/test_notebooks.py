@@ -48,12 +48,12 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.delenv("XLA_FLAGS", raising=False)  # compiled as for users: it computes for longer than it compiles
     startup = tmp_path / "ipythondir" / "profile_default" / "startup"
     startup.mkdir(parents=True)
-    (startup / "offline.py").write_text(OFFLINE)
+    (startup / "offline.py").write_text(OFFLINE, encoding="utf-8")
     spec = {"argv": [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"],
             "display_name": "This interpreter", "language": "python"}
     folder = tmp_path / "share" / "kernels" / "tested"
     folder.mkdir(parents=True)
-    (folder / "kernel.json").write_text(json.dumps(spec))
+    (folder / "kernel.json").write_text(json.dumps(spec), encoding="utf-8")
     return "tested"
 
 

@@ -26,7 +26,7 @@ import deformnb
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "deformnb"
-PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
 # Where the name of an import is not that of its distribution.
@@ -139,7 +139,7 @@ def _python(code: str) -> str:
 
 
 def test_conda_environment_equals_the_requirements() -> None:
-    lines = yaml.safe_load((ROOT / "environment.yml").read_text())["dependencies"]
+    lines = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))["dependencies"]
     found = dict(re.fullmatch(r"([\w.-]+)(.*)", line).groups() for line in lines if isinstance(line, str))  # type: ignore[union-attr]
     assert found.pop("python") == PROJECT["requires-python"]
     assert found.pop("pip") == ""
@@ -237,6 +237,17 @@ def test_tests_use_no_more_private_names_than_before() -> None:
             found += [f"{path.relative_to(ROOT)}: {name}" for name in names
                       if re.match("_(?!_)", name) and name not in PRIVATE_MODULES]
     assert len(found) <= PRIVATE_USES, "\n".join(found)
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "deformnb", "mutants", "tests"])
+def test_texts_are_read_and_written_in_a_named_encoding(folder: str) -> None:
+    """That of the locale is ASCII on some servers; ruff's PLW1514 sees only the paths whose type it can tell."""
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        for node in _nodes(path):
+            name = getattr(node.func, "attr", "") if isinstance(node, ast.Call) else ""
+            if name in ("read_text", "write_text"):
+                given = {keyword.arg for keyword in node.keywords} & {"encoding", None}
+                assert given or len(node.args) > (name == "write_text"), f"{path.relative_to(ROOT)}:{node.lineno}"
 
 
 def test_imports_point_one_way() -> None:
@@ -380,18 +391,19 @@ def test_docstrings_of_modules_begin_with_their_subject_and_name_modules_that_ex
 
 def test_version_is_one_and_in_the_changelog() -> None:
     assert deformnb.__version__ == PROJECT["version"]
-    assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", changes, re.MULTILINE)
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------
 
 
 def _run_tasks() -> set[str]:
-    return set(re.findall(r"^    (\w+)(?: \|[^)]*)?\)$", (ROOT / "run").read_text(), re.MULTILINE))
+    return set(re.findall(r"^    (\w+)(?: \|[^)]*)?\)$", (ROOT / "run").read_text(encoding="utf-8"), re.MULTILINE))
 
 
 def _make_targets() -> set[str]:
-    return set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    return set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
 
 
 def test_make_and_run_offer_the_same_and_list_it() -> None:
@@ -399,28 +411,30 @@ def test_make_and_run_offer_the_same_and_list_it() -> None:
     assert "demo" in tasks
     assert _make_targets() == tasks
     listed_by_run = subprocess.run(["sh", "run", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    listed_by_make = set(re.findall(r"^(\w+):  ## \S", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    listed_by_make = set(re.findall(r"^(\w+):  ## \S", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     assert set(re.findall(r"^  (\w+)  ", listed_by_run, re.MULTILINE)) == tasks
     assert listed_by_make == tasks
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
 def test_documented_commands_exist(name: str) -> None:
-    blocks = "\n".join(re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / name).read_text(), re.MULTILINE | re.DOTALL))
+    blocks = "\n".join(re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / name).read_text(encoding="utf-8"),
+                                  re.MULTILINE | re.DOTALL))
     used = set(re.findall(r"^(?:sh run|make) (\w+)", blocks, re.MULTILINE))
     assert used
     assert used <= _run_tasks()
 
 
 def test_contributing_names_files_that_exist() -> None:
-    named = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", (ROOT / "CONTRIBUTING.md").read_text()))
+    named = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))
     assert len(named) > 30
     assert [name for name in named if not (ROOT / name).exists() and not (PACKAGE / name).exists()] == []
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"),
+                        re.MULTILINE | re.DOTALL)
     shown, *scripts = blocks
     assert "dn.Studio" in shown  # of a notebook
     scope: dict[str, object] = {}
@@ -438,7 +452,7 @@ def test_unknown_task_is_refused() -> None:
 
 
 def test_the_citation_names_this_version() -> None:
-    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == deformnb.__version__
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"] == deformnb.__version__
 
 
 # -- files -------------------------------------------------------------------------------------------------------------

@@ -6,13 +6,13 @@ The functions are found by their names and parameters, so that a new one cannot 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 from test_entrances import public
 
 import deformnb as dn
@@ -148,17 +148,6 @@ CASES = [(name, suffix) for name, (suffixes, _) in WRITERS.items() for suffix in
 
 def _content(folder: Path) -> dict[str, bytes]:
     return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
-
-
-@contextmanager
-def full_disk(limit: int) -> Iterator[None]:
-    """Within this no file grows beyond a number of bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def _old(name: str, suffix: str, folder: Path) -> Path:

@@ -26,8 +26,8 @@ def test_that_fails():
 
 
 def test_a_failure_is_shown_whatever_is_collected_meanwhile(tmp_path: Path) -> None:
-    (tmp_path / "test_suite.py").write_text(SUITE)
-    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_suite.py").write_text(SUITE, encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text("[pytest]\n", encoding="utf-8")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "report_without_gc"]
     done = subprocess.run(command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(HERE)}, capture_output=True,

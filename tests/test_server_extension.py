@@ -73,7 +73,7 @@ def opened(server: Host, kernel: str) -> socket.socket:
 
 @pytest.mark.parametrize(("enabled", "expected"), [(True, 1), (False, 0)])
 def test_a_real_server_sends_small_messages_at_once(tmp_path: Path, enabled: bool, expected: int) -> None:
-    (tmp_path / "probe_extension.py").write_text(PROBE)
+    (tmp_path / "probe_extension.py").write_text(PROBE, encoding="utf-8")
     extensions = {"probe_extension": True} | ({} if enabled else {"deformnb.server_extension": False})
     with running(Server, tmp_path, f"--ServerApp.jpserver_extensions={extensions}") as server:
         kernel = asked(server, "/api/kernels", data=b"{}")["id"]
@@ -127,11 +127,12 @@ def test_voila_on_its_own_takes_the_class_by_name() -> None:
 
 
 def test_the_installed_file_names_an_extension() -> None:
-    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    tables = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = tables["tool"]["hatch"]["build"]["targets"]["wheel"]
     (folder, target), = wheel["shared-data"].items()
     assert target == "etc/jupyter"
     file = ROOT / folder / "jupyter_server_config.d" / "deformnb.json"
-    (name, enabled), = json.loads(file.read_text())["ServerApp"]["jpserver_extensions"].items()
+    (name, enabled), = json.loads(file.read_text(encoding="utf-8"))["ServerApp"]["jpserver_extensions"].items()
     assert enabled is True
     module = importlib.import_module(name)
     assert [point["module"] for point in module._jupyter_server_extension_points()] == [name]

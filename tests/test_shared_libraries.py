@@ -102,7 +102,7 @@ def owners_of(names: set[str]) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for listed in DPKG_LISTS.glob("*.list"):
         package = listed.stem.partition(":")[0]  # as in "libc6:amd64.list"
-        for name in names & {line.rpartition("/")[2] for line in listed.read_text().splitlines()}:
+        for name in names & {line.rpartition("/")[2] for line in listed.read_text(encoding="utf-8").splitlines()}:
             found.setdefault(name, set()).add(package)
     return found
 
@@ -135,5 +135,6 @@ def _names(relations: str) -> set[str]:
 
 def named_in_run() -> set[str]:
     """The packages that the script installs by their names."""
-    return {name for names in re.findall(r"apt_install ((?:[a-z][\w.+-]* ?)+)", (ROOT / "run").read_text())
+    script = (ROOT / "run").read_text(encoding="utf-8")
+    return {name for names in re.findall(r"apt_install ((?:[a-z][\w.+-]* ?)+)", script)
             for name in names.split()}

@@ -24,8 +24,6 @@ from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deformnb.chunked.sources import LargeVolume
     from deformnb.document.deformation import Deformation
     from deformnb.rbf.fields import AbstractField

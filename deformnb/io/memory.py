@@ -65,7 +65,7 @@ def default_limit() -> int:
 
 def _system_memory() -> int:
     try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
+        for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("MemAvailable:"):
                 return int(line.split()[1]) * 1024
     except (OSError, ValueError, IndexError):
@@ -88,8 +88,8 @@ def _cgroups(root: Path) -> list[tuple[Path, str]]:
     root : of the file system that reports them.
     """
     try:
-        groups = (root / "proc/self/cgroup").read_text().splitlines()
-        mounts = (root / "proc/self/mountinfo").read_text().splitlines()
+        groups = (root / "proc/self/cgroup").read_text(encoding="utf-8").splitlines()
+        mounts = (root / "proc/self/mountinfo").read_text(encoding="utf-8").splitlines()
     except (OSError, ValueError):
         return []
     found: list[tuple[Path, str]] = []
@@ -118,12 +118,12 @@ def _unescaped(path: str) -> str:
 def _cgroup_room(folder: Path, kind: str) -> int | None:
     limit_file, usage_file, cache_field = _CGROUP_FILES[kind]
     try:
-        limit = int((folder / limit_file).read_text())  # the word "max" where there is no limit
-        usage = int((folder / usage_file).read_text())
+        limit = int((folder / limit_file).read_text(encoding="utf-8"))  # the word "max" where there is no limit
+        usage = int((folder / usage_file).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     try:  # pages of files already read count as used but are given up when needed
-        fields = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+        fields = dict(line.split() for line in (folder / "memory.stat").read_text(encoding="utf-8").splitlines())
         usage -= int(fields[cache_field])
     except (OSError, ValueError, KeyError):
         pass

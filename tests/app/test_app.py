@@ -95,6 +95,7 @@ def test_a_widget_that_is_made_later_comes_before_what_refers_to_it(running: Run
             before = (await page.call("deformnb.open"))["widgets"]
             step = _named(before, "description", "Add step in space")
             await page.call("deformnb.comm", step, _custom({"event": "click"}), "1", [])
+            await asyncio.to_thread(running.settled)  # the studio has its new editor by now
             return before, (await heard(page, lambda m: is_opened(m.get("result", {}))))["result"]
 
     def is_opened(news: dict[str, Any]) -> bool:

@@ -111,7 +111,7 @@ class Host:
 
     def messages(self) -> str:
         """What the server has printed."""
-        return (self.folder / "server.log").read_text(errors="replace")
+        return (self.folder / "server.log").read_text(errors="replace", encoding="utf-8")
 
     def url(self, path: str) -> str:
         """The address of a page of the server, with the token."""
@@ -221,7 +221,7 @@ class Lab(_Application):
     def prepare(self) -> None:
         settings = self.folder / "jupyterlab_settings_dir" / "@jupyterlab" / "apputils-extension"
         settings.mkdir(parents=True, exist_ok=True)  # it would ask whether it may fetch news
-        (settings / "notification.jupyterlab-settings").write_text('{"fetchNews": "false"}')
+        (settings / "notification.jupyterlab-settings").write_text('{"fetchNews": "false"}', encoding="utf-8")
 
 
 class Notebook(_Application):

@@ -237,8 +237,8 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         tab.page.keyboard.press("Control+s")
         saved = tmp_path / "cube_nii.json"
         eventually(saved.exists)
-        assert from_json(saved.read_text()).steps[0].points == before
-        assert json.loads(saved.read_text())["volume"]["name"] == "cube.nii"
+        assert from_json(saved.read_text(encoding="utf-8")).steps[0].points == before
+        assert json.loads(saved.read_text(encoding="utf-8"))["volume"]["name"] == "cube.nii"
         tab.page.get_by_role("button", name="Export").click()
         with tab.page.expect_download(timeout=PATIENCE) as waiting:
             tab.page.get_by_role("button", name="Download").click()

@@ -66,7 +66,7 @@ DAMAGE: dict[str, Callable[[Path], Any]] = {
     "flip": lambda file: file.write_bytes(file.read_bytes()[:-9] + bytes([file.read_bytes()[-9] ^ 1])
                                           + file.read_bytes()[-8:]),
     "replace": lambda file: file.write_bytes(b"[[[[ nonsense"),
-    "folder": lambda file: (file.unlink(), file.mkdir(), (file / "x").write_text("x")),
+    "folder": lambda file: (file.unlink(), file.mkdir(), (file / "x").write_text("x", encoding="utf-8")),
     "pipe": lambda file: (file.unlink(), os.mkfifo(file)),
     "link": lambda file: (shutil.copy(file, file.with_name("there")), file.unlink(), file.symlink_to("there")),
     "deep": lambda file: file.write_bytes(b"[" * 50_000),
@@ -162,7 +162,7 @@ def test_a_line_is_on_the_disk_only_after_its_block(tmp_path: Path, monkeypatch:
         pytest.skip("open files have names under /proc on Linux")
     folder = stopped(tmp_path / "a.zarr")
     lines = [k for k, name in enumerate(flushed) if name == str(folder / "done.txt")]
-    stored = (folder / "done.txt").read_text().splitlines()
+    stored = (folder / "done.txt").read_text(encoding="utf-8").splitlines()
     assert len(lines) == len(stored) == 11
     for (begin, end), line in zip(zip([0, *lines], lines, strict=False), stored, strict=True):
         between = flushed[begin:end]
@@ -245,12 +245,12 @@ def test_a_full_disk_is_one_sentence_and_the_job_goes_on_later(at: int, known: l
 def test_what_has_the_name_of_the_folder_is_not_touched(what: str, tmp_path: Path) -> None:
     folder, other = tmp_path / ".a.zarr.unfinished", tmp_path / "mine"
     other.mkdir()
-    (other / "precious.txt").write_text("mine")
+    (other / "precious.txt").write_text("mine", encoding="utf-8")
     if what == "a link":
         folder.symlink_to(other)
     else:
-        folder.write_text("mine")
+        folder.write_text("mine", encoding="utf-8")
     for overwrite in (False, True):
         with pytest.raises(DeformError, match=r"it is no folder of its own\. Remove"):
             warped(tmp_path / "a.zarr", overwrite=overwrite)
-    assert (other / "precious.txt").read_text() == "mine"
+    assert (other / "precious.txt").read_text(encoding="utf-8") == "mine"

@@ -303,5 +303,5 @@ def test_the_job_of_an_unfinished_folder_is_plain_json(volume: Volume, tmp_path:
 
     with pytest.raises(Cancelled):
         chunked.warp(volume, SPACE, tmp_path / "a.zarr", chunks=CHUNKS, progress=stop)
-    job = json.loads((tmp_path / ".a.zarr.unfinished" / "job.json").read_text())
+    job = json.loads((tmp_path / ".a.zarr.unfinished" / "job.json").read_text(encoding="utf-8"))
     assert job["target"] == "a.zarr"

@@ -47,15 +47,15 @@ def test_what_is_there_is_kept(tmp_path: Path) -> None:
     assert [path.name for path in new] == [path.name for path in shipped_notebooks()]
     assert kept == []
     assert (folder / FIRST).read_bytes() == shipped_notebooks()[0].read_bytes()
-    (folder / FIRST).write_text("mine")
+    (folder / FIRST).write_text("mine", encoding="utf-8")
     new, kept = copy_notebooks(folder)
     assert new == []
     assert folder / FIRST in kept
-    assert (folder / FIRST).read_text() == "mine"
+    assert (folder / FIRST).read_text(encoding="utf-8") == "mine"
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(DeformError, match="is a file"):
         copy_notebooks(tmp_path / "file")
 
@@ -88,15 +88,16 @@ def test_it_starts_jupyterlab_with_the_first_notebook(tmp_path: Path) -> None:
     finally:
         process.send_signal(signal.SIGTERM)
         process.wait(30)
-    assert (tmp_path / "log").read_text().splitlines()[0].split() == ["new", str(tmp_path / "mine" / FIRST)]
+    first = (tmp_path / "log").read_text(encoding="utf-8").splitlines()[0]
+    assert first.split() == ["new", str(tmp_path / "mine" / FIRST)]
 
 
 def _address(process: subprocess.Popen[bytes], log: Path) -> str:
     """The address that Lab prints when it is ready."""
     end = time.monotonic() + 60
     while time.monotonic() < end and process.poll() is None:
-        for line in log.read_text(errors="replace").splitlines():
+        for line in log.read_text(errors="replace", encoding="utf-8").splitlines():
             if line.strip().startswith("http://127.0.0.1"):
                 return line.strip()
         time.sleep(0.2)
-    raise AssertionError(log.read_text(errors="replace"))
+    raise AssertionError(log.read_text(errors="replace", encoding="utf-8"))

@@ -39,7 +39,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     line = f"demo --volume {folder}/fish.nii.gz --out {folder}/out"
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         assert main(shlex.split(line)) == 0
-    (folder / "printed.txt").write_text(printed.getvalue())
+    (folder / "printed.txt").write_text(printed.getvalue(), encoding="utf-8")
     return folder
 
 
@@ -53,7 +53,7 @@ def small(tmp_path: Path) -> Path:
 
 
 def test_demo_says_what_it_wrote_and_how_to_go_on(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = (place / "printed.txt").read_text().splitlines()
+    lines = (place / "printed.txt").read_text(encoding="utf-8").splitlines()
     assert {Path(line.split()[-1]).name for line in lines[:-1]} == {p.name for p in (place / "out").iterdir()}
     # What it proposes works, and shows the fish half way.
     command = shlex.split(lines[-1].removeprefix("half way there: "))
@@ -104,7 +104,7 @@ def test_demo_protects_what_is_not_its_own(small: Path, capsys: pytest.CaptureFi
 
 def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture[str],
                                       monkeypatch: pytest.MonkeyPatch) -> None:
-    (small / "notes.odt").write_text("no volume")
+    (small / "notes.odt").write_text("no volume", encoding="utf-8")
     code = run(small, "info notes.odt", monkeypatch)
     said = refused(capsys.readouterr(), code)
     for kind in (".nii.gz", "folders of slices", ".stl", ".fcsv", ".mrk.json", "sessions (.json)"):
@@ -132,7 +132,7 @@ def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture
 ])
 def test_mistakes_of_the_demo(line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str],
                               monkeypatch: pytest.MonkeyPatch) -> None:
-    (small / "notes.txt").write_text("no volume")
+    (small / "notes.txt").write_text("no volume", encoding="utf-8")
     write_volume(Volume.from_array(np.zeros((4, 5, 6), np.uint8)), small / "empty.nrrd")
     before = sorted(small.iterdir())
     code = run(small, line, monkeypatch)

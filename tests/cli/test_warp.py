@@ -184,9 +184,9 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
 ])
 def test_mistakes_are_one_sentence(line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str],
                                    monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = (small / "pull.json").read_text()
-    (small / "broken.json").write_text(whole[:-30])
-    (small / "newer.json").write_text(re.sub('"version": "[0-9.]+"', '"version": "7.0"', whole))
+    whole = (small / "pull.json").read_text(encoding="utf-8")
+    (small / "broken.json").write_text(whole[:-30], encoding="utf-8")
+    (small / "newer.json").write_text(re.sub('"version": "[0-9.]+"', '"version": "7.0"', whole), encoding="utf-8")
     (small / "cut.nrrd").write_bytes((small / "tiny.nrrd").read_bytes()[:-40])
     (small / "folder.nrrd").mkdir()
     write_mesh(FACE, small / "face.ply")

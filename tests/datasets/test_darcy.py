@@ -27,7 +27,7 @@ def cells(nodes):
 
 
 def test_the_nodes_are_those_that_were_read(real_data):
-    read = json.loads((real_data("darcy") / "grid_nodes.json").read_text())
+    read = json.loads((real_data("darcy") / "grid_nodes.json").read_text(encoding="utf-8"))
     assert len(read["figures"]) == len(thompson_grids()) == 8
     for key, figure in read["figures"].items():
         np.testing.assert_array_equal(thompson_grids()[int(key[:3])].nodes, figure["nodes"])

@@ -179,7 +179,7 @@ def test_full_disk_and_unusable_folder_are_said_before_anything_is_asked(serve, 
     monkeypatch.setattr(registry.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 1000})())
     with pytest.raises(VolumeFileError, match="1,000 left"):
         fetch("carp", progress=False)
-    (tmp_path / "a file").write_text("")
+    (tmp_path / "a file").write_text("", encoding="utf-8")
     with pytest.raises(VolumeFileError, match="cannot be made"):
         fetch("carp", progress=False, folder=tmp_path / "a file")
     assert server.asked["/room"] == 0

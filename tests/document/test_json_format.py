@@ -582,7 +582,7 @@ def replayed_volume() -> Volume:
 def test_a_document_of_an_earlier_version_replays_to_the_same_voxels(version: str) -> None:
     """Rows of points, supports, parts, cuts, stages, own radii; the voxels were written by the program of then."""
     fixtures = Path(__file__).parents[1] / "fixtures"
-    deformation = from_json((fixtures / f"replay_{version}.json").read_text())
+    deformation = from_json((fixtures / f"replay_{version}.json").read_text(encoding="utf-8"))
     wanted = np.load(fixtures / f"replay_{version}.npy")
     volume = replayed_volume()
     for document in (deformation, from_json(to_json(deformation))):

@@ -402,7 +402,7 @@ def test_an_encoder_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.Monk
     for words, match in (("av_interleaved_write_frame(): No space left on device", "disk .* is full"),
                          ("Unknown encoder libx264", "the encoder ended with 3: Unknown encoder")):
         fake = tmp_path / "ffmpeg"
-        fake.write_text(f"#!/bin/sh\nhead -c 100 >/dev/null\necho '{words}' >&2\nexit 3\n")
+        fake.write_text(f"#!/bin/sh\nhead -c 100 >/dev/null\necho '{words}' >&2\nexit 3\n", encoding="utf-8")
         fake.chmod(0o755)
         monkeypatch.setattr(imageio_ffmpeg, "get_ffmpeg_exe", lambda fake=fake: str(fake))
         with pytest.raises(DeformError, match=match):

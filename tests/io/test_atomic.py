@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import stat
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from full_disk import full_disk
 
 from deformnb import DeformError, Volume
 from deformnb.errors import Cancelled, VolumeFileError
@@ -121,24 +121,15 @@ def test_formats_do_not_overwrite_one_another(tmp_path: Path) -> None:
         assert (read_volume(tmp_path / f"a{suffix}").values == number).all()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
 @pytest.mark.parametrize("suffix", FILES)
 def test_a_disk_that_fills_up_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
-    import resource
-
     path = tmp_path / f"a{suffix}"
     write_volume(made(1), path)
     before = contents(tmp_path)
     noise = Volume.from_array(np.random.default_rng(0).integers(-9999, 9999, (64, 64, 64), np.int16))
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
-    try:
-        with pytest.raises(VolumeFileError, match=r"is full; an older file of this name is untouched"):
-            write_volume(noise, path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, old)
+    with (full_disk(100_000),
+          pytest.raises(VolumeFileError, match=r"is full; an older file of this name is untouched")):
+        write_volume(noise, path)
     assert contents(tmp_path) == before
     assert (read_volume(path).values == 1).all()
 

@@ -24,7 +24,7 @@ def refuse(path: Path, words: str, **options: Any) -> None:
 def test_a_series_is_sorted_by_place(names: str, tmp_path: Path) -> None:
     (tmp_path / "deep" / "er").mkdir(parents=True)
     write_series(tmp_path / "deep" / "er", names=names)
-    (tmp_path / "readme.txt").write_text("no slice")
+    (tmp_path / "readme.txt").write_text("no slice", encoding="utf-8")
     volume = read_volume(tmp_path)
     np.testing.assert_array_equal(volume.values, VOXELS)
     assert volume.dtype == np.uint16

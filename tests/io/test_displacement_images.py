@@ -141,7 +141,8 @@ def test_a_field_in_zarr_whose_chunks_are_not_all_there_is_refused(change: str, 
     assert np.abs(read_transform(tmp_path / "a.zarr").displacement([[1.0, 2.0, 3.0]])).max() == 0
     chunk = max(file for file in tmp_path.rglob("c/*/*/*/*") if file.is_file())
     if change == "many chunks":
-        place = next(file.parent for file in tmp_path.rglob("zarr.json") if '"array"' in file.read_text())
+        place = next(file.parent for file in tmp_path.rglob("zarr.json")
+                 if '"array"' in file.read_text(encoding="utf-8"))
         shutil.rmtree(place)
         zarr.create_array(str(place), shape=(3, 70, 70, 70), chunks=(1, 1, 1, 1), dtype="f4", fill_value=0)
     else:

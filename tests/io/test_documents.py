@@ -68,10 +68,10 @@ def test_only_what_this_process_has_read_or_written_is_replaced_unasked(tmp_path
     write_deformation(document(), path)
     write_deformation(Deformation(), path, overwrite=False)  # a cell that runs again
     theirs = to_json(document())
-    path.write_text(theirs)
+    path.write_text(theirs, encoding="utf-8")
     with pytest.raises(FileChangedError, match="changed by someone else"):
         write_deformation(Deformation(), path, overwrite=False)
-    assert path.read_text() == theirs
+    assert path.read_text(encoding="utf-8") == theirs
     write_deformation(read_deformation(path), path, overwrite=False)
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
 

@@ -56,7 +56,7 @@ def functions() -> list[str]:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "n.csv").write_text("label,name\n1,femur\n")
+    (tmp_path / "n.csv").write_text("label,name\n1,femur\n", encoding="utf-8")
     (tmp_path / "a.seg.nrrd").write_bytes(SEGMENTATION)
     for name in (name for name in functions() if name.startswith("write_")):
         getattr(io, name)(*CALLS[name])
@@ -105,7 +105,7 @@ def test_what_no_reader_foresees_is_a_sentence_too(row: str, error: Exception, t
     path = tmp_path / f"a{entry.suffixes[0]}"
     if getattr(entry, "is_folder", False) or entry.suffixes[0] == ".zarr":
         path.mkdir()
-        (path / "zarr.json").write_text("{}")
+        (path / "zarr.json").write_text("{}", encoding="utf-8")
     else:
         path.write_bytes(b"x")
     with pytest.raises(VolumeFileError, match=r"^a\."):

@@ -548,7 +548,7 @@ def test_numpy_versions_and_types(tmp_path: Path) -> None:
 def test_side_files(side: str | None, words: str, tmp_path: Path) -> None:
     (tmp_path / "a.raw").write_bytes(bytes(240))
     if side is not None:
-        (tmp_path / "a.raw.json").write_text(side)
+        (tmp_path / "a.raw.json").write_text(side, encoding="utf-8")
     with pytest.raises(VolumeFileError, match=words):
         read_volume(tmp_path / "a.raw")
 
@@ -556,7 +556,7 @@ def test_side_files(side: str | None, words: str, tmp_path: Path) -> None:
 def test_raw_voxels_with_the_least_description(tmp_path: Path) -> None:
     (tmp_path / "a.raw").write_bytes(np.arange(-3, 120, dtype=">i2").tobytes())
     side = {"shape": [4, 5, 6], "dtype": "int16", "byte_order": "big", "offset": 6, "spacing": [1, 1, -2]}
-    (tmp_path / "a.raw.json").write_text(json.dumps(side))
+    (tmp_path / "a.raw.json").write_text(json.dumps(side), encoding="utf-8")
     volume = read_volume(tmp_path / "a.raw")
     np.testing.assert_array_equal(volume.values.ravel(), np.arange(120))
     assert volume.grid.orientation == "LPI"
@@ -580,7 +580,7 @@ def test_a_numpy_file_that_no_longer_fits_its_side_file(tmp_path: Path) -> None:
 def test_what_is_no_volume_file(tmp_path: Path) -> None:
     refuse(tmp_path / "missing.nii", "no such file")
     refuse(tmp_path / "no folder" / "a.nii", "no such file")
-    (tmp_path / "a.txt").write_text("hello")
+    (tmp_path / "a.txt").write_text("hello", encoding="utf-8")
     assert ".nii.gz" in refuse(tmp_path / "a.txt", "no known kind")
     nrrd(tmp_path / "b.dat", "")
     refuse(tmp_path / "b.dat", "looks like NRRD.*rename")

@@ -232,7 +232,7 @@ def form_seeds(folder: Path, name: str) -> str:
                  "hex": "encoding: hex\n\n", "pattern": "ObjectType = Image\nNDims = 3\nDimSize = 24 20 2\n"
                  "ElementType = MET_UCHAR\nElementDataFile = s%d.raw 0 1 1\n"}[kind]
         data = {"text": " ".join(map(str, values.ravel())), "hex": values.tobytes().hex()}.get(kind, "")
-        (folder / name).write_text(("" if kind == "pattern" else head) + named + data)
+        (folder / name).write_text(("" if kind == "pattern" else head) + named + data, encoding="utf-8")
         for k in range(2 if kind in ("list", "pattern") else 0):
             (folder / f"s{k}.raw").write_bytes(values[k].tobytes())
     return name
@@ -249,14 +249,17 @@ def transform_seeds(folder: Path, kind: str) -> str:
                                          "fixed": np.zeros((3, 1))}, format="4")
     elif suffix == ".txt":
         SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / "field.mha"))
-        (folder / "first.txt").write_text('(Transform "DeformationFieldTransform")\n(DeformationFieldFileName '
-                                          '"field.mha")\n(FixedImageDimension 3)\n'
-                                          '(InitialTransformParameterFileName "NoInitialTransform")\n')
+        (folder / "first.txt").write_text(
+            '(Transform "DeformationFieldTransform")\n(DeformationFieldFileName '
+            '"field.mha")\n(FixedImageDimension 3)\n'
+            '(InitialTransformParameterFileName "NoInitialTransform")\n',
+            encoding="utf-8",
+        )
         (folder / name).write_text('(Transform "BSplineTransform")\n(NumberOfParameters 192)\n(TransformParameters '
                                    f'{" ".join(map(repr, _NUMBERS.normal(size=192).tolist()))})\n(GridSize 4 4 4)\n'
                                    "(GridOrigin 0 0 0)\n(GridSpacing 9 9 9)\n(GridDirection 1 0 0 0 1 0 0 0 1)\n"
                                    "(BSplineTransformSplineOrder 3)\n(FixedImageDimension 3)\n"
-                                   '(InitialTransformParameterFileName "first.txt")\n')
+                                   '(InitialTransformParameterFileName "first.txt")\n', encoding="utf-8")
     elif suffix in (".nhdr", ".mhd"):  # read with the file beside them, and written in one
         SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / name))
     else:
@@ -298,7 +301,7 @@ NAMES = {"a.csv": "label,name\n1,femur\n2,tibia\n", "a.tsv": "value\tstructure\n
 
 def name_seeds(folder: Path, name: str) -> str:
     """A table of the names of labels, or a segmentation of 3D Slicer that names them; returns its name."""
-    (folder / name).write_text(NAMES[name])
+    (folder / name).write_text(NAMES[name], encoding="utf-8")
     if not NAMES[name]:
         segments = "".join(f"Segment{k}_{key}:={value}\n" for k in range(2) for key, value in (
             ("ID", f"s{k}"), ("Name", f"bone {k}"), ("LabelValue", k + 1), ("Layer", 0), ("Extent", "0 1 0 1 0 1")))
@@ -318,7 +321,8 @@ def _damage(folder: Path, name: str, kind: str, seed: int, *, may_be_read: bool 
     command = [sys.executable, "-W", "ignore", "-c", CHILD, str(folder), name, kind, str(seed), str(CASES),
                str(SECONDS)]
     child = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
-    last = (folder / "was.txt").read_text() if (folder / "was.txt").exists() else "before the first case"
+    noted = folder / "was.txt"
+    last = noted.read_text(encoding="utf-8") if noted.exists() else "before the first case"
     assert child.returncode == 0, f"{last}:\n{child.stderr[-3000:]}"
     assert may_be_read or int(child.stdout) < CASES  # some damage was noticed
 

@@ -26,7 +26,7 @@ def text(name: str, parameters: Any, fixed: Any) -> str:
 
 
 def written(path: Path, *entries: str) -> Path:
-    path.write_text("#Insight Transform File V1.0\n" + "".join(entries))
+    path.write_text("#Insight Transform File V1.0\n" + "".join(entries), encoding="utf-8")
     return path
 
 
@@ -86,7 +86,8 @@ def test_a_composite_keeps_its_order_in_every_file(suffix: str, precision: str, 
     theirs = sitk.ReadTransform(str(whole))
     path = tmp_path / f"a.{suffix}"
     if suffix == "mat" or precision == "float":  # of which ITK reads no composite back, or writes none
-        path = written(tmp_path / "a.tfm", whole.read_text().partition("\n")[2].replace("double", precision))
+        lines = whole.read_text(encoding="utf-8").partition("\n")[2]
+        path = written(tmp_path / "a.tfm", lines.replace("double", precision))
     else:
         sitk.WriteTransform(theirs, str(path))
     places = RANDOM.uniform(-50, 50, (20, 3))
@@ -138,7 +139,7 @@ def test_wrong_counts_and_wrong_numbers_are_refused(kind: str, change: str, tmp_
         words = {"one less": words[:-1], "one more": [*words, "0.5"], "none": []}[change]
     path = tmp_path / "a.tfm"
     path.write_text(f"#Insight Transform File V1.0\nTransform: {kind}_double_{dim}_{dim}\nParameters: "
-                    f"{' '.join(words)}\nFixedParameters: {' '.join(fixed)}\n")
+                    f"{' '.join(words)}\nFixedParameters: {' '.join(fixed)}\n", encoding="utf-8")
     with pytest.raises(VolumeFileError, match=r"^a\.tfm: "):
         read_transform(path)
 

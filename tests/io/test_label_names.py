@@ -35,7 +35,7 @@ def test_the_table_beside_a_label_volume_is_read(kind: str, tmp_path: Path) -> N
 
 
 def test_a_table_of_something_else_gives_no_names(tmp_path: Path) -> None:
-    (tmp_path / "bones.csv").write_text("x,y,z\n1,2,3\n")
+    (tmp_path / "bones.csv").write_text("x,y,z\n1,2,3\n", encoding="utf-8")
     (tmp_path / "bones.txt").write_bytes(b"\xff\xfe1 and more\n")
     assert read_label_names(tmp_path / "bones.nii") == {}
 

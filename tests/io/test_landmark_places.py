@@ -164,15 +164,15 @@ def test_a_scale_is_empty_positive_or_refused(tmp_path: Path) -> None:
     "name x;y;z\n".replace(" x", ";x") + "nose;1,5;2;3\n"])
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt", ".points.csv"])
 def test_tables_are_read_under_each_usual_suffix(text: str, suffix: str, tmp_path: Path) -> None:
-    (tmp_path / f"a{suffix}").write_text(text)
+    (tmp_path / f"a{suffix}").write_text(text, encoding="utf-8")
     found = read_landmarks(tmp_path / f"a{suffix}")
     assert (found.names, found.points.tolist()) == (("nose",), [[1.5, 2.0, 3.0]])
 
 
 def test_a_dot_parts_thousands_where_a_comma_is_the_decimal_point(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("name;x;y;z\na;1.234,5;2.000;3\nb;0,5;12.345.678,25;-1.000,0\n")
+    (tmp_path / "a.csv").write_text("name;x;y;z\na;1.234,5;2.000;3\nb;0,5;12.345.678,25;-1.000,0\n", encoding="utf-8")
     assert read_landmarks(tmp_path / "a.csv").points.tolist() == [[1234.5, 2000.0, 3.0], [0.5, 12345678.25, -1000.0]]
-    (tmp_path / "b.csv").write_text("name;x;y;z\na;1.234;2,5;3\n")
+    (tmp_path / "b.csv").write_text("name;x;y;z\na;1.234;2,5;3\n", encoding="utf-8")
     assert read_landmarks(tmp_path / "b.csv").points.tolist() == [[1.234, 2.5, 3.0]]
 
 

@@ -41,14 +41,14 @@ def test_places_of_tables(text: str, names: tuple[str, ...], tmp_path: Path) -> 
     "nose,1,2,3,4,5,6.5\n", "nose,true,7,1,2,3,4,5,6.5\n",
 ])
 def test_pairs_of_tables(text: str, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     found = read_landmarks(tmp_path / "a.csv")
     assert found.fixed is not None
     assert (found.names, found.points.tolist(), found.fixed.tolist()) == (("nose",), [ONE], [OTHER])
 
 
 def test_what_a_table_lacks_is_left_out_or_has_no_pair(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("name,active,x,y,x_fixed,y_fixed\na,no,1,2,,\nb,yes,,,5,6\n")
+    (tmp_path / "a.csv").write_text("name,active,x,y,x_fixed,y_fixed\na,no,1,2,,\nb,yes,,,5,6\n", encoding="utf-8")
     found = read_landmarks(tmp_path / "a.csv")
     assert (found.names, found.points.tolist(), found.notes) == (
         ("a",), [[1.0, 2.0]], ("1 landmark is missing and left out: 2", "1 landmark is without a fixed place: 1"))
@@ -59,7 +59,7 @@ def test_what_a_table_lacks_is_left_out_or_has_no_pair(tmp_path: Path) -> None:
 
 def test_a_table_is_written_with_names_of_columns(tmp_path: Path) -> None:
     write_landmarks(Landmarks([ONE], ("left, upper",), fixed=[[np.nan, 0, 0]]), tmp_path / "a.points.csv")
-    assert (tmp_path / "a.points.csv").read_text() == (
+    assert (tmp_path / "a.points.csv").read_text(encoding="utf-8") == (
         'name,x,y,z,fixed_x,fixed_y,fixed_z\n"left, upper",1.0,2.0,3.0,,0.0,0.0\n')
 
 
@@ -70,6 +70,6 @@ def test_a_table_is_written_with_names_of_columns(tmp_path: Path) -> None:
     ("x,y,z\n", "no landmark"), ("1,2,inf\n", "all 1 are missing"),
 ])
 def test_mistakes_in_tables_are_named_by_line_and_column(text: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     with pytest.raises(VolumeFileError, match=words):
         read_landmarks(tmp_path / "a.csv")

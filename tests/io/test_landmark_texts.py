@@ -25,7 +25,7 @@ FILES = {
 
 @pytest.mark.parametrize("name", FILES)
 def test_two_specimens_are_pairs(name: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(FILES[name])
+    (tmp_path / name).write_text(FILES[name], encoding="utf-8")
     found = read_landmarks(tmp_path / name)
     assert found.fixed is not None
     assert (found.points.tolist(), found.fixed.tolist(), found.notes) == (*PAIR, ())
@@ -49,7 +49,8 @@ def test_round_trip(suffix: str, dim: int, tmp_path: Path) -> None:
 
 def test_the_first_of_several_specimens_is_read_and_curves_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.tps"
-    path.write_text("LM=1\n1 2\nCURVES=1\nPOINTS=2\n1 1\n2 2\nID=first\n" + "LM=1\n3 4\nID=other\n" * 2)
+    path.write_text("LM=1\n1 2\nCURVES=1\nPOINTS=2\n1 1\n2 2\nID=first\n" + "LM=1\n3 4\nID=other\n" * 2,
+                    encoding="utf-8")
     found = read_landmarks(path)
     assert (found.points.tolist(), found.fixed) == ([[1.0, 2.0]], None)
     assert found.notes == ("the first of 3 specimens was read, first; two of them would be read as pairs",
@@ -59,7 +60,7 @@ def test_the_first_of_several_specimens_is_read_and_curves_are_left_out(tmp_path
 def test_points_that_transformix_mapped_are_pairs(tmp_path: Path) -> None:
     (tmp_path / "outputpoints.txt").write_text(
         "Point\t0\t; InputIndex = [ 1 2 3 ]\t; InputPoint = [ 1.5 2 3 ]\t; OutputIndexFixed = [ 1 2 4 ]\t; "
-        "OutputPoint = [ 1.5 2.25 4 ]\t; Deformation = [ 0 0.25 1 ]\n")
+        "OutputPoint = [ 1.5 2.25 4 ]\t; Deformation = [ 0 0.25 1 ]\n", encoding="utf-8")
     found = read_landmarks(tmp_path / "outputpoints.txt")
     assert found.fixed is not None
     assert (found.points.tolist(), found.fixed.tolist()) == ([[1.5, 2.0, 3.0]], [[1.5, 2.25, 4.0]])
@@ -67,7 +68,7 @@ def test_points_that_transformix_mapped_are_pairs(tmp_path: Path) -> None:
 
 def test_points_of_elastix(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    path.write_text("point\n2\n1.5 2 3\n-4 5e1 6\n")
+    path.write_text("point\n2\n1.5 2 3\n-4 5e1 6\n", encoding="utf-8")
     assert read_landmarks(path).points.tolist() == [[1.5, 2.0, 3.0], [-4.0, 50.0, 6.0]]
 
 
@@ -91,6 +92,6 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_damaged_files_are_refused_with_the_line(name: str, tmp_path: Path) -> None:
     for text, words in BAD[name]:
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_text(text, encoding="utf-8")
         with pytest.raises(VolumeFileError, match=words):
             read_landmarks(tmp_path / name)

@@ -39,7 +39,7 @@ def test_round_trip(suffix: str, tmp_path: Path) -> None:
 def test_pairs_of_bigwarp(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text('"Pt-0","true","1","2","3","4","5","6"\n"Pt-1","false","7","8","9","Infinity","-Infinity","NaN"\n'
-                    '"Pt-2","true","Infinity","Infinity","Infinity","1","1","1"\n')
+                    '"Pt-2","true","Infinity","Infinity","Infinity","1","1","1"\n', encoding="utf-8")
     marks = read_landmarks(path)
     assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
     assert marks.notes == ("1 landmark is missing and left out: 3", "1 landmark is without a fixed place: 2")
@@ -62,7 +62,7 @@ BIGWARP = ('{"type": "BigWarpLandmarks", "numDimensions": 3, "movingPoints": [[1
 @pytest.mark.parametrize("name", ["a.json", "a.bigwarp.json"])
 def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
     """By hand, after LandmarkTableModel.toJson of BigWarp 9: alone, in a transform and in a project."""
-    (tmp_path / name).write_text(text)
+    (tmp_path / name).write_text(text, encoding="utf-8")
     assert is_landmarks(tmp_path / name)
     marks = read_landmarks(tmp_path / name)
     assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
@@ -76,11 +76,12 @@ def test_slicers_markups_are_known_by_what_is_in_them_and_state_their_unit(tmp_p
     point = {"label": "nose", "position": [1, 2, 3]}
     for unit, symbol in (("um", "\u00b5m"), (["mm", "UCUM", "millimeter"], "mm")):
         markup = {"coordinateSystem": "RAS", "coordinateUnits": unit, "controlPoints": [point]}
-        (tmp_path / "a.json").write_text(json.dumps({"markups": [markup]}))
+        (tmp_path / "a.json").write_text(json.dumps({"markups": [markup]}), encoding="utf-8")
         assert is_landmarks(tmp_path / "a.json")
         found = read_landmarks(tmp_path / "a.json")
         assert (found.points.tolist(), found.unit) == ([[-1, -2, 3]], symbol)
-    (tmp_path / "a.json").write_text((tmp_path / "a.json").read_text().replace("UCUM", "x").replace('"mm"', '"ell"'))
+    text = (tmp_path / "a.json").read_text(encoding="utf-8").replace("UCUM", "x").replace('"mm"', '"ell"')
+    (tmp_path / "a.json").write_text(text, encoding="utf-8")
     with pytest.raises(VolumeFileError, match="its unit"):
         read_landmarks(tmp_path / "a.json")
 
@@ -90,12 +91,12 @@ def test_slicers_markups_are_known_by_what_is_in_them_and_state_their_unit(tmp_p
 def test_ras_and_lps(system: str, wanted: list[float], tmp_path: Path) -> None:
     (tmp_path / "a.fcsv").write_text(f"# Markups fiducial file version = 4.11\n# CoordinateSystem = {system}\n"
                                      "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
-                                     "n_1,1,2,3,0,0,0,1,1,1,0,nose,,\n")
+                                     "n_1,1,2,3,0,0,0,1,1,1,0,nose,,\n", encoding="utf-8")
     assert read_landmarks(tmp_path / "a.fcsv").points.tolist() == [wanted]
     point = {"label": "nose", "position": [1, 2, 3], "positionStatus": "defined"}
     missing = {"label": "ear", "positionStatus": "undefined"}
     data = {"markups": [{"coordinateSystem": system, "controlPoints": [point, missing]}]}
-    (tmp_path / "a.mrk.json").write_text(json.dumps(data))
+    (tmp_path / "a.mrk.json").write_text(json.dumps(data), encoding="utf-8")
     marks = read_landmarks(tmp_path / "a.mrk.json")
     assert marks.points.tolist() == [wanted]
     assert marks.names == ("nose",)
@@ -119,7 +120,7 @@ MARKUP = '{"markups": [{"coordinateSystem": "LPS", "controlPoints": [%s]}]}'
     ("a.mrk.json", "[" * 100000, "cannot be read"), ("a.odt", "", "no kind of landmark file"),
 ])
 def test_mistakes_are_one_sentence(name: str, text: str, match: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(text)
+    (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(VolumeFileError, match=match) as caught:
         read_landmarks(tmp_path / name)
     assert str(caught.value).startswith(f"{name}: ")

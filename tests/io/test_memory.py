@@ -23,17 +23,17 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def tell(machine: Path, groups: str, mounts: str) -> None:
-    (machine / "proc/self/cgroup").write_text(groups)
-    (machine / "proc/self/mountinfo").write_text(mounts)
+    (machine / "proc/self/cgroup").write_text(groups, encoding="utf-8")
+    (machine / "proc/self/mountinfo").write_text(mounts, encoding="utf-8")
 
 
 def group(machine: Path, folder: str, files: tuple[str, str, str], limit: int | None, usage: int = 0,
           cache: int = 0) -> None:
     place = machine / folder
     place.mkdir(parents=True, exist_ok=True)
-    (place / files[0]).write_text(NO_LIMIT[files] if limit is None else f"{limit}\n")
-    (place / files[1]).write_text(f"{usage}\n")
-    (place / "memory.stat").write_text(f"anon 5\n{files[2]} {cache}\n")
+    (place / files[0]).write_text(NO_LIMIT[files] if limit is None else f"{limit}\n", encoding="utf-8")
+    (place / files[1]).write_text(f"{usage}\n", encoding="utf-8")
+    (place / "memory.stat").write_text(f"anon 5\n{files[2]} {cache}\n", encoding="utf-8")
 
 
 MOUNT_V2 = "31 23 0:28 / /sys/fs/cgroup rw,nosuid shared:9 - cgroup2 cgroup2 rw,nsdelegate\n"

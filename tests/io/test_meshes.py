@@ -69,7 +69,7 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
     # An arrowhead that is not convex: a fan from its first corner would cover what lies outside.
     text = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1.5 0.5 0\nf 4 1 2 3\nf 1 2 3\n"
     path = tmp_path / "arrow.obj"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     mesh = read_mesh(path)
     assert len(mesh.faces) == 3
     a, b, c = (mesh.points[mesh.faces[:, k]] for k in range(3))
@@ -86,7 +86,7 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
 ])
 def test_forms_of_obj(text: str, faces: list[list[int]], tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
-    path.write_text(text, newline="")
+    path.write_text(text, newline="", encoding="utf-8")
     assert read_mesh(path).faces.tolist() == faces
 
 
@@ -96,7 +96,7 @@ def test_forms_of_ply(tmp_path: Path) -> None:
             "property float z\nproperty uchar red\nelement face 2\nproperty uchar flags\n"
             "property list uchar int vertex_index\nelement edge 1\nproperty int vertex1\nproperty int vertex2\n"
             "end_header\n")
-    path.write_text(head + "0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n9 4 0 1 2 3\n9 3 2 1 0\n0 1\n")
+    path.write_text(head + "0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n9 4 0 1 2 3\n9 3 2 1 0\n0 1\n", encoding="utf-8")
     mesh = read_mesh(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     assert len(mesh.faces) == 3
@@ -298,7 +298,7 @@ VTP = """<?xml version="1.0"?>
 
 def test_strips_polygons_and_pieces_of_a_vtp(tmp_path: Path) -> None:
     path = tmp_path / "a.vtp"
-    path.write_text(VTP)
+    path.write_text(VTP, encoding="utf-8")
     mesh = read_mesh(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 5], [1, 0, 5], [1, 1, 5],
                                     [0, 1, 5]]
@@ -327,7 +327,7 @@ def test_strips_polygons_and_pieces_of_a_vtp(tmp_path: Path) -> None:
 ])
 def test_damage_of_a_vtp_is_named(old: str, new: str, match: str, tmp_path: Path) -> None:
     assert old in VTP
-    (tmp_path / "a.vtp").write_text(VTP.replace(old, new))
+    (tmp_path / "a.vtp").write_text(VTP.replace(old, new), encoding="utf-8")
     with pytest.raises(VolumeFileError, match=match) as caught:
         read_mesh(tmp_path / "a.vtp")
     assert str(caught.value).startswith("a.vtp: ")
@@ -337,6 +337,6 @@ def test_damage_of_a_vtp_is_named(old: str, new: str, match: str, tmp_path: Path
 def test_a_polygon_that_would_take_vtk_minutes_is_refused(tmp_path: Path) -> None:
     count = 100_000
     lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "f " + " ".join(str(k % 3 + 1) for k in range(count))]
-    (tmp_path / "a.obj").write_text("\n".join(lines))
+    (tmp_path / "a.obj").write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(VolumeFileError, match="a face has 100000 corners"):
         read_mesh(tmp_path / "a.obj")

@@ -111,13 +111,13 @@ def write_meta(folder: Path, fields: dict[str, Any]) -> Path:
 
 def write_raw(folder: Path, fields: dict[str, Any]) -> Path:
     (folder / "a.raw").write_bytes(VALUES.tobytes())
-    (folder / "a.raw.json").write_text(json.dumps({k: v for k, v in fields.items() if v is not None}))
+    (folder / "a.raw.json").write_text(json.dumps({k: v for k, v in fields.items() if v is not None}), encoding="utf-8")
     return folder / "a.raw"
 
 
 def write_npy(folder: Path, fields: dict[str, Any]) -> Path:
     np.save(folder / "a.npy", VALUES)
-    (folder / "a.npy.json").write_text(json.dumps({k: v for k, v in fields.items() if v is not None}))
+    (folder / "a.npy.json").write_text(json.dumps({k: v for k, v in fields.items() if v is not None}), encoding="utf-8")
     return folder / "a.npy"
 
 
@@ -128,7 +128,7 @@ def write_vti(folder: Path, fields: dict[str, Any]) -> Path:
     text = " ".join(map(str, VALUES.ravel()))
     (folder / "a.vti").write_text(
         f'<VTKFile {of["VTKFile"]}><ImageData {of["ImageData"]}><Piece {of["Piece"]}><PointData {of["PointData"]}>'
-        f'<DataArray {of["DataArray"]}>{text}</DataArray></PointData></Piece></ImageData></VTKFile>')
+        f'<DataArray {of["DataArray"]}>{text}</DataArray></PointData></Piece></ImageData></VTKFile>', encoding="utf-8")
     return folder / "a.vti"
 
 
@@ -218,10 +218,10 @@ def write_ome_zarr(folder: Path, fields: dict[str, Any]) -> Path:
              "datasets": [{"path": "0", "coordinateTransformations": moved}]}
     group = zarr.create_group(str(path), zarr_format=2, attributes={"multiscales": [{"version": "0.4", **about}]})
     group.create_array("0", shape=VALUES.shape, dtype=VALUES.dtype, chunks=(2, 5, 6))[...] = VALUES
-    held = json.loads((path / "0" / ".zarray").read_text())
+    held = json.loads((path / "0" / ".zarray").read_text(encoding="utf-8"))
     for name in ("shape", "chunks", "dtype", "order", "fill_value"):
         held[name] = of.get(name)
-    (path / "0" / ".zarray").write_text(json.dumps(held))
+    (path / "0" / ".zarray").write_text(json.dumps(held), encoding="utf-8")
     return path
 
 
@@ -273,7 +273,7 @@ def placed(values: np.ndarray, spacing: Any, origin: Any, direction: Any = None)
 
 def side_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """What the JSON says, read literally."""
-    about = json.loads(path.with_name(f"{path.name}.json").read_text())
+    about = json.loads(path.with_name(f"{path.name}.json").read_text(encoding="utf-8"))
     if path.suffix == ".npy":
         values = np.load(path)
     else:

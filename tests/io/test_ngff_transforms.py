@@ -60,7 +60,7 @@ def test_zarr_and_numpy_read_the_same_map(grid: Grid, tmp_path: Path) -> None:
         assert np.abs(_by_hand(tmp_path / "a.zarr", points) - points - again.displacement(points)).max() < limit
         assert np.abs(again.displacement(points) - field.displacement(points)).max() < limit
         assert [type(step) for step in again.steps] == [type(step) for step in field.steps]
-    assert "backward" in (tmp_path / "a.zarr" / "zarr.json").read_text()
+    assert "backward" in (tmp_path / "a.zarr" / "zarr.json").read_text(encoding="utf-8")
     assert [file.name for file in tmp_path.iterdir()] == ["a.zarr"]
     with pytest.raises(VolumeFileError, match="exists already"):
         write_transform(AFFINE, tmp_path / "a.zarr", grid, overwrite=False)
@@ -92,16 +92,16 @@ def test_linear_transformations(given: dict[str, Any], matrix: Any, offset: Any,
 def _scene(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
     """A file with a field, whose metadata are changed."""
     write_transform(FIELD, path, PLAIN)
-    data = json.loads((path / "zarr.json").read_text())
+    data = json.loads((path / "zarr.json").read_text(encoding="utf-8"))
     change(data["attributes"]["ome"]["scene"])
-    (path / "zarr.json").write_text(json.dumps(data))
+    (path / "zarr.json").write_text(json.dumps(data), encoding="utf-8")
 
 
 def test_coordinates_are_displacements_from_their_nodes(tmp_path: Path) -> None:
     nodes = PLAIN.index_to_point(np.moveaxis(np.indices(PLAIN.shape)[::-1], 0, -1))
     write_transform(DisplacementField(FIELD.values + nodes, PLAIN), tmp_path / "a.zarr", PLAIN)
     file = tmp_path / "a.zarr" / "zarr.json"
-    file.write_text(file.read_text().replace('"displacements"', '"coordinates"'))
+    file.write_text(file.read_text(encoding="utf-8").replace('"displacements"', '"coordinates"'), encoding="utf-8")
     found = read_transform(tmp_path / "a.zarr")
     assert isinstance(found, DisplacementField)
     assert np.abs(np.asarray(found.values) - FIELD.values).max() < 1e-5
@@ -128,15 +128,15 @@ def test_what_is_not_read_is_named(change: Callable[[dict[str, Any]], Any], word
 def test_an_array_that_no_memory_holds_is_refused_by_its_metadata(tmp_path: Path) -> None:
     write_transform(FIELD, tmp_path / "a.zarr", PLAIN)
     file = next((tmp_path / "a.zarr").glob("coordinateTransformations/*/0/zarr.json"))
-    data = json.loads(file.read_text())
+    data = json.loads(file.read_text(encoding="utf-8"))
     for key, value, words in (("shape", [3, 10**6, 10**6, 10**6], "memory"),
                               ("shape", [2, 5, 6, 7], "three components"),
                               ("data_type", "int7", "no Zarr array")):
-        file.write_text(json.dumps({**data, key: value}))
+        file.write_text(json.dumps({**data, key: value}), encoding="utf-8")
         with pytest.raises(VolumeFileError, match=words):
             read_transform(tmp_path / "a.zarr")
     data["chunk_grid"]["configuration"]["chunk_shape"] = [3, 10**6, 10**6, 10**6]
-    file.write_text(json.dumps(data))
+    file.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(VolumeFileError, match="memory"):
         read_transform(tmp_path / "a.zarr")
 

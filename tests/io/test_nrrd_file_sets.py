@@ -51,18 +51,18 @@ def test_nrrd_in_several_files(named: str, encoding: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize("skip", ["line skip: 1\nbyte skip: 3", "byte skip: -1"])
 def test_what_is_skipped_is_skipped_in_each_file(skip: str, tmp_path: Path) -> None:
     files(tmp_path, skipped=b"a line\nabc")
-    (tmp_path / "a.nhdr").write_text(f"{NRRD}encoding: raw\n{skip}\ndata file: s%d.raw 4 1 -1\n")
+    (tmp_path / "a.nhdr").write_text(f"{NRRD}encoding: raw\n{skip}\ndata file: s%d.raw 4 1 -1\n", encoding="utf-8")
     np.testing.assert_array_equal(read_volume(tmp_path / "a.nhdr").values, VALUES[::-1])
 
 
 def test_files_of_rows_and_of_half_a_volume(tmp_path: Path) -> None:
     for k, row in enumerate(VALUES.reshape(20, 6)):
         (tmp_path / f"r{k:02d}.raw").write_bytes(row.tobytes())
-    (tmp_path / "rows.nhdr").write_text(f"{NRRD}encoding: raw\ndata file: r%02d.raw 0 19 1 1\n")
+    (tmp_path / "rows.nhdr").write_text(f"{NRRD}encoding: raw\ndata file: r%02d.raw 0 19 1 1\n", encoding="utf-8")
     np.testing.assert_array_equal(read_volume(tmp_path / "rows.nhdr").values, VALUES)
     (tmp_path / "h0").write_bytes(VALUES[:2].tobytes())
     (tmp_path / "h1").write_bytes(VALUES[2:].tobytes())
-    (tmp_path / "halves.nhdr").write_text(f"{NRRD}encoding: raw\ndata file: LIST 3\nh0\nh1\n")
+    (tmp_path / "halves.nhdr").write_text(f"{NRRD}encoding: raw\ndata file: LIST 3\nh0\nh1\n", encoding="utf-8")
     np.testing.assert_array_equal(read_volume(tmp_path / "halves.nhdr").values, VALUES)
 
 
@@ -70,7 +70,7 @@ def test_moments_in_several_files(tmp_path: Path) -> None:
     for k in range(4):
         (tmp_path / f"t{k}.raw").write_bytes(VALUES[k].tobytes())
     head = "NRRD0004\ntype: int16\ndimension: 4\nsizes: 6 5 1 4\nkinds: domain domain domain list\nendian: little\n"
-    (tmp_path / "a.nhdr").write_text(f"{head}encoding: raw\ndata file: t%d.raw 0 3 1\n")
+    (tmp_path / "a.nhdr").write_text(f"{head}encoding: raw\ndata file: t%d.raw 0 3 1\n", encoding="utf-8")
     moments = [channels[0].values[0] for channels in open_series(tmp_path / "a.nhdr")]
     np.testing.assert_array_equal(moments, VALUES)
 
@@ -98,9 +98,9 @@ def test_sets_that_are_none(kind: str, files_of: str, words: str, tmp_path: Path
     (tmp_path / "folder.raw").mkdir()
     os.mkfifo(tmp_path / "pipe.raw")
     if kind == "mhd":
-        (tmp_path / "a.mhd").write_text(f"{META}ElementDataFile = {files_of}")
+        (tmp_path / "a.mhd").write_text(f"{META}ElementDataFile = {files_of}", encoding="utf-8")
     else:
-        (tmp_path / "a.nhdr").write_text(f"{NRRD}encoding: raw\ndata file: {files_of}")
+        (tmp_path / "a.nhdr").write_text(f"{NRRD}encoding: raw\ndata file: {files_of}", encoding="utf-8")
     refuse(tmp_path / f"a.{kind}", words)
 
 
@@ -117,10 +117,10 @@ def test_metaimage_in_several_files_as_itk_reads_it(named: str, tmp_path: Path) 
 def test_metaimage_of_packed_files_and_of_text(tmp_path: Path) -> None:
     for k in range(4):
         (tmp_path / f"s{k + 1}.raw").write_bytes(zlib.compress(VALUES[k].tobytes()))
-    (tmp_path / "a.mhd").write_text(f"{META}CompressedData = True\nElementDataFile = LIST 2D\n{FOUR}")
+    (tmp_path / "a.mhd").write_text(f"{META}CompressedData = True\nElementDataFile = LIST 2D\n{FOUR}", encoding="utf-8")
     np.testing.assert_array_equal(read_volume(tmp_path / "a.mhd").values, VALUES)
     text = " ".join(map(str, VALUES.ravel()))
-    (tmp_path / "a.mha").write_text(f"{META}BinaryData = False\nElementDataFile = LOCAL\n{text}\n")
+    (tmp_path / "a.mha").write_text(f"{META}BinaryData = False\nElementDataFile = LOCAL\n{text}\n", encoding="utf-8")
     np.testing.assert_array_equal(read_volume(tmp_path / "a.mha").values, VALUES)
 
 
@@ -132,7 +132,7 @@ def test_metaimage_of_packed_files_and_of_text(tmp_path: Path) -> None:
     ("hex", "00" * 239 + "0", "one digit"), ("hex", "00" * 239 + "xy", "."), ("hex", "", "holds 0"),
 ])
 def test_text_that_is_no_voxels(encoding: str, data: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "a.nrrd").write_text(f"{NRRD}encoding: {encoding}\n\n{data}")
+    (tmp_path / "a.nrrd").write_text(f"{NRRD}encoding: {encoding}\n\n{data}", encoding="utf-8")
     refuse(tmp_path / "a.nrrd", words)
 
 
@@ -140,5 +140,5 @@ def test_floats_and_bytes_as_text(tmp_path: Path) -> None:
     values = np.array([0.1, -1e300, 5e-324, 3.0]).reshape(1, 2, 2)
     for encoding, text in (("ascii", " ".join(map(repr, values.ravel().tolist()))), ("hex", values.tobytes().hex())):
         (tmp_path / "a.nrrd").write_text(f"NRRD0004\ntype: double\ndimension: 3\nsizes: 2 2 1\nendian: little\n"
-                                         f"encoding: {encoding}\n\n{text}\n")
+                                         f"encoding: {encoding}\n\n{text}\n", encoding="utf-8")
         np.testing.assert_array_equal(read_volume(tmp_path / "a.nrrd").values, values)

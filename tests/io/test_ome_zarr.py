@@ -92,9 +92,9 @@ def test_one_channel_at_one_moment_is_a_volume_with_names_and_colours_else(tmp_p
     for version, where in (("0.4", ".zattrs"), ("0.5", "zarr.json")):
         path = tmp_path / f"{version}.zarr"
         store(path, "czyx", version=version, values=np.stack([VALUES, VALUES + 1]))
-        held = json.loads((path / where).read_text())
+        held = json.loads((path / where).read_text(encoding="utf-8"))
         (held if version == "0.4" else held["attributes"]["ome"]).update(meta)
-        (path / where).write_text(json.dumps(held))
+        (path / where).write_text(json.dumps(held), encoding="utf-8")
         channels = read_channels(path)
         assert channels.names == ("DAPI", "GFP")
         assert channels.colours == ((0, 0, 1), (0, 1, 0))
@@ -126,9 +126,9 @@ def test_version_2_with_both_separators_and_old_consolidated_metadata(separator:
     path = tmp_path / "a.zarr"
     store(path, "zyx", version="0.4", values=VALUES, chunk_key_encoding={"name": "v2", "separator": separator})
     zarr.consolidate_metadata(str(path))
-    held = json.loads((path / ".zattrs").read_text())
+    held = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
     held["multiscales"][0]["datasets"][0]["coordinateTransformations"][0]["scale"] = [7, 7, 7]
-    (path / ".zattrs").write_text(json.dumps(held))
+    (path / ".zattrs").write_text(json.dumps(held), encoding="utf-8")
     read = read_volume(path)
     np.testing.assert_array_equal(read.values, VALUES)
     assert read.grid.spacing == (7, 7, 7)
@@ -151,7 +151,7 @@ def test_sets_of_images_are_named(tmp_path: Path) -> None:
     zarr.create_group(str(path), zarr_format=2, attributes={"bioformats2raw.layout": 3})
     store(path / "0", "zyx", version="0.4", values=VALUES)
     (path / "OME").mkdir()
-    (path / "OME" / "METADATA.ome.xml").write_text("<OME/>")
+    (path / "OME" / "METADATA.ome.xml").write_text("<OME/>", encoding="utf-8")
     read = read_volume(path)
     np.testing.assert_array_equal(read.values, VALUES)
     assert "the image 0 of the set was read" in read.notes
@@ -205,9 +205,9 @@ def test_missing_chunks_are_the_fill_value_with_a_note(tmp_path: Path) -> None:
 def test_claims_of_many_small_chunks_are_refused_at_once(chunks: tuple[int, int, int], tmp_path: Path) -> None:
     store(tmp_path / "a.zarr", "zyx", values=VALUES, chunks=chunks)
     path = tmp_path / "a.zarr" / "0" / "zarr.json"
-    held = json.loads(path.read_text())
+    held = json.loads(path.read_text(encoding="utf-8"))
     held["shape"] = [1000, 1000, 1000]
-    path.write_text(json.dumps(held))
+    path.write_text(json.dumps(held), encoding="utf-8")
     began = time.monotonic()
     for read in (read_volume, open_volume):
         with pytest.raises(DeformError, match=r"in \d+ chunks of .*, which would be read for hours"):
@@ -218,9 +218,9 @@ def test_claims_of_many_small_chunks_are_refused_at_once(chunks: tuple[int, int,
 def test_a_claim_without_any_chunk_is_filled_and_not_looked_for(tmp_path: Path) -> None:
     store(tmp_path / "a.zarr", "zyx", values=VALUES, chunks=(1, 64, 64))
     path = tmp_path / "a.zarr" / "0" / "zarr.json"
-    held = json.loads(path.read_text())
+    held = json.loads(path.read_text(encoding="utf-8"))
     held["shape"], held["fill_value"] = [3000, 64, 64], 3
-    path.write_text(json.dumps(held))
+    path.write_text(json.dumps(held), encoding="utf-8")
     began = time.monotonic()
     read = read_volume(tmp_path / "a.zarr")
     assert (read.values[6:] == 3).all()
@@ -280,8 +280,8 @@ def test_levels_of_another_extent_are_named(tmp_path: Path) -> None:
     write_volume(Volume.from_array(np.arange(4800, dtype=np.int32).reshape(300, 4, 4)), tmp_path / "a.zarr")
     assert read_volume(tmp_path / "a.zarr", level=1).notes == ()
     path = tmp_path / "a.zarr" / "zarr.json"
-    held = json.loads(path.read_text())
+    held = json.loads(path.read_text(encoding="utf-8"))
     coarse = held["attributes"]["ome"]["multiscales"][0]["datasets"][1]
     coarse["coordinateTransformations"][0]["scale"] = [1.0, 2.0, 2.0]
-    path.write_text(json.dumps(held))
+    path.write_text(json.dumps(held), encoding="utf-8")
     assert "level 1 of the pyramid has another extent" in read_volume(tmp_path / "a.zarr").notes[0]

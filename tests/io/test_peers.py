@@ -139,7 +139,7 @@ def test_elastix_applies_what_is_written_and_the_other_way_round(tmp_path: Path)
     limits = {"nii.gz": agreed("transforms", "nifti", "elastix"), "mha": agreed("transforms", "metaimage", "elastix")}
     for suffix in limits:
         write_transform(BEND, tmp_path / f"transform.{suffix}", GRID)
-    (tmp_path / "field.txt").write_text(FIELD_FILE)
+    (tmp_path / "field.txt").write_text(FIELD_FILE, encoding="utf-8")
     marks = GRID.index_to_point(RANDOM.uniform(4, 20, (12, 3)))
     write_landmarks(Landmarks(marks), tmp_path / "points.txt")
     _run("elastix_resample", tmp_path, "itk")

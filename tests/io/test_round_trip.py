@@ -248,19 +248,20 @@ def test_simpleitk_reads_and_writes_the_same_raw_voxels(tmp_path: Path) -> None:
     sitk = pytest.importorskip("SimpleITK")
     volume = make()
     write_volume(volume, tmp_path / "ours.raw")
-    text = json.loads((tmp_path / "ours.raw.json").read_text())
+    text = json.loads((tmp_path / "ours.raw.json").read_text(encoding="utf-8"))
     assert (text["byte_order"], text["dtype"]) == ("little", "int16")
     size, spacing, origin = (" ".join(map(repr, row)) for row in (text["shape"][::-1], text["spacing"], text["origin"]))
     axes = " ".join(repr(c) for c in np.transpose(text["direction"]).ravel().tolist())
     (tmp_path / "ours.mhd").write_text(
         f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nTransformMatrix = {axes}\n"
         f"Offset = {origin}\nElementSpacing = {spacing}\nDimSize = {size}\nElementType = MET_SHORT\n"
-        "ElementDataFile = ours.raw\n")
+        "ElementDataFile = ours.raw\n", encoding="utf-8")
     image = sitk.ReadImage(str(tmp_path / "ours.mhd"))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image), volume.values)
     assert_same(Volume.from_sitk(image), replace(volume, name=""), ".raw")
     sitk.WriteImage(image, str(tmp_path / "theirs.mhd"))
-    (tmp_path / "theirs.raw.json").write_text(json.dumps({key: value for key, value in text.items() if key != "crc32"}))
+    (tmp_path / "theirs.raw.json").write_text(json.dumps({key: value for key, value in text.items() if key != "crc32"}),
+                                              encoding="utf-8")
     assert_same(read_volume(tmp_path / "theirs.raw"), volume, ".raw")
 
 

@@ -125,7 +125,7 @@ def test_ome_names_of_other_files_are_not_followed(tmp_path: Path) -> None:
 def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
     for number in range(5):
         tifffile.imwrite(tmp_path / f"Slice{number + 8}.{'tif' if number % 2 else 'TIFF'}", STACK[number])
-    (tmp_path / "notes.txt").write_text("not a slice")
+    (tmp_path / "notes.txt").write_text("not a slice", encoding="utf-8")
     read = read_volume(tmp_path)
     np.testing.assert_array_equal(read.values, STACK)
     assert "5 files in the order Slice8.TIFF ... Slice12.TIFF" in read.notes[0]

@@ -173,20 +173,22 @@ def test_parameter_files_of_elastix(kind: str, tmp_path: Path) -> None:
     numbers, make = ELASTIX[kind]
     (tmp_path / "first.txt").write_text(
         '(Transform "TranslationTransform")\n(NumberOfParameters 3)\n(TransformParameters 5 0 -5)\n'
-        '(InitialTransformParametersFileName "NoInitialTransform")\n(FixedImageDimension 3)\n')
+        '(InitialTransformParametersFileName "NoInitialTransform")\n(FixedImageDimension 3)\n', encoding="utf-8")
     (tmp_path / "second.txt").write_text(
         f'// made by hand\n(Transform "{kind}")\n(TransformParameters {" ".join(map(repr, numbers))})\n'
-        f'(CenterOfRotationPoint {" ".join(map(str, centre))})\n(FixedImageDimension 3) // three\n'
-        '(InitialTransformParameterFileName "/elsewhere/first.txt")\n(HowToCombineTransforms "Compose")\n')
+        f"(CenterOfRotationPoint {' '.join(map(str, centre))})\n(FixedImageDimension 3) // three\n"
+        '(InitialTransformParameterFileName "/elsewhere/first.txt")\n(HowToCombineTransforms "Compose")\n',
+        encoding="utf-8",
+    )
     known = np.array([make(centre).TransformPoint(tuple(p)) for p in (POINTS + np.array([5.0, 0.0, -5.0])).tolist()])
     found = POINTS + read_transform(tmp_path / "second.txt").displacement(POINTS)
     assert np.abs(found - known).max() < 1e-9
-    text = (tmp_path / "second.txt").read_text()
+    text = (tmp_path / "second.txt").read_text(encoding="utf-8")
     for old, new, words in ((kind, "RecursiveBSplineTransform", "is not read"),
                             ("Parameters ", "Parameters 1 ", "given"), ("Compose", "Add", "only compositions"),
                             ("first", "none", "missing"),
                             ("first", "second", "names itself"), ("Dimension 3", "Dimension 2", "2 dimensions")):
-        (tmp_path / "second.txt").write_text(text.replace(old, new))
+        (tmp_path / "second.txt").write_text(text.replace(old, new), encoding="utf-8")
         with pytest.raises(VolumeFileError, match=words):
             read_transform(tmp_path / "second.txt")
 
@@ -197,7 +199,7 @@ def test_kernel_transforms_interpolate_the_landmarks_of_the_file(tmp_path: Path)
     path = tmp_path / "spline.tfm"
     lines = [" ".join(map(repr, places.ravel().tolist())) for places in (source, target)]
     path.write_text("#Insight Transform File V1.0\n#Transform 0\nTransform: ThinPlateSplineKernelTransform_double_3_3\n"
-                    f"Parameters: {lines[0]}\nFixedParameters: {lines[1]}\n")
+                    f"Parameters: {lines[0]}\nFixedParameters: {lines[1]}\n", encoding="utf-8")
     basis = np.column_stack([np.ones(9), source])
     system = np.block([[cdist(source, source), basis], [basis.T, np.zeros((4, 4))]])
     weights = np.linalg.solve(system, np.vstack([target - source, np.zeros((4, 3))]))
@@ -248,7 +250,7 @@ def test_what_others_wrote_is_described_by_its_parts(tmp_path: Path, capsys: pyt
                                                 "affine map, which makes volumes 1 times as large"}
     assert main(["info", str(tmp_path / "both.txt")]) == 0
     assert "affine map" in capsys.readouterr().out
-    (tmp_path / "marks.txt").write_text("point\n1\n1 2 3\n")
+    (tmp_path / "marks.txt").write_text("point\n1\n1 2 3\n", encoding="utf-8")
     assert main(["info", str(tmp_path / "marks.txt")]) == 0
     assert "landmarks  1" in capsys.readouterr().out
 
@@ -284,7 +286,7 @@ def test_points_follow_a_transform_and_volumes_are_warped_by_it_in_parts(tmp_pat
 
 def test_what_is_no_transform_is_refused(tmp_path: Path) -> None:
     text, image = tmp_path / "a.tfm", tmp_path / "b.nrrd"
-    text.write_text("#Insight Transform File V1.0\nTransform: Nonsense_double_3_3\n")
+    text.write_text("#Insight Transform File V1.0\nTransform: Nonsense_double_3_3\n", encoding="utf-8")
     dn.write_volume(VOLUME, image)
     for path, words in ((text, "Nonsense_double_3_3 is not read"), (image, "three components"),
                         (tmp_path / "none.h5", "no such file"), (tmp_path / "d.json", "no such file"),
@@ -302,15 +304,17 @@ def test_what_is_no_transform_is_refused(tmp_path: Path) -> None:
 def test_a_grid_larger_than_its_numbers_is_refused_before_it_is_made(tmp_path: Path) -> None:
     write_transform(_bend(), tmp_path / "a.tfm", GRID)
     write_transform(_bend(), tmp_path / "a.h5", GRID)
-    text = (tmp_path / "a.tfm").read_text()
-    (tmp_path / "a.tfm").write_text(text.replace("FixedParameters: 22 18 14", "FixedParameters: 2200 1800 1400"))
+    text = (tmp_path / "a.tfm").read_text(encoding="utf-8")
+    (tmp_path / "a.tfm").write_text(text.replace("FixedParameters: 22 18 14", "FixedParameters: 2200 1800 1400"),
+                                    encoding="utf-8")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["TransformGroup/0/TransformFixedParameters"][:3] = [2200, 1800, 1400]
     for name in ("a.tfm", "a.h5"):
         with pytest.raises(VolumeFileError, match=r"2200\.0.* 16632 numbers"):
             read_transform(tmp_path / name)
     dn.write_volume(VOLUME, tmp_path / "v.nhdr")
-    (tmp_path / "b.nhdr").write_text((tmp_path / "v.nhdr").read_text().replace("data file: ", "data file: ../"))
+    header = (tmp_path / "v.nhdr").read_text(encoding="utf-8").replace("data file: ", "data file: ../")
+    (tmp_path / "b.nhdr").write_text(header, encoding="utf-8")
     with pytest.raises(VolumeFileError, match="own folder"):
         read_transform(tmp_path / "b.nhdr")
 

@@ -146,7 +146,7 @@ def test_an_edit_before_the_checksum_is_known_is_kept(session: Session, monkeypa
 def test_trouble_is_told_once_and_editing_goes_on(session: Session, tmp_path: Path) -> None:
     told: list[str] = []
     place = tmp_path / "no" / "folder"
-    place.parent.write_text("a file is in the way")
+    place.parent.write_text("a file is in the way", encoding="utf-8")
     saving = Autosave(session, place, delay=0.01, on_trouble=told.append)
     for strength in (0.5, 0.6):
         session.change(strength=strength)
@@ -165,7 +165,7 @@ def test_trouble_is_told_once_and_editing_goes_on(session: Session, tmp_path: Pa
     assert entry.is_live
     assert restore(entry).steps[0].strength == 0.8
     shutil.rmtree(place.parent)
-    place.parent.write_text("again")
+    place.parent.write_text("again", encoding="utf-8")
     session.change(strength=0.9)
     saving.flush()
     assert len(told) == 2

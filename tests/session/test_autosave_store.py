@@ -185,7 +185,7 @@ def test_what_else_lies_in_the_folder_is_left_alone(tmp_path: Path) -> None:
     entry = written(tmp_path)
     others = {tmp_path / name for name in ("my work.json", "settings.json", "0123-4-5.json", "server.live")}
     for path in others:
-        path.write_text("{}")
+        path.write_text("{}", encoding="utf-8")
     prune(tmp_path)
     assert set(tmp_path.iterdir()) == {entry.path, *others}
 

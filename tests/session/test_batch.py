@@ -96,7 +96,7 @@ def test_what_no_replay_has_made_is_not_overwritten(many: Path) -> None:
 def test_a_damaged_record_takes_nothing_for_done(damage: str, many: Path) -> None:
     document = read_deformation(many / "pull.json")
     replay(document, [many / "in"], many / "out")
-    (many / "out" / RECORD).write_text(damage)
+    (many / "out" / RECORD).write_text(damage, encoding="utf-8")
     assert "kept" not in states(replay(document, [many / "in"], many / "out"))
     assert states(replay(document, [many / "in"], many / "out", overwrite=True)) == ["done"] * 3
 
@@ -144,15 +144,15 @@ def test_the_command_deforms_resumes_and_sums_up(many: Path, monkeypatch: pytest
     told = capsys.readouterr().out.splitlines()
     assert told[-1].startswith("3 files: 3 done, 0 done before, 0 failed")
     assert "min det J" in told[0]
-    rows = json.loads((many / "all.json").read_text())
+    rows = json.loads((many / "all.json").read_text(encoding="utf-8"))
     assert [row["state"] for row in rows] == ["done"] * 3
     assert run(many, "replay pull.json in --out out --summary all.json", monkeypatch) == 0  # over its own
     assert "0 done, 3 done before" in capsys.readouterr().out
     for letter in ("[]", "a letter", '[{"name": "fish"}]'):
-        (many / "all.json").write_text(letter)
+        (many / "all.json").write_text(letter, encoding="utf-8")
         assert run(many, "replay pull.json in --out out --summary all.json", monkeypatch) == 2
         assert "all.json: exists already" in capsys.readouterr().err
-        assert (many / "all.json").read_text() == letter
+        assert (many / "all.json").read_text(encoding="utf-8") == letter
     assert run(many, "replay pull.json in --out out --strength -0.5", monkeypatch) == 0
     assert "3 done, 0 done before" in capsys.readouterr().out
 

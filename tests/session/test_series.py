@@ -115,6 +115,6 @@ def test_the_command_writes_a_segmentation_back_with_a_table_of_volumes(tmp_path
     assert warped.is_labels
     assert np.array_equal(warped.values, dn.warp(dn.read_volume("a.seg.nrrd"), BUMP).values)
     after = 3.0 * np.count_nonzero(warped.values)
-    assert Path("sizes.csv").read_text() == ("label,name,before_mm3,after_mm3,change_percent\n"
+    assert Path("sizes.csv").read_text(encoding="utf-8") == ("label,name,before_mm3,after_mm3,change_percent\n"
                                              f"4,liver,192,{after:.6g},{100 * (after - 192) / 192:.4g}\n")
     assert dn.io.read_label_names("b.seg.nrrd") == {4: "liver"}

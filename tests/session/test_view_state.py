@@ -67,7 +67,7 @@ def test_a_session_comes_back_as_it_was_seen(tmp_path: Path) -> None:
     session = Session(BAR, view="+y", transfer=OWN, method="slice")
     session.depth = 3.5
     session.save(tmp_path / "bar.json")
-    for opened in (Session(BAR), Session(BAR, from_json((tmp_path / "bar.json").read_text()))):
+    for opened in (Session(BAR), Session(BAR, from_json((tmp_path / "bar.json").read_text(encoding="utf-8")))):
         opened.open(tmp_path / "bar.json")
         assert (opened.transfer, opened.method, opened.depth) == (OWN, "slice", 3.5)
         assert opened.deformation.extra == {}

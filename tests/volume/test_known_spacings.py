@@ -56,7 +56,7 @@ def older(in_file: Volume, **options: Any) -> Deformation:
 
 
 def test_every_row_of_the_table_is_plain_data_that_a_page_can_read() -> None:
-    rows = json.loads(Path(module.__file__).with_suffix(".json").read_text())
+    rows = json.loads(Path(module.__file__).with_suffix(".json").read_text(encoding="utf-8"))
     assert len(rows) == len(known_spacings()) > 0
     for row in rows:
         assert set(row) == {"title", "shape", "dtype", "sha256", "header_spacing", "spacing", "reason"}

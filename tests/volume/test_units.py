@@ -88,7 +88,7 @@ def _zarr(path: Path, unit: str) -> Path:
 def _raw(path: Path, unit: str) -> Path:
     VALUES.tofile(path / "a.raw")
     (path / "a.raw.json").write_text(json.dumps({"shape": VALUES.shape, "dtype": "uint8", "spacing": SPACING,
-                                                 "unit": NAMES[unit]}))
+                                                 "unit": NAMES[unit]}), encoding="utf-8")
     return path / "a.raw"
 
 
@@ -165,7 +165,7 @@ def _of_vti(path: Path) -> Sizes:
 
 
 def _of_json(path: Path) -> Sizes:
-    about = json.loads(path.with_name(path.name + ".json").read_text())
+    about = json.loads(path.with_name(path.name + ".json").read_text(encoding="utf-8"))
     return tuple(METRES[about["unit"]] * length for length in about["spacing"])
 
 
@@ -265,11 +265,11 @@ def test_axes_in_other_units_are_brought_to_that_of_x(tmp_path: Path) -> None:
              "PhysicalSizeZ": 2000.0, "PhysicalSizeZUnit": "nm"}
     tifffile.imwrite(tmp_path / "a.ome.tif", VALUES, metadata={"axes": "ZYX", **about}, photometric="minisblack")
     path = _zarr(tmp_path, "\u00b5m")
-    attributes = json.loads((path / ".zattrs").read_text())
+    attributes = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
     attributes["multiscales"][0]["axes"][0]["unit"] = "nanometer"
     attributes["multiscales"][0]["datasets"][0]["coordinateTransformations"] = [
         {"type": "scale", "scale": [2000.0, 0.5, 0.5]}, {"type": "translation", "translation": [5000.0, 0, 0]}]
-    (path / ".zattrs").write_text(json.dumps(attributes))
+    (path / ".zattrs").write_text(json.dumps(attributes), encoding="utf-8")
     nrrd.write(str(tmp_path / "a.nrrd"), VALUES.transpose(2, 1, 0), {
         "space": "left-posterior-superior", "space directions": np.diag([0.5, 0.5, 0.002]), "space origin": [0, 0, 0],
         "space units": ["um", "um", "mm"]})
@@ -424,7 +424,7 @@ def test_landmark_files_come_back_with_their_lengths(name: str, tmp_path: Path) 
 
 
 def test_a_table_of_landmarks_states_the_unit_of_each_column(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("name,x (um),y (um),z [mm]\ntip,1,2,0.003\n")
+    (tmp_path / "a.csv").write_text("name,x (um),y (um),z [mm]\ntip,1,2,0.003\n", encoding="utf-8")
     marks = dn.io.read_landmarks(tmp_path / "a.csv")
     assert (marks.unit, marks.points.round(9).tolist()) == ("\u00b5m", [[1.0, 2.0, 3.0]])
     assert any("different units" in note for note in marks.notes)

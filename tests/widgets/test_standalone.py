@@ -247,10 +247,10 @@ def test_writing_says_what_stands_in_the_way(tmp_path: Path) -> None:
     editor, _ = pair()
     with pytest.raises(VolumeFileError, match="there is no folder"):
         write_standalone(tmp_path / "none" / "page.html", editor)
-    (tmp_path / "page.html").write_text("mine")
+    (tmp_path / "page.html").write_text("mine", encoding="utf-8")
     with pytest.raises(VolumeFileError, match="overwrite is False"):
         write_standalone(tmp_path / "page.html", editor, overwrite=False)
-    assert (tmp_path / "page.html").read_text() == "mine"
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "mine"
 
 
 def test_the_document_is_the_one_that_the_editor_makes() -> None:

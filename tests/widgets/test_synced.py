@@ -11,9 +11,9 @@ import anywidget
 import pytest
 import traitlets
 
-import deformnb.widgets.inputs.clip_controls
-import deformnb.widgets.inputs.depth_keys
-import deformnb.widgets.inputs.file_transfer
+import deformnb.widgets.inputs.clip_controls  # noqa: F401
+import deformnb.widgets.inputs.depth_keys  # noqa: F401
+import deformnb.widgets.inputs.file_transfer  # noqa: F401
 import deformnb.widgets.studio.save_restore  # noqa: F401
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets import Editor, LiveView, Player, VolumeView

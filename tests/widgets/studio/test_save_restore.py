@@ -72,7 +72,7 @@ def test_old_and_wrong_messages_are_dropped(lost: Any) -> None:
 
 
 def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
-    (state_folder / "sessions").write_text("in the way")
+    (state_folder / "sessions").write_text("in the way", encoding="utf-8")
     studio = studio_of()
     drag(studio, a_drag(studio))
     studio._bar.recovery.autosave.flush()

@@ -186,7 +186,7 @@ def test_a_document_can_be_set_and_undone(studio: Studio, tmp_path: Path) -> Non
 def test_a_studio_opens_arrays_files_and_documents(tmp_path: Path, studio: Studio) -> None:
     drag(studio, a_drag(studio))
     studio.export(tmp_path / "ball.nrrd")
-    (tmp_path / "did.json").write_text(to_json(studio.deformation))
+    (tmp_path / "did.json").write_text(to_json(studio.deformation), encoding="utf-8")
     for given in (tmp_path / "ball.nrrd", str(tmp_path / "ball.nrrd"), studio.result().values):
         other = Studio(given, tmp_path / "did.json")
         assert other.deformation.steps == studio.deformation.steps

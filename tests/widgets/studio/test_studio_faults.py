@@ -306,7 +306,7 @@ def head_of(studio: Studio) -> StudioHead:
 
 def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path) -> None:
     head = head_of(studio)
-    (tmp_path / "ball.json").write_text("somebody's")
+    (tmp_path / "ball.json").write_text("somebody's", encoding="utf-8")
     assert not head.unsaved
     drag(studio, a_drag(studio))
     assert head.unsaved
@@ -314,7 +314,7 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     wait_for(lambda: "Saved ball-2.json." in notice_of(studio))
     assert not head.unsaved
     assert "ball-2.json" in head.tip
-    assert (tmp_path / "ball.json").read_text() == "somebody's"
+    assert (tmp_path / "ball.json").read_text(encoding="utf-8") == "somebody's"
     first = (tmp_path / "ball-2.json").read_bytes()
     drag(studio, a_drag(studio, 1.0))
     head.press()
@@ -322,12 +322,12 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     assert (tmp_path / "ball-2.json").read_bytes() != first  # the same one
     studio.save(tmp_path / "mine.json")
     assert "mine.json" in head.tip
-    (tmp_path / "mine.json").write_text("changed by someone")
+    (tmp_path / "mine.json").write_text("changed by someone", encoding="utf-8")
     drag(studio, a_drag(studio, 2.0))
     head.press()
     wait_for(lambda: "changed by someone else" in notice_of(studio))
     assert head.unsaved
-    assert (tmp_path / "mine.json").read_text() == "changed by someone"
+    assert (tmp_path / "mine.json").read_text(encoding="utf-8") == "changed by someone"
     uploaded(panel(studio, "Open").box, "s.json", first)
     assert not head.unsaved
     head.press()  # what was opened from elsewhere goes over nobody's file

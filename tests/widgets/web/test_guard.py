@@ -494,15 +494,18 @@ def test_who_sends_no_whole_request_is_cut_off_and_nobody_else(monkeypatch: pyte
 
 
 def _connected(running: RunningApp) -> int:
-    connections = list(running.server._web.runner.server.connections)
-    return sum(one.transport is not None for one in connections)
+    return sum(one.transport is not None for one in _connections(running))
+
+
+def _connections(running: RunningApp) -> list[Any]:
+    return list(running.server._web.runner.server.connections)
 
 
 def test_who_does_not_read_a_file_does_not_hold_up_the_end(caplog: pytest.LogCaptureFixture) -> None:
     with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
         slow = connection_with(running.name, b"", receive_buffer=4096)
         wait_for(lambda: _connected(running) == 1)
-        (connection,) = running.server._web.runner.server.connections
+        (connection,) = _connections(running)
         connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
         slow.sendall(request_of(running.name, "/vue.global.js"))
         assert slow.recv(4096, socket.MSG_WAITALL)  # more than the head of the answer: the file is on its way

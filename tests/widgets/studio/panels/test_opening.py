@@ -59,7 +59,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     assert "bones.nrrd has 2 labels" in drop(tmp_path / "bones.nrrd")
     assert [name for name, _ in labels.list.options] == ["label 1", "label 2"]
 
-    (tmp_path / "names.csv").write_text("label,name\n2,tibia\n9,rib\n")
+    (tmp_path / "names.csv").write_text("label,name\n2,tibia\n9,rib\n", encoding="utf-8")
     assert "names.csv names 1 of the 2 labels" in drop(tmp_path / "names.csv")
     assert [name for name, _ in labels.list.options] == ["label 1", "tibia"]
 
@@ -87,7 +87,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     for name, words in (("notes.odt", "notes.odt is no file that can be opened here"),
                         ("notes.txt", "notes.txt: it is neither"), ("names.tsv", "names.tsv: line 1 names no columns"),
                         ("affine.tfm", "affine.tfm is a transform")):
-        (tmp_path / name).write_text("hello")
+        (tmp_path / name).write_text("hello", encoding="utf-8")
         assert words in drop(tmp_path / name)
     (tmp_path / "cut.nrrd").write_bytes((tmp_path / "other.nrrd").read_bytes()[:500])
     assert "cut.nrrd" in drop(tmp_path / "cut.nrrd")

@@ -201,7 +201,7 @@ def test_what_the_fit_does_not_know_is_refused(bench: Bench) -> None:
 def test_a_volume_and_a_session_of_the_folder_can_be_chosen(tmp_path: Path) -> None:
     dn.write_volume(TARGET, tmp_path / "bent.nrrd")
     dn.write_deformation(TRUE, tmp_path / "bent.json")
-    (tmp_path / "notes.txt").write_text("no volume")
+    (tmp_path / "notes.txt").write_text("no volume", encoding="utf-8")
     bench = Bench(tmp_path)
     assert [key for _, key in bench.panel.choice.options] == [NO_TARGET, "bent.json", "bent.nrrd"]
     for key in ("bent.json", "bent.nrrd"):

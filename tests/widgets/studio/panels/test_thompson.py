@@ -176,7 +176,7 @@ def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path:
         wait_for(lambda: panel.message.value.startswith("Wrote"), 60)
         assert (tmp_path / f"ball_grids{suffix}").read_bytes().startswith(begins)
         panel.message.value = ""
-    assert "area grows" in (tmp_path / "ball_grids.svg").read_text()
+    assert "area grows" in (tmp_path / "ball_grids.svg").read_text(encoding="utf-8")
     assert [name for name, size in handed if size > 1000] == ["ball_grids.svg", "ball_grids.pdf", "ball_grids.png"]
     wait_for(lambda: not any(button.disabled for button in panel.writers))
 
