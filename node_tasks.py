@@ -83,8 +83,9 @@ def system_node() -> tuple[str, list[str] | None]:
         raise MissingNodeError(f"the JavaScript of the widgets needs Node.js, and there is none; {CURE}.")
     version = subprocess.run([path, "--version"], capture_output=True, text=True, check=False).stdout.strip()
     if not version[1:].split(".")[0].isdecimal() or int(version[1:].split(".")[0]) < OLDEST:
-        raise MissingNodeError(f"the JavaScript of the widgets needs Node.js {OLDEST} or newer, and {path} is "
-                               f"{version or 'none'}; {CURE}.")
+        raise MissingNodeError(
+            f"the JavaScript of the widgets needs Node.js {OLDEST} or newer, and {path} is {version or 'none'}; {CURE}."
+        )
     return path, None if npm is None else [npm]
 
 
@@ -96,8 +97,10 @@ def need_package(name: str, *options: str) -> str:
     is_old = not installed.exists() or installed.stat().st_mtime < lock.stat().st_mtime
     if is_old or not (modules / name).is_dir():
         if modules.is_symlink():
-            raise NodeError(f"{modules} is a symbolic link, where {name} is missing or older than package-lock.json; "
-                            f"npm would empty {modules.resolve()}. Remove the link, or run this where that folder is.")
+            raise NodeError(
+                f"{modules} is a symbolic link, where {name} is missing or older than package-lock.json; "
+                f"npm would empty {modules.resolve()}. Remove the link, or run this where that folder is."
+            )
         if npm is None:
             raise MissingNodeError(f"npm is missing, which fetches {name}; {CURE}.")
         run(*npm, "ci", *options, "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error")
@@ -109,7 +112,7 @@ def run(*command: str) -> None:
     """Run a command in the checkout; what it prints goes to the error stream."""
     done = subprocess.run(command, cwd=ROOT, stdout=sys.stderr, check=False)
     if done.returncode != 0:
-        raise NodeError(f"\"{' '.join(command)}\" has failed; above it says why.")
+        raise NodeError(f'"{" ".join(command)}" has failed; above it says why.')
 
 
 def bundle_state() -> ModuleType:

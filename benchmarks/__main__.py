@@ -10,7 +10,11 @@ from pathlib import Path
 
 # Each library reads its number of threads from here, once, when it is loaded.
 _THREADS = (
-    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VTK_SMP_MAX_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "VTK_SMP_MAX_THREADS",
     "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS",
 )
 
@@ -23,22 +27,32 @@ def main() -> int:
     command = sys.argv[1:2]
     if command and command[0] in _COMMANDS:  # they settle their threads themselves, or take those that they get
         return int(importlib.import_module(f"benchmarks.{command[0]}").main(sys.argv[2:]))
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__,
-                                     epilog="In a browser: python -m benchmarks latency --help, ... drags --help, ... "
-                                            "start --help; on a GPU: ... gpu --help; of volumes larger than memory: "
-                                            "... chunked --help; of errors: ... prediction; of the memory of a class: "
-                                            "... classroom --help")
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description=__doc__,
+        epilog="In a browser: python -m benchmarks latency --help, ... drags --help, ... "
+        "start --help; on a GPU: ... gpu --help; of volumes larger than memory: "
+        "... chunked --help; of errors: ... prediction; of the memory of a class: "
+        "... classroom --help",
+    )
     parser.add_argument("--size", type=int, default=256, help="edge of the volume in voxels (default 256)")
     parser.add_argument("--points", type=int, default=32, help="number of control points (default 32)")
     parser.add_argument("--threads", type=int, default=1, help="processors to use; 0 leaves all as it is (default 1)")
     parser.add_argument("--rounds", type=int, default=9, help="interleaved rounds of each group (default 9)")
     parser.add_argument("--groups", nargs="*", help="run only groups whose name contains one of these")
     parser.add_argument("--dtype", default="uint8", choices=["uint8", "int16", "float32"], help="voxel type")
-    parser.add_argument("--loops", action="store_true", help="leave the libraries out of RBF, W and E: only our own "
-                                                             "results beside the loops in C and numba")
-    parser.add_argument("--ratios", type=Path, metavar="FILE",
-                        help="compare the ratios to these loops with those of earlier runs in FILE, add this run to it "
-                             "and exit with 1 where one is 35 %% worse, or 20 %% in three runs one after the other")
+    parser.add_argument(
+        "--loops",
+        action="store_true",
+        help="leave the libraries out of RBF, W and E: only our own results beside the loops in C and numba",
+    )
+    parser.add_argument(
+        "--ratios",
+        type=Path,
+        metavar="FILE",
+        help="compare the ratios to these loops with those of earlier runs in FILE, add this run to it "
+        "and exit with 1 where one is 35 %% worse, or 20 %% in three runs one after the other",
+    )
     options = parser.parse_args()
     if options.threads:
         os.environ.update(dict.fromkeys(_THREADS, str(options.threads)))

@@ -90,20 +90,27 @@ def _scipy_picture(volume: Volume, step: Step) -> Callable[[], NDArray[Any]]:
 
     def edit() -> NDArray[Any]:
         there = raster + RBFInterpolator(step.points.target, step.points.displacement, degree=1)(
-            raster.reshape(-1, 2)).reshape(raster.shape)
-        return np.stack([ndimage.map_coordinates(plane, [there[..., 1], there[..., 0]], order=1)
-                         for plane in volume.values])
+            raster.reshape(-1, 2)
+        ).reshape(raster.shape)
+        return np.stack(
+            [ndimage.map_coordinates(plane, [there[..., 1], there[..., 0]], order=1) for plane in volume.values]
+        )
 
     return edit
 
 
-def _composed(volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut,
-              loop: list[Case]) -> Group:
+def _composed(
+    volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut, loop: list[Case]
+) -> Group:
     """Chains of displacements beside one fit in space that is evaluated at every voxel."""
     side = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     first, then = Step((flat,), front), Step((flat,), side)
-    chains = {"two planes": (first, then), "two planes, one with a cut": (replace(first, cuts=(cut,)), then),
-              "16 stages in space": (Step((solid,), stages=16),), "one fit in space": (Step((solid,)),)}
+    chains = {
+        "two planes": (first, then),
+        "two planes, one with a cut": (replace(first, cuts=(cut,)), then),
+        "16 stages in space": (Step((solid,), stages=16),),
+        "one fit in space": (Step((solid,)),),
+    }
     cases = [Case(f"deformnb, {name}", _edits_of_steps(volume, steps), ours=True) for name, steps in chains.items()]
     return Group(f"E4: composed, {volume.dtype}", cases + loop, 0, "grey levels")
 
@@ -122,8 +129,11 @@ def _edits_of_steps(volume: Volume, steps: tuple[Step, ...]) -> Callable[[], NDA
 def _alone(volume: Volume, name: str, step: Step, loop: list[Case]) -> Group:
     coarse = {} if step.plane is not None else {"step": STEP}
     free = replace(step, parts=())
-    cases = [Case("deformnb", _edits(volume, step, **coarse), ours=True), _preview(volume, step, **coarse),
-             Case("deformnb, without the part", _edits(volume, free, **coarse), ours=True)]
+    cases = [
+        Case("deformnb", _edits(volume, step, **coarse), ours=True),
+        _preview(volume, step, **coarse),
+        Case("deformnb, without the part", _edits(volume, free, **coarse), ours=True),
+    ]
     return Group(f"{name}, {volume.dtype}", cases + loop, 0, "grey levels")
 
 
@@ -137,9 +147,16 @@ def _beside_a_cut(volume: Volume, step: Step, loop: list[Case], options: Namespa
     def error(result: NDArray[Any]) -> NDArray[np.float32]:
         return np.where(clear, result - truth, 0)[:, 8:-8, 8:-8]  # at the rim each library has its own rule
 
-    cases = [Case("deformnb", _edits(volume, step), error, ours=True), _preview(volume, step),
-             Case("deformnb, modulated by sin(pi z)", _edits(volume, replace(step, extrusion="modulate",
-                                                                            curve="sin(pi*z)")), ours=True), *loop]
+    cases = [
+        Case("deformnb", _edits(volume, step), error, ours=True),
+        _preview(volume, step),
+        Case(
+            "deformnb, modulated by sin(pi z)",
+            _edits(volume, replace(step, extrusion="modulate", curve="sin(pi*z)")),
+            ours=True,
+        ),
+        *loop,
+    ]
     if not options.loops:
         cases.append(Case("scipy RBFInterpolator and map_coordinates", _scipy_cut(volume, step, raster), error))
     tolerance = 1.01 if volume.dtype.kind in "iu" else 0.1
@@ -163,8 +180,9 @@ def _scipy_cut(volume: Volume, step: Step, raster: NDArray[np.float64]) -> Calla
         seen = (region.signed_distance(there) < 0) == inside
         out = np.empty(volume.shape, np.float32)
         for k, plane in enumerate(volume.values):
-            ndimage.map_coordinates(plane, [there[..., 1], there[..., 0]], output=out[k], order=1, mode="grid-constant",
-                                    cval=FILL)
+            ndimage.map_coordinates(
+                plane, [there[..., 1], there[..., 0]], output=out[k], order=1, mode="grid-constant", cval=FILL
+            )
         return peers.rounded(np.where(seen, out, FILL), volume.dtype)
 
     return edit
@@ -177,12 +195,16 @@ def _in_space(volume: Volume, step: Step, loop: list[Case], options: Namespace) 
         rim = slice(8, -8)
         return (result - truth)[rim, rim, rim]
 
-    cases = [Case(f"deformnb, a node every {STEP} voxels", _edits(volume, step, step=STEP), error, ours=True),
-             _preview(volume, step, step=STEP),
-             Case("deformnb, every voxel", _edits(volume, step), ours=True), *loop]
+    cases = [
+        Case(f"deformnb, a node every {STEP} voxels", _edits(volume, step, step=STEP), error, ours=True),
+        _preview(volume, step, step=STEP),
+        Case("deformnb, every voxel", _edits(volume, step), ours=True),
+        *loop,
+    ]
     if not options.loops:
-        cases.append(Case(f"scipy RBFInterpolator every {STEP} voxels, map_coordinates", _scipy_space(volume, step),
-                          error))
+        cases.append(
+            Case(f"scipy RBFInterpolator every {STEP} voxels, map_coordinates", _scipy_space(volume, step), error)
+        )
     # Along x we have a node at every voxel and the peer every fourth: 2 grey levels where it bends most.
     return Group(f"E3: points in space, {volume.dtype}", cases, 6.0, "grey levels")
 

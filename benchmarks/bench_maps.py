@@ -64,16 +64,24 @@ def _folds(field: AbstractField, size: int) -> Group:
     cases = [
         Case("deformnb, from the control points", lambda: jacobian_determinant(field, raster), error, ours=True),
         Case("deformnb, float64", lambda: jacobian_determinant(field, raster.points()), error, ours=True),
-        Case("JAX, automatic, float64", lambda: np.linalg.det(
-            np.eye(2) + AbstractField.jacobian(field, raster.points())), error),
+        Case(
+            "JAX, automatic, float64",
+            lambda: np.linalg.det(np.eye(2) + AbstractField.jacobian(field, raster.points())),
+            error,
+        ),
         Case("NumPy differences, the field given at all pixels", differences, error),
     ]
     if importlib.util.find_spec("SimpleITK"):
         import SimpleITK as sitk  # noqa: N813 (the name that its own manual uses)
 
         image = sitk.GetImageFromArray(sampled.astype(np.float64), isVector=True)
-        cases.append(Case("SimpleITK, the field given at all pixels", lambda: sitk.GetArrayFromImage(
-            sitk.DisplacementFieldJacobianDeterminant(image)), error))
+        cases.append(
+            Case(
+                "SimpleITK, the field given at all pixels",
+                lambda: sitk.GetArrayFromImage(sitk.DisplacementFieldJacobianDeterminant(image)),
+                error,
+            )
+        )
     return Group(f"M1: determinants at {size} x {size}", cases, 0.02, "1")
 
 
@@ -93,8 +101,12 @@ def _inverse(name: str, field: AbstractField, lattice: Grid | Raster, options: N
 
     cases = [
         Case("deformnb invert", lambda: invert(field, lattice).field.values, error, ours=True),
-        Case("deformnb invert, to 1e-6 of a step", lambda: invert(field, lattice, tolerance=1e-6 * step).field.values,
-             error, ours=True),
+        Case(
+            "deformnb invert, to 1e-6 of a step",
+            lambda: invert(field, lattice, tolerance=1e-6 * step).field.values,
+            error,
+            ours=True,
+        ),
         Case("scipy LinearNDInterpolator", scipy, error),
     ]
     if importlib.util.find_spec("SimpleITK"):
@@ -115,8 +127,9 @@ def _itk(values: NDArray[np.float64], lattice: Grid | Raster, threads: int, erro
 
     return [
         case("InvertDisplacementField, as it comes", lambda: sitk.InvertDisplacementField(image)),
-        case("InvertDisplacementField, 100 turns to 1e-3",
-             lambda: sitk.InvertDisplacementField(image, 100, 1e-3, 1e-4)),
+        case(
+            "InvertDisplacementField, 100 turns to 1e-3", lambda: sitk.InvertDisplacementField(image, 100, 1e-3, 1e-4)
+        ),
         case("IterativeInverseDisplacementField, as it comes", lambda: sitk.IterativeInverseDisplacementField(image)),
     ]
 

@@ -32,8 +32,13 @@ def _left_out(points: ControlPoints, support: float) -> Group:
         return fit_quality(points, support=support, trend=trend).leave_one_out
 
     def loop(trend: str) -> NDArray[Any]:
-        return np.array([points.displacement[k] - fit_rbf(points.remove(i), support=support, trend=trend).displacement(
-            points.target[k]) for k, i in enumerate(points.ids)])
+        return np.array(
+            [
+                points.displacement[k]
+                - fit_rbf(points.remove(i), support=support, trend=trend).displacement(points.target[k])
+                for k, i in enumerate(points.ids)
+            ]
+        )
 
     right = {trend: loop(trend) for trend in ("affine", "rigid")}
     cases = [
@@ -60,8 +65,12 @@ def _uncertain(points: ControlPoints, support: float, size: int) -> Group:
         return known.sigma * np.sqrt(np.maximum(variance, 0)).reshape(raster.shape)
 
     cases = [
-        Case("deformnb, with the fit", lambda: uncertainty(points, support=support).on_outer_sum(*raster_lines(raster)),
-             lambda r: r - right, ours=True),
+        Case(
+            "deformnb, with the fit",
+            lambda: uncertainty(points, support=support).on_outer_sum(*raster_lines(raster)),
+            lambda r: r - right,
+            ours=True,
+        ),
         Case("kriging in NumPy", dense, lambda r: r - right),
     ]
     return Group(f"Q2: uncertainty, {len(points)} points, {size} x {size}", cases, 1e-3, "pixels")

@@ -70,9 +70,14 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
         Case("deformnb: drag of one point and evaluate", lambda: solve(one).on_raster(raster), error, ours=True),
     ]
     if count <= LARGEST_SET:
-        cases += [Case("deformnb: thin plate, solve", lambda: solve(every, kernel="thin_plate"), ours=True),
-                  Case(f"deformnb: thin plate, drag of one point, {_EVENTS} events",
-                       lambda: _events(lambda: solve(one, kernel="thin_plate")), ours=True)]
+        cases += [
+            Case("deformnb: thin plate, solve", lambda: solve(every, kernel="thin_plate"), ours=True),
+            Case(
+                f"deformnb: thin plate, drag of one point, {_EVENTS} events",
+                lambda: _events(lambda: solve(one, kernel="thin_plate")),
+                ours=True,
+            ),
+        ]
     if not c_loops.why_absent():
         cases.append(Case("C loop", c_loops.sums(fit, raster), error))
     if not options.loops:

@@ -97,13 +97,20 @@ def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
         cases.append(Case("scikit-image warp", peers.skimage_warp(volume.values, lookup, FILL), error))
     for step in (1, 2, 4):
         coarse = Warper(volume, fill=FILL, step=step)
-        cases.append(Case(f"deformnb, {options.points} points to voxels, step {step}",
-                          lambda coarse=coarse: coarse(field).values, error if step == 1 else None, ours=True))
+        cases.append(
+            Case(
+                f"deformnb, {options.points} points to voxels, step {step}",
+                lambda coarse=coarse: coarse(field).values,
+                error if step == 1 else None,
+                ours=True,
+            )
+        )
     return Group(f"W3: general field in space, {volume.dtype}", cases, *_tolerance(volume))
 
 
-def _rivals(volume: Volume, displacement: NDArray[Any], lookup: NDArray[np.float64], error: Error,
-            options: Namespace) -> list[Case]:
+def _rivals(
+    volume: Volume, displacement: NDArray[Any], lookup: NDArray[np.float64], error: Error, options: Namespace
+) -> list[Case]:
     """The libraries that take any field."""
     if options.loops:
         return []

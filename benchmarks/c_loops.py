@@ -37,9 +37,20 @@ def _library(dtype: str) -> ctypes.CDLL | str:
         return "this machine has no C compiler (cc, gcc or clang on PATH)"
     target = Path(tempfile.mkdtemp(prefix="deformnb-loops-")) / "loops.so"
     half = "0" if dtype == "float32" else "0.5f"
-    done = subprocess.run([compiler, *_FLAGS, f"-DVOXEL={_TYPES[dtype]}", f"-DHALF={half}",
-                           str(Path(__file__).with_name("loops.c")), "-o", str(target)],
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [
+            compiler,
+            *_FLAGS,
+            f"-DVOXEL={_TYPES[dtype]}",
+            f"-DHALF={half}",
+            str(Path(__file__).with_name("loops.c")),
+            "-o",
+            str(target),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode:
         return f"{compiler} does not compile them: {(done.stderr.splitlines() or ['no message'])[0]}"
     library = ctypes.CDLL(str(target))
@@ -53,22 +64,27 @@ def _call(function: str, values: NDArray[Any], fields: list[NDArray[Any]], fill:
 
     def run() -> NDArray[Any]:
         out = np.empty_like(values)
-        call(*(ctypes.c_void_p(a.ctypes.data) for a in (values, *inputs, out)), *map(ctypes.c_int, values.shape),
-             ctypes.c_float(fill))
+        call(
+            *(ctypes.c_void_p(a.ctypes.data) for a in (values, *inputs, out)),
+            *map(ctypes.c_int, values.shape),
+            ctypes.c_float(fill),
+        )
         return out
 
     return run
 
 
-def rows(values: NDArray[Any], row: NDArray[Any], column: NDArray[Any], fill: float,
-         axis: int) -> Callable[[], NDArray[Any]]:
+def rows(
+    values: NDArray[Any], row: NDArray[Any], column: NDArray[Any], fill: float, axis: int
+) -> Callable[[], NDArray[Any]]:
     """A replicated map; the volume was laid out with the axis of replication last before."""
     run = _call("rows", np.ascontiguousarray(np.moveaxis(values, axis, 2)), [row, column], fill)
     return lambda: np.moveaxis(run(), 2, axis)
 
 
-def modulated(values: NDArray[Any], row: NDArray[Any], column: NDArray[Any], weights: NDArray[Any],
-              fill: float) -> Callable[[], NDArray[Any]]:
+def modulated(
+    values: NDArray[Any], row: NDArray[Any], column: NDArray[Any], weights: NDArray[Any], fill: float
+) -> Callable[[], NDArray[Any]]:
     """A map of displacements (y, x) times weights (z)."""
     return _call("modulated", values, [row, column, weights], fill)
 

@@ -61,20 +61,33 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
     source = _make_source(folder / "source.zarr", n)
     compiling: list[float] = []
     jax.monitoring.register_event_duration_secs_listener(
-        lambda event, seconds, **_: compiling.append(seconds) if event.startswith("/jax/core/compile/") else None)
+        lambda event, seconds, **_: compiling.append(seconds) if event.startswith("/jax/core/compile/") else None
+    )
     print(f"{n}^3 uint8, blocks {block}, {options.threads} threads, load {os.getloadavg()[0]:.1f}")
     for name in options.fields:
         field = _field(name, Grid((n, n, n)))
-        cases: dict[str, Callable[[], Any]] = {"deformnb": partial(
-            chunked.warp, source, field, folder / "ours.zarr", fill=0, levels=1, workers=options.threads,
-            memory=options.memory, overwrite=True)}
+        cases: dict[str, Callable[[], Any]] = {
+            "deformnb": partial(
+                chunked.warp,
+                source,
+                field,
+                folder / "ours.zarr",
+                fill=0,
+                levels=1,
+                workers=options.threads,
+                memory=options.memory,
+                overwrite=True,
+            )
+        }
         if not options.without_scipy:
             cases["scipy"] = partial(_with_scipy, source, field, name, folder / "scipy.zarr", n, block, options.threads)
         compiling.clear()
         times = _in_turns(cases, options.rounds)
         for case, (wall, cpu, peak) in times.items():
-            print(f"{name:11} {case:9}{n**3 / wall / 1e6:8.1f} Mvoxel/s  {cpu / n**3 * 1e9:6.1f} ns cpu/voxel  "
-                  f"peak {peak / 1e9:.2f} GB")
+            print(
+                f"{name:11} {case:9}{n**3 / wall / 1e6:8.1f} Mvoxel/s  {cpu / n**3 * 1e9:6.1f} ns cpu/voxel  "
+                f"peak {peak / 1e9:.2f} GB"
+            )
         print(f"{'':11} compiled for {sum(compiling) / options.rounds:.1f} s a round", end="")
         if not options.without_scipy:
             _compare(folder, n)
@@ -83,9 +96,11 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
         print(flush=True)
 
 
-def _in_turns(cases: dict[str, Callable[[], Any]], rounds: int,
-              processor: Callable[[str], float] = lambda _name: time.process_time()) -> dict[
-                  str, tuple[float, float, int]]:
+def _in_turns(
+    cases: dict[str, Callable[[], Any]],
+    rounds: int,
+    processor: Callable[[str], float] = lambda _name: time.process_time(),
+) -> dict[str, tuple[float, float, int]]:
     """Medians of seconds and of processor seconds, by a clock for each case, and the largest memory of each."""
     measured: dict[str, list[tuple[float, float, int]]] = {name: [] for name in cases}
     for _ in range(rounds):
@@ -95,8 +110,10 @@ def _in_turns(cases: dict[str, Callable[[], Any]], rounds: int,
                 run()
                 taken = time.perf_counter() - start, processor(name) - cpu
             measured[name].append((*taken, peak.bytes))
-    return {name: (statistics.median(r[0] for r in rows), statistics.median(r[1] for r in rows),
-                   max(r[2] for r in rows)) for name, rows in measured.items()}
+    return {
+        name: (statistics.median(r[0] for r in rows), statistics.median(r[1] for r in rows), max(r[2] for r in rows))
+        for name, rows in measured.items()
+    }
 
 
 def _run_workers(folder: Path, options: argparse.Namespace) -> None:
@@ -115,27 +132,41 @@ def _run_workers(folder: Path, options: argparse.Namespace) -> None:
             cases: dict[str, Callable[[], Any]] = {}
             clients = {}
             for count in (1, 2):
-                cluster = stack.enter_context(LocalCluster(n_workers=count, threads_per_worker=1,
-                                                           dashboard_address=":0"))
+                cluster = stack.enter_context(
+                    LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0")
+                )
                 client = clients[f"deformnb {count}"] = stack.enter_context(Client(cluster))
                 client.wait_for_workers(count)
                 for worker, processor in zip(client.scheduler_info()["workers"], processors, strict=False):
                     client.run(_pin, processor, workers=[worker])
-                cases[f"deformnb {count}"] = partial(chunked.warp, source, field, folder / f"{count}.zarr", fill=0,
-                                                     levels=1, memory=options.memory, overwrite=True, client=client)
-                cases[f"C {count}"] = partial(_in_processes, [str(loops), name, "256", str(rounds)],
-                                              processors[:count])
+                cases[f"deformnb {count}"] = partial(
+                    chunked.warp,
+                    source,
+                    field,
+                    folder / f"{count}.zarr",
+                    fill=0,
+                    levels=1,
+                    memory=options.memory,
+                    overwrite=True,
+                    client=client,
+                )
+                cases[f"C {count}"] = partial(_in_processes, [str(loops), name, "256", str(rounds)], processors[:count])
             for count in (1, 2):
                 cases[f"deformnb {count}"]()  # compiles
             times = _in_turns(cases, options.rounds, partial(_processor_seconds, clients))
-        more = {name: times[f"{name} 2"][1] / times[f"{name} 1"][1] / (2 if name == "C" else 1)
-                for name in ("deformnb", "C")}
+        more = {
+            name: times[f"{name} 2"][1] / times[f"{name} 1"][1] / (2 if name == "C" else 1)
+            for name in ("deformnb", "C")
+        }
         one, two = (n**3 / times[f"deformnb {count}"][0] / 1e6 for count in (1, 2))
         gain_of_c = 2 * times["C 1"][0] / times["C 2"][0]
-        print(f"{name:11} {n}^3: one worker {one:.1f}, two workers {two:.1f} Mvoxel/s, gain {two / one:.2f}; two "
-              f"processes of C gain {gain_of_c:.2f}; peak of all processes, both clusters included "
-              f"{times['deformnb 2'][2] / 1e9:.2f} GB; processor time of the same work in two for one: "
-              f"{more['deformnb']:.2f}, in C {more['C']:.2f}; load {os.getloadavg()[0]:.1f}", flush=True)
+        print(
+            f"{name:11} {n}^3: one worker {one:.1f}, two workers {two:.1f} Mvoxel/s, gain {two / one:.2f}; two "
+            f"processes of C gain {gain_of_c:.2f}; peak of all processes, both clusters included "
+            f"{times['deformnb 2'][2] / 1e9:.2f} GB; processor time of the same work in two for one: "
+            f"{more['deformnb']:.2f}, in C {more['C']:.2f}; load {os.getloadavg()[0]:.1f}",
+            flush=True,
+        )
 
 
 def _processor_seconds(clients: dict[str, Any], name: str) -> float:
@@ -171,12 +202,12 @@ def _make_source(path: Path, n: int) -> Path:
     from deformnb.io import ome_zarr
     from deformnb.volume.volume import Grid
 
-    array, = ome_zarr.create_pyramid(path, [Grid((n, n, n))], np.dtype(np.uint8))
+    (array,) = ome_zarr.create_pyramid(path, [Grid((n, n, n))], np.dtype(np.uint8))
     rng, y = np.random.default_rng(0), np.arange(n)[:, None]
     noise = rng.integers(0, 16, (64, n, n), np.uint8)
     for z in range(0, n, 64):
         shape = 90 + 80 * np.sin(y / 40 + z / 90) * np.cos(np.arange(n) / 31)
-        array[z:z + 64] = noise[:n - z] + shape.astype(np.uint8)
+        array[z : z + 64] = noise[: n - z] + shape.astype(np.uint8)
     return path
 
 
@@ -198,8 +229,9 @@ def _field(name: str, grid: Any) -> Any:
     return DisplacementField.sample(Deformation.in_space(points), grid.resampled(shape=(65, 65, 65)))
 
 
-def _with_scipy(source: Path, field: Any, name: str, target: Path, n: int, block: tuple[int, int, int],
-                threads: int) -> None:
+def _with_scipy(
+    source: Path, field: Any, name: str, target: Path, n: int, block: tuple[int, int, int], threads: int
+) -> None:
     """The same job as its users write it: map_coordinates on blocks of dask, each with its part of the source."""
     import dask
     import zarr
@@ -215,7 +247,7 @@ def _with_scipy(source: Path, field: Any, name: str, target: Path, n: int, block
         stop = [min(s + b, n) for s, b in zip(start, block, strict=True)]
         at = [np.arange(a, b, dtype=np.float32) for a, b in zip(start, stop, strict=True)]
         if lattice is None:
-            d = samples[start[1]:stop[1], start[2]:stop[2]]
+            d = samples[start[1] : stop[1], start[2] : stop[2]]
             move = [np.float32(0), d[None, ..., 1], d[None, ..., 0]]
         else:
             lines = [lattice.point_to_index(np.stack([a, a, a], axis=-1))[:, 2 - k] for k, a in enumerate(at)]
@@ -226,8 +258,11 @@ def _with_scipy(source: Path, field: Any, name: str, target: Path, n: int, block
                 t = (place - low).astype(np.float32).reshape([-1 if k == axis else 1 for k in range(4)])
                 d = d.take(low, axis) * (1 - t) + d.take(low + 1, axis) * t
             move = [d[..., 2], d[..., 1], d[..., 0]]
-        places = np.stack(np.broadcast_arrays(*(a.reshape([-1 if k == axis else 1 for k in range(3)]) + move[axis]
-                                                for axis, a in enumerate(at))))
+        places = np.stack(
+            np.broadcast_arrays(
+                *(a.reshape([-1 if k == axis else 1 for k in range(3)]) + move[axis] for axis, a in enumerate(at))
+            )
+        )
         first = [max(0, int(np.floor(p.min())) - 1) for p in places]
         last = [min(n, int(np.ceil(p.max())) + 2) for p in places]
         part = read[tuple(slice(a, max(b, a + 1)) for a, b in zip(first, last, strict=True))]
@@ -271,8 +306,11 @@ class _PeakMemory:
 def _resident(process: int) -> int:
     try:
         own = int(Path(f"/proc/{process}/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize()
-        children = [child for thread in Path(f"/proc/{process}/task").iterdir()
-                    for child in (thread / "children").read_text(encoding="utf-8").split()]
+        children = [
+            child
+            for thread in Path(f"/proc/{process}/task").iterdir()
+            for child in (thread / "children").read_text(encoding="utf-8").split()
+        ]
     except (OSError, IndexError):
         return 0
     return own + sum(_resident(int(child)) for child in children)

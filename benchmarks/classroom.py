@@ -31,8 +31,12 @@ def measure(pupils: int, lesson: Path) -> list[float]:
     try:
         with tempfile.TemporaryDirectory() as folder:
             for _ in range(pupils):
-                client = NotebookClient(nbformat.read(lesson, as_version=4), timeout=600, kernel_name="python3",
-                                        resources={"metadata": {"path": folder}})
+                client = NotebookClient(
+                    nbformat.read(lesson, as_version=4),
+                    timeout=600,
+                    kernel_name="python3",
+                    resources={"metadata": {"path": folder}},
+                )
                 client.create_kernel_manager()
                 client.start_new_kernel()
                 client.start_new_kernel_client()
@@ -50,10 +54,13 @@ def main(arguments: list[str]) -> int:
     """Print the memory of each kernel, and of all."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks classroom", description=__doc__)
     parser.add_argument("--pupils", type=int, default=10, help="kernels at the same time (default 10)")
-    parser.add_argument("--lesson", default=sorted(LESSONS.glob("*.ipynb"))[0], type=Path,
-                        help="notebook (default: the first lesson)")
+    parser.add_argument(
+        "--lesson", default=sorted(LESSONS.glob("*.ipynb"))[0], type=Path, help="notebook (default: the first lesson)"
+    )
     options = parser.parse_args(arguments)
     found = measure(options.pupils, options.lesson)
-    print(f"{options.lesson.name}, {len(found)} kernels: largest {max(found):.0f} MB, mean "
-          f"{sum(found) / len(found):.0f} MB, all {sum(found):.0f} MB")
+    print(
+        f"{options.lesson.name}, {len(found)} kernels: largest {max(found):.0f} MB, mean "
+        f"{sum(found) / len(found):.0f} MB, all {sum(found):.0f} MB"
+    )
     return 0

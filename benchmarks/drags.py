@@ -49,9 +49,12 @@ follows = view.edit_points, editor
 """
 
 CASES: dict[str, tuple[tuple[int, int, int], int, str]] = {
-    "16 points": ((256, 256, 256), 16, ""), "64 points": ((256, 256, 256), 64, ""),
-    "200 points": ((256, 256, 256), 200, ""), "200 points, cut": ((256, 256, 256), 200, _CUT),
-    "200 points, part": ((256, 256, 256), 200, _PART), "16 points, space": ((256, 256, 256), 15, _SPACE),
+    "16 points": ((256, 256, 256), 16, ""),
+    "64 points": ((256, 256, 256), 64, ""),
+    "200 points": ((256, 256, 256), 200, ""),
+    "200 points, cut": ((256, 256, 256), 200, _CUT),
+    "200 points, part": ((256, 256, 256), 200, _PART),
+    "16 points, space": ((256, 256, 256), 15, _SPACE),
     "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
 }
 """Columns, rows and slices of the volume, number of points, and what else the editor is given: or another editor."""
@@ -125,11 +128,19 @@ def drag(seat: Seat, seconds: float) -> dict[str, Any]:
     session.detach()
     seat.collect()
     inputs, span = seat.seen.inputs, (max(seat.seen.inputs) - seat.seen.inputs[0]) / 1e3
-    rates = {kind: sum(inputs[0] < t <= max(inputs) for t in getattr(seat.seen, kind)) / span
-             for kind in ("picture", "grid", "view")}
+    rates = {
+        kind: sum(inputs[0] < t <= max(inputs) for t in getattr(seat.seen, kind)) / span
+        for kind in ("picture", "grid", "view")
+    }
     work = 1e3 * worked / max(1, len(seat.seen.picture))
-    return {**rates, "tasks": tasks, "pause": max([50.0, *tasks]), "work": work, "rest": _rest(seat, seat.hand.release),
-            "turned": _rest(seat, lambda: _turn(seat))}
+    return {
+        **rates,
+        "tasks": tasks,
+        "pause": max([50.0, *tasks]),
+        "work": work,
+        "rest": _rest(seat, seat.hand.release),
+        "turned": _rest(seat, lambda: _turn(seat)),
+    }
 
 
 def _turn(seat: Seat) -> None:
@@ -173,9 +184,11 @@ def main(arguments: list[str]) -> int:
 
     here = Path(__file__).resolve().parents[1]
     checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
-    print(f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
-          "the main thread's time for one picture, whoever else is on the processor. Long tasks are counted from "
-          f"{', '.join(f'{low:.0f}' for low in _BINS)} ms on, in the drag that has fewest.\n")
+    print(
+        f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
+        "the main thread's time for one picture, whoever else is on the processor. Long tasks are counted from "
+        f"{', '.join(f'{low:.0f}' for low in _BINS)} ms on, in the drag that has fewest.\n"
+    )
     measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms", "rest ms", "turned ms", "long tasks"
     columns = [f"{what}, {name}" for name in checkouts for what in measured]
     print(f"| case | {' | '.join(columns)} |\n|---{'|---' * len(columns)}|")
@@ -213,8 +226,10 @@ def _measured(case: str, checkouts: dict[str, Path], options: argparse.Namespace
         browser = p.chromium.launch(executable_path=chromium_path(), headless=True, args=browser_arguments)
         try:
             lab.started()
-            seats = {name: Seat(browser, lab, f"drags {name}", 0, cells=cells(case, checkout, options.volume))
-                     for name, checkout in checkouts.items()}
+            seats = {
+                name: Seat(browser, lab, f"drags {name}", 0, cells=cells(case, checkout, options.volume))
+                for name, checkout in checkouts.items()
+            }
             for k in range(options.rounds):
                 for name, seat in seats.items():
                     print(f"  {case}: {name}, round {k + 1}", file=sys.stderr, flush=True)

@@ -49,8 +49,10 @@ def main(arguments: list[str]) -> int:
     field = fit_rbf(problem.control_points(options.points, 3, options.size), support=support)
     rate = _bandwidth(options.rounds)
     least = volume.grid.size * (3 * 4 + 2) / rate
-    print(f"Memory of the card: {rate / 1e12:.2f} TB/s copied (read and written); "
-          f"a general warp takes {1e3 * least:.3f} ms at least.\n")
+    print(
+        f"Memory of the card: {rate / 1e12:.2f} TB/s copied (read and written); "
+        f"a general warp takes {1e3 * least:.3f} ms at least.\n"
+    )
     print("| in the card's memory | ms | least | share of the bandwidth |\n|---|---|---|---|")
     for name, run, moved in _kernels(volume, field):
         median, best = _timed(run, options.rounds)
@@ -92,8 +94,20 @@ def _kernels(volume: Volume, field: RBFInterpolant) -> Iterator[tuple[str, Run, 
         moved = volume.grid.size * (3 * 4 + 2)
 
         def warp() -> Any:
-            return sampling.general(voxels, d, at.matrix, at.whole, at.part, fill, shape=volume.shape, method="linear",
-                                    step=1, compute="float32", index="int32", near=True)
+            return sampling.general(
+                voxels,
+                d,
+                at.matrix,
+                at.whole,
+                at.part,
+                fill,
+                shape=volume.shape,
+                method="linear",
+                step=1,
+                compute="float32",
+                index="int32",
+                near=True,
+            )
 
         yield "general warp", warp, moved
         right = np.asarray(warp()).astype(np.int16)

@@ -30,8 +30,13 @@ _FEWER = 3  # what no target is of, a smaller volume or another package, is edit
 
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks latency", description=__doc__.split("\n\n")[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[256, 128],
-                        help="edges of the volumes in voxels; the targets are those of the largest")
+    parser.add_argument(
+        "--sizes",
+        type=int,
+        nargs="+",
+        default=[256, 128],
+        help="edges of the volumes in voxels; the targets are those of the largest",
+    )
     parser.add_argument("--views", nargs="+", help="only views whose name contains one of these")
     parser.add_argument("--edits", type=int, default=18, help="timed edits of each view (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=3, help="turns in which they are done (default %(default)s)")
@@ -77,8 +82,10 @@ def _measured(options: argparse.Namespace) -> dict[str, Any]:
 def _introduce() -> None:
     from benchmarks.run import machine
 
-    print(f"{machine()}\n\n{POINTS} points, uint8, views of {WIDTH} x {HEIGHT} pixels; JupyterLab and Chromium without "
-          "a graphics card.\n")
+    print(
+        f"{machine()}\n\n{POINTS} points, uint8, views of {WIDTH} x {HEIGHT} pixels; JupyterLab and Chromium without "
+        "a graphics card.\n"
+    )
 
 
 def hosts() -> tuple[Any, list[str]]:
@@ -194,8 +201,12 @@ def _memory(seat: Seat, result: dict[str, Any], edits: int) -> None:
     kernel, page = seat.memory()
     seat.many(edits)
     kernel_after, page_after = seat.memory()
-    result["memory_mib"] = {"kernel": kernel, "kernel_growth": kernel_after - kernel, "page": page,
-                            "page_growth": page_after - page}
+    result["memory_mib"] = {
+        "kernel": kernel,
+        "kernel_growth": kernel_after - kernel,
+        "page": page,
+        "page_growth": page_after - page,
+    }
 
 
 def _one_line(error: Exception) -> str:

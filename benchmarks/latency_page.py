@@ -140,8 +140,9 @@ class Seat:
     cells : of another notebook than that of the name.
     """
 
-    def __init__(self, browser: Any, lab: Any, name: str, size: int, patience: float = 120.0, *,
-                 cells: list[str] | None = None) -> None:
+    def __init__(
+        self, browser: Any, lab: Any, name: str, size: int, patience: float = 120.0, *, cells: list[str] | None = None
+    ) -> None:
         self.name, self.lab = name, lab
         self.page = browser.new_page(viewport={"width": 1440, "height": 860})
         self.errors: list[str] = []
@@ -180,8 +181,10 @@ class Seat:
 
     def _complaints(self) -> list[str]:
         """The last lines of what cells ended with."""
-        return list(self.page.evaluate("""() => [...document.querySelectorAll("[data-mime-type$='stderr']")]
-            .map((e) => e.textContent.trim().split("\\n").pop()).filter((line) => /Error/.test(line))"""))
+        return list(
+            self.page.evaluate("""() => [...document.querySelectorAll("[data-mime-type$='stderr']")]
+            .map((e) => e.textContent.trim().split("\\n").pop()).filter((line) => /Error/.test(line))""")
+        )
 
     def collect(self) -> None:
         """Fetch what the hooks have noted."""
@@ -270,9 +273,14 @@ class Seat:
 
         self.hand.release()
         self._set_settle(250)
-        return {"inputs_hz": len(inputs) / span, "view_hz": rated(self.seen.view),
-                "picture_hz": rated(self.seen.picture), "grid_hz": rated(self.seen.grid),
-                "catch_up_ms": max([t - end for t in self.seen.view] + [0.0]), "view_bytes": carried["view"]}
+        return {
+            "inputs_hz": len(inputs) / span,
+            "view_hz": rated(self.seen.view),
+            "picture_hz": rated(self.seen.picture),
+            "grid_hz": rated(self.seen.grid),
+            "catch_up_ms": max([t - end for t in self.seen.view] + [0.0]),
+            "view_bytes": carried["view"],
+        }
 
     def _set_settle(self, milliseconds: float) -> None:
         if self.comms:

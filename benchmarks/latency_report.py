@@ -44,11 +44,13 @@ _COLUMNS: dict[str, Callable[[dict[str, Any]], str]] = {
     "kB per edit, up + down": lambda r: f"{r['bytes_up'] / 1e3:.1f} + {r['bytes_down'] / 1e3:.1f}",
     "of the view": lambda r: f"{r['bytes_view'] / 1e3:.1f}" if "picture_ms" in r else "",
     "drag, view Hz": lambda r: f"{_longest(r)['view_hz']:.1f}",
-    "picture and grid Hz": lambda r: (f"{_longest(r)['picture_hz']:.0f} and {_longest(r)['grid_hz']:.0f}"
-                                      if "picture_ms" in r else ""),
+    "picture and grid Hz": lambda r: (
+        f"{_longest(r)['picture_hz']:.0f} and {_longest(r)['grid_hz']:.0f}" if "picture_ms" in r else ""
+    ),
     "of inputs Hz": lambda r: f"{_longest(r)['inputs_hz']:.0f}",
     "last picture after a short / long drag, ms": lambda r: " / ".join(
-        f"{r[d]['catch_up_ms']:.0f}" for d in ("short_drag", "long_drag") if d in r),
+        f"{r[d]['catch_up_ms']:.0f}" for d in ("short_drag", "long_drag") if d in r
+    ),
     "kernel MiB, growth": lambda r: f"{r['memory_mib']['kernel']:.0f}, {r['memory_mib']['kernel_growth']:+.1f}",
     "page MiB, growth": lambda r: f"{r['memory_mib']['page']:.0f}, {r['memory_mib']['page_growth']:+.1f}",
 }
@@ -110,12 +112,17 @@ def _of_view(name: str, results: Results) -> Iterator[Verdict]:
     result, limit = results[name], TARGETS[name]
     checks: list[tuple[str, Callable[[], tuple[str, bool]]]] = [
         (f"edit to pixels within {limit:.0f} ms", partial(_time, result, limit)),
-        *((f"{_TIMES_FASTER:.0f} times faster than {rival}", partial(_ratio, result, results[rival]))
-          for rival in RIVALS if rival in results),
+        *(
+            (f"{_TIMES_FASTER:.0f} times faster than {rival}", partial(_ratio, result, results[rival]))
+            for rival in RIVALS
+            if rival in results
+        ),
         *((f"{part} at {_HZ:.0f} Hz in a drag", partial(_rate, result, part)) for part in ("picture", "grid")),
         ("no lag that grows in a long drag", partial(_lag, result)),
-        *((f"memory of the {where} within {most:.0f} MiB over all edits", partial(_growth, result, where, most))
-          for where, most in _GROWTH.items()),
+        *(
+            (f"memory of the {where} within {most:.0f} MiB over all edits", partial(_growth, result, where, most))
+            for where, most in _GROWTH.items()
+        ),
     ]
     if name == SILENT:
         checks.append(("no byte of the view in a drag", partial(_bytes, result)))

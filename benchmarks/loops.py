@@ -53,9 +53,11 @@ def _general(values: Any, displacement: Any, half: Any, fill: Any, out: Any) -> 
                 b, s = _cell(y, ny)
                 c, t = _cell(z, nz)
                 low = (one - s) * ((one - r) * values[c, b, a] + r * values[c, b, a + 1]) + s * (
-                    (one - r) * values[c, b + 1, a] + r * values[c, b + 1, a + 1])
+                    (one - r) * values[c, b + 1, a] + r * values[c, b + 1, a + 1]
+                )
                 high = (one - s) * ((one - r) * values[c + 1, b, a] + r * values[c + 1, b, a + 1]) + s * (
-                    (one - r) * values[c + 1, b + 1, a] + r * values[c + 1, b + 1, a + 1])
+                    (one - r) * values[c + 1, b + 1, a] + r * values[c + 1, b + 1, a + 1]
+                )
                 out[k, j, i] = (one - t) * low + t * high + half
 
 

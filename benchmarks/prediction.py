@@ -121,9 +121,13 @@ def measured(case: Case) -> Found:
         return float(np.sqrt(((moved - case.target[~case.known]) ** 2).sum(axis=1).mean()))
 
     every = [error(row.settings.fit(points)) for row in chosen.tried if not row.why]
-    found = [error(FitSettings(kernel=plate, direction="backward").fit(points)),
-             error(FitSettings(kernel=plate, direction="forward").fit(points)),
-             error(FitSettings().choosing([points]).fit(points)), error(chosen.fit), min(every)]
+    found = [
+        error(FitSettings(kernel=plate, direction="backward").fit(points)),
+        error(FitSettings(kernel=plate, direction="forward").fit(points)),
+        error(FitSettings().choosing([points]).fit(points)),
+        error(chosen.fit),
+        min(every),
+    ]
     return Found(case, dict(zip(METHODS, found, strict=True)), described(chosen.settings))
 
 
@@ -144,29 +148,46 @@ def _verdict(found: list[Found]) -> str:
     missed = [f"{one.case.name}, {one.case.left_out}" for one in found if not is_reached(one)]
     best = np.median([one.error["all-knowing"] / one.plate for one in found])
     count = len(found)
-    text = (f"Against the better of the two thin plates, which nobody knows beforehand, the choice is better by more "
-            f"than 5 % in {better} of {count} rows, alike in {count - better - worse} and worse by more than 5 % in "
-            f"{worse}; the median ratio is {np.median(ratios):.2f}, and that of the all-knowing choice {best:.2f}. ")
+    text = (
+        f"Against the better of the two thin plates, which nobody knows beforehand, the choice is better by more "
+        f"than 5 % in {better} of {count} rows, alike in {count - better - worse} and worse by more than 5 % in "
+        f"{worse}; the median ratio is {np.median(ratios):.2f}, and that of the all-knowing choice {best:.2f}. "
+    )
     backward = np.median([one.error["chosen"] / one.error["plate backward"] for one in found])
-    text += (f"Against the thin plate backward alone it is {backward:.2f}, and the default fit is "
-             f"{np.median([one.error['default'] / one.error['plate backward'] for one in found]):.2f} times as far off "
-             "as that. ")
-    return text + ("No row is worse than the better plate by more than a quarter and half a pixel." if not missed else
-                   f"Worse than the better plate by more than a quarter and half a pixel: {'; '.join(missed)}.")
+    text += (
+        f"Against the thin plate backward alone it is {backward:.2f}, and the default fit is "
+        f"{np.median([one.error['default'] / one.error['plate backward'] for one in found]):.2f} times as far off "
+        "as that. "
+    )
+    return text + (
+        "No row is worse than the better plate by more than a quarter and half a pixel."
+        if not missed
+        else f"Worse than the better plate by more than a quarter and half a pixel: {'; '.join(missed)}."
+    )
 
 
 def page(found: list[Found]) -> str:
     """The page of the documentation."""
+
     def digits(one: Found) -> int:
         return 1 if one.case.source.shape[1] == 2 else 2
 
-    rows = "\n".join(f"| {one.case.name} | {one.case.left_out} | "
-                     + " | ".join(f"{one.error[method]:.{digits(one)}f}" for method in METHODS)
-                     + f" | {one.ratio:.2f} | {one.chosen} |" for one in found)
+    rows = "\n".join(
+        f"| {one.case.name} | {one.case.left_out} | "
+        + " | ".join(f"{one.error[method]:.{digits(one)}f}" for method in METHODS)
+        + f" | {one.ratio:.2f} | {one.chosen} |"
+        for one in found
+    )
     flat = [one for one in found if one.case.source.shape[1] == 2]
     medians = " | ".join(f"**{np.median([one.error[m] for one in flat]):.1f}**" for m in METHODS)
-    return _PAGE.format(methods=" | ".join(METHODS), bars="---:|" * len(METHODS), rows=rows, medians=medians,
-                        median=np.median([one.ratio for one in found]), verdict=_verdict(found))
+    return _PAGE.format(
+        methods=" | ".join(METHODS),
+        bars="---:|" * len(METHODS),
+        rows=rows,
+        medians=medians,
+        median=np.median([one.ratio for one in found]),
+        verdict=_verdict(found),
+    )
 
 
 def main(arguments: list[str]) -> int:

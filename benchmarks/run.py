@@ -65,8 +65,11 @@ def _least(measured: Measured, *, one_thread: bool) -> float:
 def _beside(result: Measured, results: list[Measured], *, one_thread: bool) -> dict[str, float]:
     """How many times as long as the loops one of ours takes."""
     own = _least(result, one_thread=one_thread)
-    return {other.case.name: own / _least(other, one_thread=one_thread) for other in results
-            if other.case.name in ratios.PEERS}
+    return {
+        other.case.name: own / _least(other, one_thread=one_thread)
+        for other in results
+        if other.case.name in ratios.PEERS
+    }
 
 
 def _line(group: str, result: Measured, results: list[Measured], *, one_thread: bool) -> str:

@@ -66,14 +66,19 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     here = Path(__file__).resolve().parents[1]
     checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
-    volume = (f"dn.read_volume({str(Path(options.volume).resolve())!r})" if options.volume
-              else 'dn.datasets.PHANTOMS["fish"].make()')
+    volume = (
+        f"dn.read_volume({str(Path(options.volume).resolve())!r})"
+        if options.volume
+        else 'dn.datasets.PHANTOMS["fish"].make()'
+    )
     found = measure(checkouts, volume, options.rounds)
     print("| | picture s | live volume s | first edit ms | processor s | memory MB |\n|---|---|---|---|---|---|")
     for name, rows in found.items():
         middle = {key: statistics.median(row[key] for row in rows) for key in rows[0]}
-        print(f"| {name} | {middle['picture']:.2f} | {middle['volume']:.2f} | {middle['edit_ms']:.0f} | "
-              f"{middle['cpu_s']:.2f} | {middle['memory']:.0f} |")
+        print(
+            f"| {name} | {middle['picture']:.2f} | {middle['volume']:.2f} | {middle['edit_ms']:.0f} | "
+            f"{middle['cpu_s']:.2f} | {middle['memory']:.0f} |"
+        )
     return 0
 
 
@@ -109,8 +114,13 @@ def _one(lab: Any, browser: Any, cell: str, name: str) -> dict[str, float]:
         lab.wait_until_open(page)
         first = page.evaluate(_FIRST)
         told = json.loads(lab.run(page, _WARM).splitlines()[-1])
-        return {"picture": first["picture"] / 1e3, "volume": first["volume"] / 1e3, "edit_ms": told["edit_ms"],
-                "cpu_s": told["cpu_s"], "memory": pss(told["process"])}
+        return {
+            "picture": first["picture"] / 1e3,
+            "volume": first["volume"] / 1e3,
+            "edit_ms": told["edit_ms"],
+            "cpu_s": told["cpu_s"],
+            "memory": pss(told["process"]),
+        }
     finally:
         lab.end_kernels()
         page.close()

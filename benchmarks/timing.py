@@ -75,8 +75,10 @@ def measure(group: Group, rounds: int) -> list[Measured]:
             case.run()
             taken.append(time.perf_counter() - start)
             processor[case.name].append(time.process_time() - work)
-    return [Measured(case, times[case.name], processor[case.name], peak, largest, mean)
-            for case, peak, largest, mean in checked]
+    return [
+        Measured(case, times[case.name], processor[case.name], peak, largest, mean)
+        for case, peak, largest, mean in checked
+    ]
 
 
 def _check(group: Group, case: Case) -> tuple[int | None, float, float]:

@@ -33,12 +33,15 @@ from deformnb._entrances import CONVERSIONS, READERS
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-
 def _read(kind: str, path: Any) -> Any:
     """What a path stands for where an object is wanted; its reader is imported when the first one is given."""
     io = __getattr__("io")
-    return {"volume": io.read_volume, "channels": io.read_channels, "mesh": io.read_mesh,
-            "grid": lambda path: io.describe_file(path).grid}[kind](path)
+    return {
+        "volume": io.read_volume,
+        "channels": io.read_channels,
+        "mesh": io.read_mesh,
+        "grid": lambda path: io.describe_file(path).grid,
+    }[kind](path)
 
 
 def _converted(name: str, given: Any) -> Any:

@@ -36,9 +36,28 @@ if TYPE_CHECKING:
 else:
     jnp, lax = Deferred("jax.numpy"), Deferred("jax.lax")
 
-__all__ = ["ENDING", "adjugate", "as_numpy", "blockwise", "check_process", "compiled", "determinant", "each", "float64",
-           "in_64_bits", "in_full_precision", "is_traced", "jax", "jnp", "lax", "one_plus", "pytree", "pytree_node",
-           "use_disk_cache", "with_derivative"]
+__all__ = [
+    "ENDING",
+    "adjugate",
+    "as_numpy",
+    "blockwise",
+    "check_process",
+    "compiled",
+    "determinant",
+    "each",
+    "float64",
+    "in_64_bits",
+    "in_full_precision",
+    "is_traced",
+    "jax",
+    "jnp",
+    "lax",
+    "one_plus",
+    "pytree",
+    "pytree_node",
+    "use_disk_cache",
+    "with_derivative",
+]
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -51,6 +70,7 @@ def pytree(data_fields: Sequence[str], meta_fields: Sequence[str] = ()) -> Calla
     data_fields : names of the fields that are arrays or pytrees.
     meta_fields : names of the others; they must be hashable.
     """
+
     def register(kind: _Class) -> _Class:
         after_jax(lambda: jax.tree_util.register_dataclass(kind, data_fields, meta_fields))
         return kind
@@ -71,6 +91,7 @@ def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], A
     ----------
     rule : from primals and tangents, tuples of one array, to the value and its tangent.
     """
+
     @cache
     def made() -> Any:
         own = jax.custom_jvp(function)
@@ -90,6 +111,7 @@ def in_full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
     NVIDIA's GPUs round the factors of float32 products to 11 bits (TF32) unless told otherwise: a displacement of 10 mm
     is then wrong by 0.003 mm and its derivatives by 1 per cent (seen on an H200).
     """
+
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         with jax.default_matmul_precision("highest"):
@@ -127,6 +149,7 @@ def in_64_bits(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     >>> away(x).tolist(), str(away(x).dtype)
     ([[0.5, 0.25]], 'float32')
     """
+
     def within(x: Any) -> Any:
         with jax.enable_x64(True):
             flat = x.reshape(-1, x.shape[-1]).astype(jnp.float64)
@@ -217,13 +240,16 @@ def check_process() -> None:
         raise Cancelled("the process ends.")
     _watch_forks()
     if _is_forked:
-        raise DeformError("this process was made by fork from one that had deformed something already, and computing "
-                          "here would hang for ever; start processes with multiprocessing.get_context(\"spawn\"), or "
-                          "ProcessPoolExecutor(mp_context=multiprocessing.get_context(\"spawn\")).")
+        raise DeformError(
+            "this process was made by fork from one that had deformed something already, and computing "
+            'here would hang for ever; start processes with multiprocessing.get_context("spawn"), or '
+            'ProcessPoolExecutor(mp_context=multiprocessing.get_context("spawn")).'
+        )
 
 
-def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (), on_one_thread: bool = False,
-             **options: Any) -> Callable[..., Any]:
+def compiled(
+    function: Callable[..., Any], *, donated: str | Sequence[str] = (), on_one_thread: bool = False, **options: Any
+) -> Callable[..., Any]:
     """``jax.jit`` with this package's compiler options and disk cache, set up at the first call and not at import.
 
     It computes on the device in use (:mod:`deformnb.devices`).
@@ -239,8 +265,12 @@ def compiled(function: Callable[..., Any], *, donated: str | Sequence[str] = (),
     def program(platform: str, is_host: bool) -> Any:
         use_disk_cache()
         chosen = _CPU_OPTIONS | (_ONE_THREAD if on_one_thread else {}) if _takes_options(platform) else None
-        return jax.jit(in_full_precision(function), compiler_options=chosen,
-                       donate_argnames=None if is_host else donated, **options)
+        return jax.jit(
+            in_full_precision(function),
+            compiler_options=chosen,
+            donate_argnames=None if is_host else donated,
+            **options,
+        )
 
     def executable() -> Any:
         return program(devices.device_in_use().platform, devices.is_host())
@@ -298,6 +328,7 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     >>> blockwise(lambda a, places: a * places.sum(axis=0))(2.0, np.ones((3, 5))).tolist()
     [6.0, 6.0, 6.0, 6.0, 6.0]
     """
+
     def evaluated(fixed: Any, blocks: Any, count: Any, **chosen: Any) -> Any:
         one = partial(function, fixed, **chosen)
         if not devices.is_host():
@@ -307,8 +338,14 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
             found = one(lax.dynamic_index_in_dim(blocks, k, keepdims=False))
             return jax.tree.map(lambda whole, part: lax.dynamic_update_index_in_dim(whole, part, k, 0), out, found)
 
-        return lax.fori_loop(0, count, add, jax.tree.map(
-            lambda part: jnp.zeros((len(blocks), *part.shape), part.dtype), jax.eval_shape(one, blocks[0])))
+        return lax.fori_loop(
+            0,
+            count,
+            add,
+            jax.tree.map(
+                lambda part: jnp.zeros((len(blocks), *part.shape), part.dtype), jax.eval_shape(one, blocks[0])
+            ),
+        )
 
     evaluate = compiled(evaluated, on_one_thread=True, **options)
 
@@ -318,13 +355,16 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
         count = max(1, -(-n // size))
         with float64():
             found = evaluate(fixed, _in_blocks(places, size, most), np.int32(count), **chosen)
-        return jax.tree.map(lambda part: np.moveaxis(np.asarray(part)[:count], 0, -2).reshape(
-            *part.shape[1:-1], -1)[..., :n], found)
+        return jax.tree.map(
+            lambda part: np.moveaxis(np.asarray(part)[:count], 0, -2).reshape(*part.shape[1:-1], -1)[..., :n], found
+        )
 
     def call(fixed: Any, places: NDArray[Any], **chosen: Any) -> Any:
         most = _MANY * _BLOCKS
-        parts = [together(fixed, places[:, start : start + most], **chosen)
-                 for start in range(0, max(places.shape[1], 1), most)]
+        parts = [
+            together(fixed, places[:, start : start + most], **chosen)
+            for start in range(0, max(places.shape[1], 1), most)
+        ]
         return parts[0] if len(parts) == 1 else jax.tree.map(lambda *of: np.concatenate(of, axis=-1), *parts)
 
     return call

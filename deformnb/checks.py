@@ -219,8 +219,9 @@ def check_fields(owner: Any, *names: str) -> None:
         if value is _WRONG:
             called = kind.__name__
             article = "an" if called[0] in "AEIOU" else "a"
-            raise DeformError(f"{name.replace('_', ' ')} of {article} {called} must be {_in_words(hint)}, got "
-                              f"{shown_value(given)}.")
+            raise DeformError(
+                f"{name.replace('_', ' ')} of {article} {called} must be {_in_words(hint)}, got {shown_value(given)}."
+            )
         if value is not given:
             object.__setattr__(owner, name, value)
 
@@ -347,8 +348,13 @@ def _plain_text(value: Any) -> Any:
     return (value if type(value) is str else str(value)) if isinstance(value, str) else _WRONG
 
 
-_PLAIN: dict[Any, Any] = {bool: _plain_flag, int: _plain_integer, float: _plain_number, str: _plain_text,
-                          type(None): lambda value: None if value is None else _WRONG}
+_PLAIN: dict[Any, Any] = {
+    bool: _plain_flag,
+    int: _plain_integer,
+    float: _plain_number,
+    str: _plain_text,
+    type(None): lambda value: None if value is None else _WRONG,
+}
 
 _WORDS = {bool: "True or False", int: "a whole number", float: "a finite number", str: "a text", type(None): "None"}
 _SEVERAL = {bool: "truth values", int: "whole numbers", float: "finite numbers", str: "texts"}

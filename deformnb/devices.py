@@ -91,8 +91,9 @@ def _first() -> Any:
 def _found(name: str) -> Any:
     kind, _, number = name.partition(":")
     if kind not in KINDS or (number and (kind == "auto" or not number.isdecimal())):
-        raise DeformError(f"unknown device {name!r:.40}; choose one of {', '.join(KINDS)}, or one of several as "
-                          '"gpu:1".')
+        raise DeformError(
+            f'unknown device {name!r:.40}; choose one of {", ".join(KINDS)}, or one of several as "gpu:1".'
+        )
     if kind == "auto":
         return _first()
     try:
@@ -137,5 +138,9 @@ def describe_device(device: Any) -> str:
 
 def add_device(command: Any) -> None:
     """Add the option ``--device`` to a command of an argument parser; :func:`deformnb.cli.main.main` applies it."""
-    command.add_argument("--device", metavar="DEVICE", help='what computes: cpu, gpu (or "gpu:1", one of several) or '
-                         "auto, the GPU that JAX finds, else the processor (default $DEFORMNB_DEVICE or auto)")
+    command.add_argument(
+        "--device",
+        metavar="DEVICE",
+        help='what computes: cpu, gpu (or "gpu:1", one of several) or '
+        "auto, the GPU that JAX finds, else the processor (default $DEFORMNB_DEVICE or auto)",
+    )

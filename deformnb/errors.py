@@ -37,8 +37,11 @@ class _ShortInNotebooks:
             # The first frame is IPython's own, which runs the cell.
             lines: list[str] = formatter.structured_traceback(type(self), self, self.__traceback__, tb_offset=1)
             return lines
-        return [f"{type(self).__name__}: {self}", *_calling_line(self),
-                "(%tb Plain shows the whole traceback, deformnb.errors.show_tracebacks() from now on for every error.)"]
+        return [
+            f"{type(self).__name__}: {self}",
+            *_calling_line(self),
+            "(%tb Plain shows the whole traceback, deformnb.errors.show_tracebacks() from now on for every error.)",
+        ]
 
 
 def show_tracebacks(shown: bool = True) -> None:

@@ -22,8 +22,15 @@ project = "deformnb"
 author = copyright = "The deformnb developers"  # noqa: A001 (Sphinx calls it so)
 version = release = dn.__version__
 
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.viewcode",
-              "sphinx_copybutton", "sphinx_design"]
+extensions = [
+    "myst_nb",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
 exclude_patterns = ["_build", "api/_datasets.md"]
 
 # -- pages in Markdown, and the notebooks ------------------------------------------------------------------------------
@@ -52,9 +59,15 @@ html_extra_path = ["_made"]
 html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_theme_options = {
-    "show_nav_level": 1, "navigation_depth": 2, "header_links_before_dropdown": 6, "show_prev_next": True,
-    "secondary_sidebar_items": ["page-toc"], "footer_start": ["copyright"], "footer_end": [],
-    "search_as_you_type": True, "show_version_warning_banner": False,
+    "show_nav_level": 1,
+    "navigation_depth": 2,
+    "header_links_before_dropdown": 6,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "search_as_you_type": True,
+    "show_version_warning_banner": False,
 }
 html_sidebars = {name: [] for name in ("index", "start", "how_it_works", "coming_from")}  # they have no pages below
 
@@ -75,12 +88,15 @@ def _make_live_pages() -> None:
     target.parent.mkdir(exist_ok=True)
     carp = PHANTOMS["fish"].make((64, 128, 64))
     a, b = np.asarray(dn.project(carp, "-x", "mip").raster.spacing) * (128, 64)
-    points = dn.ControlPoints.from_arrays([[0.08 * a, 0.5 * b], [0.5 * a, 0.5 * b], [0.92 * a, 0.5 * b]],
-                                          [[0.08 * a, 0.66 * b], [0.5 * a, 0.38 * b], [0.92 * a, 0.66 * b]],
-                                          names=["head", "back", "tail"])
+    points = dn.ControlPoints.from_arrays(
+        [[0.08 * a, 0.5 * b], [0.5 * a, 0.5 * b], [0.92 * a, 0.5 * b]],
+        [[0.08 * a, 0.66 * b], [0.5 * a, 0.38 * b], [0.92 * a, 0.66 * b]],
+        names=["head", "back", "tail"],
+    )
     bend = dn.Deformation.on_picture(carp, "-x", points, trend="rigid")
-    dn.Studio(carp, bend, side="-x").export_html(target, title="A carp", controls=["strength", "shows", "reset"],
-                                              overwrite=True)
+    dn.Studio(carp, bend, side="-x").export_html(
+        target, title="A carp", controls=["strength", "shows", "reset"], overwrite=True
+    )
     dn.widgets.write_file_page(HERE / "_made" / "deformnb.html")
 
 
@@ -92,20 +108,28 @@ def _make_lesson_pages() -> None:
 def _make_datasets() -> None:
     """The table of the volumes that are downloaded, as a part of a page."""
     rows = ["| name | what | credit | terms | from |", "|---|---|---|---|---|"]
-    rows += [f"| `{name}` | {row.title} | {row.credit} | {row.licence} | {row.source} |"
-             for name, row in DATASETS.items()]
+    rows += [
+        f"| `{name}` | {row.title} | {row.credit} | {row.licence} | {row.source} |" for name, row in DATASETS.items()
+    ]
     (HERE / "api").mkdir(exist_ok=True)
     (HERE / "api" / "_datasets.md").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 def _public() -> dict[str, list[str]]:
     """The names of each package, and those at the top, as ``dir()`` shows them."""
-    packages = {"deformnb": dn} | {f"deformnb.{name}": value for name in dir(dn)
-                                   if isinstance(value := getattr(dn, name), ModuleType)}
-    return {name: [one for one in dir(package)
-                   if not one.startswith("_") and not isinstance(value := getattr(package, one), ModuleType)
-                   and not (isinstance(value, type) and not value.__module__.startswith("deformnb"))]
-            for name, package in packages.items()}
+    packages = {"deformnb": dn} | {
+        f"deformnb.{name}": value for name in dir(dn) if isinstance(value := getattr(dn, name), ModuleType)
+    }
+    return {
+        name: [
+            one
+            for one in dir(package)
+            if not one.startswith("_")
+            and not isinstance(value := getattr(package, one), ModuleType)
+            and not (isinstance(value, type) and not value.__module__.startswith("deformnb"))
+        ]
+        for name, package in packages.items()
+    }
 
 
 PUBLIC = _public()

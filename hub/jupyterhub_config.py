@@ -24,10 +24,13 @@ c.Spawner.mem_limit = "1200M"  # told to kernels; it is enforced by spawners wit
 c.Spawner.start_timeout = 120
 c.JupyterHub.active_server_limit = 20
 
-c.JupyterHub.load_roles = [{
-    "name": "culler", "services": ["culler"],
-    "scopes": ["list:users", "read:users:activity", "read:servers", "delete:servers"],
-}]
+c.JupyterHub.load_roles = [
+    {
+        "name": "culler",
+        "services": ["culler"],
+        "scopes": ["list:users", "read:users:activity", "read:servers", "delete:servers"],
+    }
+]
 c.JupyterHub.services = [
     {"name": "culler", "command": [sys.executable, "-m", "jupyterhub_idle_culler", "--timeout=3600"]},
 ]

@@ -83,8 +83,18 @@ class Copy:
             environment.pop(own, None)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
         log = self.folder / "log"
-        with log.open("wb") as out, subprocess.Popen(command, cwd=self.root, env=environment, stdout=out, stderr=out,
-                                                     stdin=subprocess.DEVNULL, start_new_session=True) as process:
+        with (
+            log.open("wb") as out,
+            subprocess.Popen(
+                command,
+                cwd=self.root,
+                env=environment,
+                stdout=out,
+                stderr=out,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            ) as process,
+        ):
             try:
                 code = process.wait(minutes * 60)
             except subprocess.TimeoutExpired:
@@ -107,11 +117,17 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--all-tests", action="store_true", help="run all tests, not those named for each mutant")
     parser.add_argument("--random", type=int, metavar="N", help="draw N mutants instead of those of the table")
     parser.add_argument("--seed", type=int, default=1, help="of --random (default: %(default)s)")
-    parser.add_argument("--only", nargs="+", default=[], metavar="PART",
-                        help='parts of paths for --random, such as "io/"')
+    parser.add_argument(
+        "--only", nargs="+", default=[], metavar="PART", help='parts of paths for --random, such as "io/"'
+    )
     parser.add_argument("--tests", nargs="+", metavar="FILE", help="test files or node ids to run for each mutant")
-    parser.add_argument("--files", type=int, default=12, metavar="N",
-                        help="test files to run for each mutant of --random, its own first (default: %(default)s)")
+    parser.add_argument(
+        "--files",
+        type=int,
+        default=12,
+        metavar="N",
+        help="test files to run for each mutant of --random, its own first (default: %(default)s)",
+    )
     parser.add_argument("--minutes", type=float, default=10, help="that a mutant may take (default: %(default)s)")
     parser.add_argument("--no-baseline", action="store_true", help="do not run the tests without a mutant first")
     chosen = parser.parse_args(arguments)
@@ -127,8 +143,12 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     if chosen.check:
         return _check(mutants)
-    tests = {mutant.name: ["tests", "deformnb"] if chosen.all_tests else chosen.tests or
-             [found_test(test) for test in mutant.tests or files_for(mutant, most=chosen.files)] for mutant in mutants}
+    tests = {
+        mutant.name: ["tests", "deformnb"]
+        if chosen.all_tests
+        else chosen.tests or [found_test(test) for test in mutant.tests or files_for(mutant, most=chosen.files)]
+        for mutant in mutants
+    }
     return run(mutants, tests, chosen.minutes, baseline=not chosen.no_baseline)
 
 
@@ -144,8 +164,9 @@ def _check(mutants: list[Mutant]) -> int:
     return int(stale > 0)
 
 
-def run(mutants: list[Mutant], tests: dict[str, list[str]], minutes: float = 10, *, baseline: bool = True,
-        root: Path = ROOT) -> int:
+def run(
+    mutants: list[Mutant], tests: dict[str, list[str]], minutes: float = 10, *, baseline: bool = True, root: Path = ROOT
+) -> int:
     """Put in one mutant after the other and print what the tests say; what :func:`main` returns.
 
     Parameters
@@ -175,8 +196,10 @@ def run(mutants: list[Mutant], tests: dict[str, list[str]], minutes: float = 10,
             say(f"{verdict:9} {mutant.name} ({time.monotonic() - start:.0f} s) {line}")
             if verdict != "caught":
                 say(f"          {place}: {mutant.old} -> {mutant.new}  [{mutant.kind}] {' '.join(tests[mutant.name])}")
-    say(f"{counts['caught']} of {len(mutants)} caught, " + ", ".join(
-        f"{counts[word]} {word}" for word in ("survived", "too long", "stale", "no tests")))
+    say(
+        f"{counts['caught']} of {len(mutants)} caught, "
+        + ", ".join(f"{counts[word]} {word}" for word in ("survived", "too long", "stale", "no tests"))
+    )
     return int(counts["caught"] < len(mutants))
 
 

@@ -33,12 +33,19 @@ _SWAPS: dict[type, tuple[str, str, str]] = {
 }
 
 _SCRIPT_SWAPS = {swap[0]: swap for swap in _SWAPS.values() if not swap[0].isalpha() and "is" not in swap[0]} | {
-    "===": ("===", "!==", "comparison"), "!==": ("!==", "===", "comparison"),
-    "&&": ("&&", "||", "logic"), "||": ("||", "&&", "logic")}
-_NO_CODE = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|`(?:\\.|[^`\\])*`"""
-                      r"""|(?<=[=(,:!&|?] |.[(!])/(?![*/ ])(?:\\.|\[(?:\\.|[^]\\\n])*]|[^/\\\n[])+/""", re.DOTALL)
-_SCRIPT_NAMES = re.compile(r"^(?:export )?(?:(?:async )?function\*? |class |const (?=\w+ = (?:async )?\(.*=>))(\w+)",
-                           re.MULTILINE)
+    "===": ("===", "!==", "comparison"),
+    "!==": ("!==", "===", "comparison"),
+    "&&": ("&&", "||", "logic"),
+    "||": ("||", "&&", "logic"),
+}
+_NO_CODE = re.compile(
+    r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*'|`(?:\\.|[^`\\])*`"""
+    r"""|(?<=[=(,:!&|?] |.[(!])/(?![*/ ])(?:\\.|\[(?:\\.|[^]\\\n])*]|[^/\\\n[])+/""",
+    re.DOTALL,
+)
+_SCRIPT_NAMES = re.compile(
+    r"^(?:export )?(?:(?:async )?function\*? |class |const (?=\w+ = (?:async )?\(.*=>))(\w+)", re.MULTILINE
+)
 _METHODS = re.compile(r"^  (?:static |async |get |set |\*)*(#?\w+)\(.*\{", re.MULTILINE)
 
 
@@ -69,8 +76,10 @@ def drawn(count: int, seed: int, only: tuple[str, ...] = (), root: Path = ROOT) 
         if name.startswith("deformnb/") and (not only or any(part in name for part in only)):
             text = path.read_text(encoding="utf-8")
             functions = python_functions(text) if path.suffix == ".py" else script_functions(text)
-            ranked += [(_rank(seed, symbol, arguments), name, symbol, first, text, found)
-                       for symbol, arguments, first, found in functions]
+            ranked += [
+                (_rank(seed, symbol, arguments), name, symbol, first, text, found)
+                for symbol, arguments, first, found in functions
+            ]
     mutants: dict[str, Mutant] = {}  # functions of one name and the same arguments would all be drawn at once
     for rank, name, symbol, first, text, lazily in sorted(ranked, key=lambda row: row[:3]):
         if len(mutants) == count:
@@ -79,8 +88,9 @@ def drawn(count: int, seed: int, only: tuple[str, ...] = (), root: Path = ROOT) 
         if found and rank not in mutants:
             keys = {edit: _rank(seed, symbol, text.count(edit.old, first, edit.start), *edit[1:]) for edit in found}
             chosen = min(found, key=keys.__getitem__)
-            mutants[rank] = Mutant(f"{name}:{symbol}", name, symbol, chosen.old, chosen.new, chosen.kind,
-                                   offset=chosen.start - first)
+            mutants[rank] = Mutant(
+                f"{name}:{symbol}", name, symbol, chosen.old, chosen.new, chosen.kind, offset=chosen.start - first
+            )
     return list(mutants.values())
 
 
@@ -101,15 +111,21 @@ def script_functions(text: str) -> Iterator[tuple[str, str, int, Iterator[Edit]]
     for match in _SCRIPT_NAMES.finditer(code):
         spans = script_spans(text, match[1])
         is_class = match[0].removeprefix("export ").startswith("class ")
-        names = [f"{match[1]}.{inner}" for start, end in spans for inner in _METHODS.findall(code, start, end)
-                 ] if is_class else [match[1]]
+        names = (
+            [f"{match[1]}.{inner}" for start, end in spans for inner in _METHODS.findall(code, start, end)]
+            if is_class
+            else [match[1]]
+        )
         for symbol in dict.fromkeys(names):
             places = script_spans(text, symbol)  # several for a getter and a setter, or a method and a function
             for start, end in places:
                 if is_class or start == match.start():
-                    found = (edit for edit in script_edits(code, start, end, text)
-                             if sum(text.startswith(edit.old, place + edit.start - start) for place, _ in places) == 1)
-                    yield symbol, code[start:code.find("\n", start)].strip(), start, found
+                    found = (
+                        edit
+                        for edit in script_edits(code, start, end, text)
+                        if sum(text.startswith(edit.old, place + edit.start - start) for place, _ in places) == 1
+                    )
+                    yield symbol, code[start : code.find("\n", start)].strip(), start, found
 
 
 def script_edits(code: str, start: int, end: int, text: str) -> Iterator[Edit]:
@@ -130,7 +146,7 @@ def script_edits(code: str, start: int, end: int, text: str) -> Iterator[Edit]:
         call = match[0].lstrip()
         if call.count("(") == call.count(")"):
             place = match.end() - len(call)
-            yield Edit(place, text[place:match.end()], ";", "dropped call")
+            yield Edit(place, text[place : match.end()], ";", "dropped call")
     for match in found(r"(?<=\w\()([\w.]+), ([\w.]+)(?=[,)])(?!\) (?:=>|\{))"):
         if match[1] != match[2]:
             yield Edit(match.start(), match[0], f"{match[2]}, {match[1]}", "argument order")
@@ -201,8 +217,10 @@ def files_for(mutant: Mutant, root: Path = ROOT, most: int = 12) -> tuple[str, .
         kind = Path(mutant.file).suffix
         package = {path: path.read_text(encoding="utf-8") for path in sources(root) if path.suffix == kind}
         users = [path.relative_to(root).as_posix() for path, text in package.items() if _imports(text, mutant.file)]
-        chosen += sorted((test for user in users for test in _tests_of(user, mutant.symbol, files)[:most // 2]),
-                         key=lambda path: ("browser" in path.parts, len(files[path])))
+        chosen += sorted(
+            (test for user in users for test in _tests_of(user, mutant.symbol, files)[: most // 2]),
+            key=lambda path: ("browser" in path.parts, len(files[path])),
+        )
     examples = [mutant.file] if mutant.file.endswith(".py") else []
     names = dict.fromkeys([*examples, *(path.relative_to(root).as_posix() for path in chosen)])
     return tuple(names)[:most]
@@ -221,9 +239,15 @@ def _tests_of(file: str, symbol: str, files: dict[Path, str]) -> list[Path]:
 
     def order(path: Path) -> tuple[bool, ...]:
         text = files[path]
-        in_folder = folder and path.parts[-len(parts):-1] == folder
-        return (path.name not in own, not path.name.startswith(beginning), not _imports(text, file), not in_folder,
-                not any(re.search(rf"\b{word}\b", text) for word in (*scope, name)), "browser" in path.parts)
+        in_folder = folder and path.parts[-len(parts) : -1] == folder
+        return (
+            path.name not in own,
+            not path.name.startswith(beginning),
+            not _imports(text, file),
+            not in_folder,
+            not any(re.search(rf"\b{word}\b", text) for word in (*scope, name)),
+            "browser" in path.parts,
+        )
 
     found = [path for path in files if not all(order(path)[:4]) or (says and says.search(files[path]))]
     return sorted(found, key=lambda path: (order(path), len(files[path])))
@@ -232,9 +256,13 @@ def _tests_of(file: str, symbol: str, files: dict[Path, str]) -> list[Path]:
 def _imports(text: str, file: str) -> bool:
     if file.endswith(".js"):  # by its path, by its name in another module, or the widget's module in Python
         path, name = (re.escape(part) for part in (file.partition("/js/")[2], Path(file).name))
-        return bool(re.search(rf"""["/]{path}["]|^import .*/{name}";""", text, re.MULTILINE)
-                    or _imports(text, file.replace("/js/", "/").removesuffix(".js") + ".py"))
+        return bool(
+            re.search(rf"""["/]{path}["]|^import .*/{name}";""", text, re.MULTILINE)
+            or _imports(text, file.replace("/js/", "/").removesuffix(".js") + ".py")
+        )
     module = ".".join(Path(file).with_suffix("").parts).removesuffix(".__init__")
     parent, _, last = module.rpartition(".")
-    return bool(re.search(rf"^\s*(?:from|import) {re.escape(module)}\b(?!\.)", text, re.MULTILINE)
-                or re.search(rf"^\s*from {re.escape(parent)} import .*\b{last}\b", text, re.MULTILINE))
+    return bool(
+        re.search(rf"^\s*(?:from|import) {re.escape(module)}\b(?!\.)", text, re.MULTILINE)
+        or re.search(rf"^\s*from {re.escape(parent)} import .*\b{last}\b", text, re.MULTILINE)
+    )

@@ -11,8 +11,18 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-NOT_COPIED = (".git", ".venv", ".hypothesis", ".mypy_cache", ".ruff_cache", ".import_linter_cache", "__pycache__",
-              "build", "dist", "node_modules")
+NOT_COPIED = (
+    ".git",
+    ".venv",
+    ".hypothesis",
+    ".mypy_cache",
+    ".ruff_cache",
+    ".import_linter_cache",
+    "__pycache__",
+    "build",
+    "dist",
+    "node_modules",
+)
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 _NOT_SOURCES = ("tests", "mutants", "benchmarks", "notebooks", "docs", "node_modules", "static")
 
@@ -84,7 +94,7 @@ def placed(mutant: Mutant, root: Path = ROOT) -> Change:
         raise StaleError(f'"{mutant.old}" in {mutant.symbol} of {mutant.file}: {found}')
     path, start = places[0]
     text = path.read_text(encoding="utf-8")
-    changed = text[:start] + mutant.new + text[start + len(mutant.old):]
+    changed = text[:start] + mutant.new + text[start + len(mutant.old) :]
     if path.suffix == ".py":
         ast.parse(changed)
     return Change(path, text.count("\n", 0, start) + 1, changed)
@@ -108,8 +118,11 @@ def _places(mutant: Mutant, path: Path) -> list[tuple[Path, int]]:
 def python_spans(text: str, symbol: str) -> list[tuple[int, int]]:
     """From where to where, in characters, each definition of the symbol reaches; its decorators belong to it."""
     at = positions(text)
-    return [(start_of(node, text), at(node.end_lineno or 0, node.end_col_offset or 0))
-            for name, node in symbols(ast.parse(text)) if name == symbol]
+    return [
+        (start_of(node, text), at(node.end_lineno or 0, node.end_col_offset or 0))
+        for name, node in symbols(ast.parse(text))
+        if name == symbol
+    ]
 
 
 @cache
@@ -150,10 +163,15 @@ def script_spans(text: str, symbol: str) -> list[tuple[int, int]]:
     """
     outer, _, inner = symbol.rpartition(".")
     if outer:
-        return [(start + a, start + b) for start, end in script_spans(text, outer)
-                for a, b in script_spans(text[start:end], inner)]
-    words = (r"(?:export\s+)?(?:default\s+)?(?:async\s+)?(?:static\s+)?(?:get\s+|set\s+)?"
-             r"(?:function\*?\s+|const\s+|let\s+|class\s+|(?:float|int|bool|void|[bi]?vec\d|mat\d)\s+)?")
+        return [
+            (start + a, start + b)
+            for start, end in script_spans(text, outer)
+            for a, b in script_spans(text[start:end], inner)
+        ]
+    words = (
+        r"(?:export\s+)?(?:default\s+)?(?:async\s+)?(?:static\s+)?(?:get\s+|set\s+)?"
+        r"(?:function\*?\s+|const\s+|let\s+|class\s+|(?:float|int|bool|void|[bi]?vec\d|mat\d)\s+)?"
+    )
     behind = r"=(?!=)|\(.*[{(,]\s*$|\(.*\{.*\}\s*$|\{|extends\b|:\s*(?:async\s+)?(?:function|\()"
     declaration = re.compile(rf"^(?P<indent>[ \t]*){words}{re.escape(symbol)}\s*(?:{behind})", re.MULTILINE)
     return [(match.start(), _script_end(text, match)) for match in declaration.finditer(text)]
@@ -162,7 +180,7 @@ def script_spans(text: str, symbol: str) -> list[tuple[int, int]]:
 def _script_end(text: str, match: re.Match[str]) -> int:
     indent = len(match["indent"])
     end = text.find("\n", match.start())
-    first = text[match.start():end if end >= 0 else len(text)]
+    first = text[match.start() : end if end >= 0 else len(text)]
     is_whole = sum(map(first.count, "([{")) == sum(map(first.count, ")]}"))
     if is_whole and first.rstrip().endswith((";", "}", ",")):
         return match.start() + len(first)

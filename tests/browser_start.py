@@ -36,8 +36,14 @@ def _reason_of_a_trial() -> str:
     if path is None:
         return "there is no Chromium, or no Playwright to drive it"
     try:
-        done = subprocess.run([sys.executable, "-c", _TRIAL, path], capture_output=True, text=True, timeout=120,
-                              errors="replace", check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", _TRIAL, path],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            errors="replace",
+            check=False,
+        )
     except subprocess.TimeoutExpired:
         return f"{path} has not started within two minutes"
     return "" if done.returncode == 0 else _reason_in(done.stderr)

@@ -37,8 +37,12 @@ _QUICK_COMPILATION = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_em
 
 def _compile_quickly() -> None:
     """Set the flags for this process and its children, if XLA knows them: it ends a process with one it does not."""
-    known = subprocess.run([sys.executable, "-c", "import jax; jax.devices()"], capture_output=True, check=False,
-                           env={**os.environ, "XLA_FLAGS": _QUICK_COMPILATION})
+    known = subprocess.run(
+        [sys.executable, "-c", "import jax; jax.devices()"],
+        capture_output=True,
+        check=False,
+        env={**os.environ, "XLA_FLAGS": _QUICK_COMPILATION},
+    )
     if known.returncode == 0:
         os.environ["XLA_FLAGS"] = _QUICK_COMPILATION
 
@@ -46,8 +50,11 @@ def _compile_quickly() -> None:
 # Users keep what took a tenth of a second to compile. Tests compile hundreds of small programs, the same in several
 # processes, after each clear_caches and in the next run: 24 of 62 s of three files of tests were compiling, and looking
 # a program up costs little beside it. A file that another process is writing is compiled anew, with a warning.
-_PROGRAMS = {"JAX_COMPILATION_CACHE_DIR": str(_CACHE / "programs"), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-             "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1"}
+_PROGRAMS = {
+    "JAX_COMPILATION_CACHE_DIR": str(_CACHE / "programs"),
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+}
 _KEPT_SECONDS = 14 * 24 * 60 * 60.0
 
 

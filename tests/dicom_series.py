@@ -17,8 +17,16 @@ SERIES = "1.2.826.0.1.3680043.8.498.1"
 CT = "1.2.840.10008.5.1.4.1.1.2"
 
 
-def write_slice(path: Path, pixels: np.ndarray, position: Any, *, uid: str = "", syntax: str = "1.2.840.10008.1.2.1",
-                raw: bytes | None = None, **changes: Any) -> None:
+def write_slice(
+    path: Path,
+    pixels: np.ndarray,
+    position: Any,
+    *,
+    uid: str = "",
+    syntax: str = "1.2.840.10008.1.2.1",
+    raw: bytes | None = None,
+    **changes: Any,
+) -> None:
     """One CT slice; a change of None removes the field."""
     data = pydicom.Dataset()
     data.file_meta = pydicom.dataset.FileMetaDataset()
@@ -53,8 +61,9 @@ def write_slice(path: Path, pixels: np.ndarray, position: Any, *, uid: str = "",
 NORMAL = np.cross(COSINES[:, 0], COSINES[:, 1])
 
 
-def write_series(folder: Path, voxels: np.ndarray = VOXELS, step: float = 2.5, names: str = "{}.dcm",
-                 **changes: Any) -> None:
+def write_series(
+    folder: Path, voxels: np.ndarray = VOXELS, step: float = 2.5, names: str = "{}.dcm", **changes: Any
+) -> None:
     """A series whose file names are in another order than its places."""
     order = np.random.default_rng(2).permutation(len(voxels))
     for number, k in enumerate(order):

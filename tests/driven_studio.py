@@ -41,8 +41,18 @@ def status_of(studio: Studio) -> str:
 
 def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
     """As the end of a drag in the page of an editor."""
-    page_says(studio, {"type": "edit", "phase": "end", "kind": kind, "joins": False, "next_id": points.next_id,
-                       "points": points_to_json(points)}, editor)
+    page_says(
+        studio,
+        {
+            "type": "edit",
+            "phase": "end",
+            "kind": kind,
+            "joins": False,
+            "next_id": points.next_id,
+            "points": points_to_json(points),
+        },
+        editor,
+    )
 
 
 def a_drag(studio: Studio, by: float = 2.0) -> Any:

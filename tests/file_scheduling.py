@@ -34,8 +34,11 @@ class BrowsersApart(LoadFileScheduling):
 
     def _assign_work_unit(self, node: Any) -> None:
         files = self.workqueue
-        others = sum(any(file.startswith(BROWSER) and not all(tests.values()) for file, tests in work.items())
-                     for owner, work in self.assigned_work.items() if owner is not node)
+        others = sum(
+            any(file.startswith(BROWSER) and not all(tests.values()) for file, tests in work.items())
+            for owner, work in self.assigned_work.items()
+            if owner is not node
+        )
         wants_browser = others < self.limit
         fitting = [file for file in files if file.startswith(BROWSER) == wants_browser]
         if fitting:

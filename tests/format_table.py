@@ -34,8 +34,17 @@ def table() -> tuple[Row, ...]:
         if not line.startswith("| ") or len(cells) != 6 or cells[0] in ("format", "---"):
             continue
         number = re.match(r"[0-9.e-]+", cells[5])
-        rows.append(Row(kind, cells[0], tuple(re.findall(r"`([^`]+)`", cells[1])), cells[2] == "yes", cells[3] == "yes",
-                        cells[4], float(number[0]) if number else None))
+        rows.append(
+            Row(
+                kind,
+                cells[0],
+                tuple(re.findall(r"`([^`]+)`", cells[1])),
+                cells[2] == "yes",
+                cells[3] == "yes",
+                cells[4],
+                float(number[0]) if number else None,
+            )
+        )
     return tuple(rows)
 
 

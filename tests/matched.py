@@ -33,8 +33,11 @@ def deformed(shown: Picture, field: AbstractField) -> Picture:
     """The picture warped by a backward displacement, by SciPy."""
     places = shown.raster.points()
     places = (places + field.displacement(places) - shown.raster.origin) / shown.raster.spacing
-    return picture(ndimage.map_coordinates(shown.values, [places[..., 1], places[..., 0]], order=1),
-                   shown.raster.spacing[0], shown.raster.origin)
+    return picture(
+        ndimage.map_coordinates(shown.values, [places[..., 1], places[..., 0]], order=1),
+        shown.raster.spacing[0],
+        shown.raster.origin,
+    )
 
 
 def lattice_points(size: float, count: int = 4, shift: float = 0.0, seed: int = 3) -> ControlPoints:

@@ -20,7 +20,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for cases in tables.values():
         marker = cases[0].get_closest_marker("sampled")
-        kept = cases[::marker.args[0]] if marker else covering(cases)
+        kept = cases[:: marker.args[0]] if marker else covering(cases)
         for item in cases:
             if item not in kept:
                 item.add_marker(pytest.mark.nightly)

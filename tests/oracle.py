@@ -131,13 +131,15 @@ def equation_5(points: Array, displacements: Array, phi: Phi) -> tuple[Array, Ar
     k1, k2, zero3 = np.array([[1.0, 0, 0]]), np.array([[0, 1.0, 0]]), np.zeros((3, 3))
     zero, nothing = np.zeros((n, n)), np.zeros((n, 3))
     constraint = np.block([[k1, -k2], [k2, k1]])
-    system = np.block([
-        [big_phi, zero, p, nothing, np.zeros((n, 2))],
-        [zero, big_phi, nothing, p, np.zeros((n, 2))],
-        [p.T, nothing.T, zero3, zero3, constraint[:, :3].T],
-        [nothing.T, p.T, zero3, zero3, constraint[:, 3:].T],
-        [np.zeros((2, n)), np.zeros((2, n)), constraint[:, :3], constraint[:, 3:], np.zeros((2, 2))],
-    ])
+    system = np.block(
+        [
+            [big_phi, zero, p, nothing, np.zeros((n, 2))],
+            [zero, big_phi, nothing, p, np.zeros((n, 2))],
+            [p.T, nothing.T, zero3, zero3, constraint[:, :3].T],
+            [nothing.T, p.T, zero3, zero3, constraint[:, 3:].T],
+            [np.zeros((2, n)), np.zeros((2, n)), constraint[:, :3], constraint[:, 3:], np.zeros((2, 2))],
+        ]
+    )
     assert system.shape == (2 * n + 8, 2 * n + 8)
     right = np.concatenate([displacements[:, 0], displacements[:, 1], np.zeros(8)])
     s = np.linalg.solve(system, right)
@@ -187,8 +189,9 @@ def complex_map(x: Sequence[float], points: Array, c: NDArray[Any], a: complex, 
 # ---- Eqs. 6 to 8 -----------------------------------------------------------------------------------------------------
 
 
-def equation_6(points: Array, displacements: Array, phi: Phi,
-               weight: Callable[[Sequence[float]], float]) -> Callable[[Sequence[float]], Array]:
+def equation_6(
+    points: Array, displacements: Array, phi: Phi, weight: Callable[[Sequence[float]], float]
+) -> Callable[[Sequence[float]], Array]:
     """phi_R(x, x_i) = w(x) w(x_i) phi(|x - x_i|) around a part that stays where it is (no polynomial)."""
     n = len(points)
     w = [weight(x) for x in points]
@@ -197,14 +200,16 @@ def equation_6(points: Array, displacements: Array, phi: Phi,
     return lambda x: sum(alpha[i] * weight(x) * w[i] * phi(distance(x, points[i])) for i in range(n))
 
 
-def equation_7(x: Sequence[float], region: Callable[[Sequence[float]], int],
-               fits: dict[int, Callable[[Sequence[float]], Array]]) -> Array:
+def equation_7(
+    x: Sequence[float], region: Callable[[Sequence[float]], int], fits: dict[int, Callable[[Sequence[float]], Array]]
+) -> Array:
     """Each region has its own interpolant; 0 in the others."""
     return fits[region(x)](x) if region(x) in fits else np.zeros(len(x))
 
 
-def equation_8(x: Sequence[float], region: Callable[[Sequence[float]], int],
-               fits: dict[int, Callable[[Sequence[float]], Array]]) -> int:
+def equation_8(
+    x: Sequence[float], region: Callable[[Sequence[float]], int], fits: dict[int, Callable[[Sequence[float]], Array]]
+) -> int:
     """The transparency map: 1 where x + D(x) is in the region of x."""
     return int(region(np.asarray(x) + equation_7(x, region, fits)) == region(x))
 
@@ -221,14 +226,24 @@ def replication(x: Sequence[float], displacement: Callable[[float, float], Array
     return np.array([*displacement(x[0], x[1]), 0.0])
 
 
-def modulation(x: Sequence[float], displacement: Callable[[float, float], Array], f: Callable[[float], float],
-               first: float, last: float) -> Array:
+def modulation(
+    x: Sequence[float],
+    displacement: Callable[[float, float], Array],
+    f: Callable[[float], float],
+    first: float,
+    last: float,
+) -> Array:
     """D3(x, y, z) = f(z) D(x, y), z relative."""
     return f(relative_depth(x[2], first, last)) * replication(x, displacement)
 
 
-def interpolation(x: Sequence[float], displacements: Sequence[Callable[[float, float], Array]], knots: Sequence[float],
-                  first: float, last: float) -> Array:
+def interpolation(
+    x: Sequence[float],
+    displacements: Sequence[Callable[[float, float], Array]],
+    knots: Sequence[float],
+    first: float,
+    last: float,
+) -> Array:
     """Linear in z between the displacements at the knots, constant beyond."""
     z = relative_depth(x[2], first, last)
     if z <= knots[0]:
@@ -268,6 +283,7 @@ def fifty_digits(points: Array, displacements: Array, kernel: str, support: floa
                 total += (a if trend == "rigid" else s[n]) * mpmath.mpc(*p)
                 out.append([float(total.real), float(total.imag)])
             return np.array(out)
+
         def monomials(p: Any) -> list[Any]:
             squares = [p[a] * p[b] for a in range(dim) for b in range(a + 1)] if trend == "quadratic" else []
             return [] if trend == "none" else [mpmath.mpf(1), *(p if trend != "translation" else []), *squares]
@@ -278,8 +294,12 @@ def fifty_digits(points: Array, displacements: Array, kernel: str, support: floa
         for place in at:
             p = [mpmath.mpf(float(v)) for v in place]
             terms = monomials(p)
-            out.append([float(sum(s[i] * phi(p, x[i]) for i in range(n))
-                              + sum(s[n + k] * t for k, t in enumerate(terms))) for s in solved])
+            out.append(
+                [
+                    float(sum(s[i] * phi(p, x[i]) for i in range(n)) + sum(s[n + k] * t for k, t in enumerate(terms)))
+                    for s in solved
+                ]
+            )
         return np.array(out)
 
 

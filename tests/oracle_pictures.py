@@ -20,7 +20,9 @@ RAMP = TransferFunction(((0, 0.1, 0.2, 0.3), (40, 0.9, 0.4, 0.1), (TOP, 1, 1, 0.
 
 # Ways to store a volume: plain, RAS, axes swapped, and swapped with flips.
 DIRECTIONS = {
-    "LPS": np.eye(3), "RAS": np.diag([-1.0, -1, 1]), "PIR": np.array([[0, 0, -1.0], [1, 0, 0], [0, -1, 0]]),
+    "LPS": np.eye(3),
+    "RAS": np.diag([-1.0, -1, 1]),
+    "PIR": np.array([[0, 0, -1.0], [1, 0, 0], [0, -1, 0]]),
     "SLA": np.array([[0, 1.0, 0], [0, 0, -1], [1, 0, 0]]),
 }
 
@@ -61,8 +63,13 @@ def shine(slope: np.ndarray, spacing: float) -> float:
     return sure * (0.35 + 0.75 * abs(normal @ LAMP) + 0.35 * abs(normal @ half) ** 24) + (1 - sure) * 0.8
 
 
-def composite(layers: list[np.ndarray], spacing: float, transfer: TransferFunction, *,
-              slopes: tuple[float, float, float] | None = None) -> np.ndarray:
+def composite(
+    layers: list[np.ndarray],
+    spacing: float,
+    transfer: TransferFunction,
+    *,
+    slopes: tuple[float, float, float] | None = None,
+) -> np.ndarray:
     """C += (1 - A) alpha c, A += (1 - A) alpha, over layers (v, u) front to back.
 
     ``slopes`` are the distances (du, dv, dn) of neighbours: then it is shaded.
@@ -79,9 +86,13 @@ def composite(layers: list[np.ndarray], spacing: float, transfer: TransferFuncti
             if slopes is not None:
                 z, y, x = k + 1, row + 1, col + 1
                 du, dv, dn = slopes
-                slope = np.array([(padded[z, y, x + 1] - padded[z, y, x - 1]) / du,
-                                  (padded[z, y + 1, x] - padded[z, y - 1, x]) / dv,
-                                  (padded[z + 1, y, x] - padded[z - 1, y, x]) / dn])
+                slope = np.array(
+                    [
+                        (padded[z, y, x + 1] - padded[z, y, x - 1]) / du,
+                        (padded[z, y + 1, x] - padded[z, y - 1, x]) / dv,
+                        (padded[z + 1, y, x] - padded[z - 1, y, x]) / dn,
+                    ]
+                )
                 color = color * shine(slope, min(slopes))
             light += (1 - shade) * alpha * color
             shade += (1 - shade) * alpha

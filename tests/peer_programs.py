@@ -27,8 +27,9 @@ def itk_resample(folder: Path) -> None:
             vectors.CopyInformation(stored)
             transform = itk.DisplacementFieldTransform[itk.D, 3].New()
             transform.SetDisplacementField(vectors)
-        done = itk.resample_image_filter(image, transform=transform, reference_image=image, use_reference_image=True,
-                                         default_pixel_value=-1.0)
+        done = itk.resample_image_filter(
+            image, transform=transform, reference_image=image, use_reference_image=True, default_pixel_value=-1.0
+        )
         np.save(folder / f"{file.name}.npy", itk.array_from_image(done))
 
 
@@ -37,8 +38,11 @@ def itk_kernels(folder: Path) -> None:
     import itk
 
     places = np.load(folder / "places.npy")
-    for name in ("ThinPlateSplineKernelTransform", "ThinPlateR2LogRSplineKernelTransform",
-                 "VolumeSplineKernelTransform"):
+    for name in (
+        "ThinPlateSplineKernelTransform",
+        "ThinPlateR2LogRSplineKernelTransform",
+        "VolumeSplineKernelTransform",
+    ):
         transform = getattr(itk, name)[itk.D, 3].New()
         for which in ("Source", "Target"):
             container = itk.VectorContainer[itk.IT, itk.Point[itk.D, 3]].New()
@@ -62,12 +66,22 @@ def ants_resample(folder: Path) -> None:
 
     for file in sorted(folder.glob("transform.*")):
         resampled([str(file)], file.name)
-    matrix = ants.create_ants_transform("AffineTransform", dimension=3, matrix=np.load(folder / "matrix.npy"),
-                                        translation=np.load(folder / "offset.npy"), center=(7.0, 8.0, 9.0))
+    matrix = ants.create_ants_transform(
+        "AffineTransform",
+        dimension=3,
+        matrix=np.load(folder / "matrix.npy"),
+        translation=np.load(folder / "offset.npy"),
+        center=(7.0, 8.0, 9.0),
+    )
     ants.write_transform(matrix, str(folder / "theirs.mat"))
     smooth = np.load(folder / "vectors.npy")  # [z, y, x, 3]
-    field = ants.from_numpy(np.ascontiguousarray(smooth.transpose(2, 1, 0, 3)), image.origin, image.spacing,
-                            image.direction, has_components=True)
+    field = ants.from_numpy(
+        np.ascontiguousarray(smooth.transpose(2, 1, 0, 3)),
+        image.origin,
+        image.spacing,
+        image.direction,
+        has_components=True,
+    )
     ants.image_write(field, str(folder / "theirs.nii.gz"))
     for name in ("theirs.mat", "theirs.nii.gz"):
         resampled([str(folder / name)], name)
@@ -102,8 +116,9 @@ def elastix_resample(folder: Path) -> None:
             itk.imwrite(field, str(folder / "theirs.mhd"))
             itk.imwrite(field, str(folder / "theirs.nii"))
         if kind == "affine":
-            itk.transformix_pointset(moving, found, fixed_point_set_file_name=str(folder / "points.txt"),
-                                     output_directory=str(folder))
+            itk.transformix_pointset(
+                moving, found, fixed_point_set_file_name=str(folder / "points.txt"), output_directory=str(folder)
+            )
     for name in ("transform.nii.gz", "transform.mha"):
         parameters = itk.ParameterObject.New()
         parameters.ReadParameterFile(str(folder / "field.txt"))
@@ -135,13 +150,15 @@ def ngff_exchange(folder: Path) -> None:
     levels = ngff_zarr.to_multiscales(alone, scale_factors=[])
     ngff_zarr.to_ome_zarr(str(folder / "theirs.zarr"), ngff_zarr.declare_field_transform(levels), version="0.6")
     given, beside = ngff_zarr.itk_displacement_field_to_ngff_transform(image, ["z", "y", "x"], path="field")
-    picture = ngff_zarr.to_multiscales(ngff_zarr.to_ngff_image(np.zeros(shape, np.uint8), dims=["z", "y", "x"]),
-                                       scale_factors=[])
+    picture = ngff_zarr.to_multiscales(
+        ngff_zarr.to_ngff_image(np.zeros(shape, np.uint8), dims=["z", "y", "x"]), scale_factors=[]
+    )
     name = picture.metadata.coordinateSystems[0].name
     picture = ngff_zarr.declare_field_transform(picture, path="field", input_system=name, output_system=name)
     ngff_zarr.to_ome_zarr(str(folder / "beside.zarr"), picture, version="0.6")
-    ngff_zarr.to_ome_zarr(str(folder / "beside.zarr" / "field"), ngff_zarr.to_multiscales(beside, scale_factors=[]),
-                          version="0.6")
+    ngff_zarr.to_ome_zarr(
+        str(folder / "beside.zarr" / "field"), ngff_zarr.to_multiscales(beside, scale_factors=[]), version="0.6"
+    )
 
 
 def vedo_points(folder: Path) -> None:
@@ -153,8 +170,9 @@ def vedo_points(folder: Path) -> None:
 
 
 PROGRAMS: dict[str, Any] = {
-    program.__name__: program for program in (itk_resample, itk_kernels, ants_resample, elastix_resample, ngff_exchange,
-                                              vedo_points)}
+    program.__name__: program
+    for program in (itk_resample, itk_kernels, ants_resample, elastix_resample, ngff_exchange, vedo_points)
+}
 
 if __name__ == "__main__":
     PROGRAMS[sys.argv[1]](Path(sys.argv[2]))

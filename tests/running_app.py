@@ -67,8 +67,9 @@ class RunningApp:
             raise self.error
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-                 ) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.server.stop()
         self.ended()
         self.application.close()
@@ -119,8 +120,9 @@ class Socket:
         """Call a procedure without waiting; returns the call's id."""
         self._count += 1
         number = f"{'system' if system else 'rpc'}:c0:{self._count}"
-        await self.socket.send_bytes(framed({"wslink": "1.0", "id": number, "method": method, "args": list(args),
-                                             "kwargs": {}, **extra}))
+        await self.socket.send_bytes(
+            framed({"wslink": "1.0", "id": number, "method": method, "args": list(args), "kwargs": {}, **extra})
+        )
         return number
 
     async def answer(self, number: str) -> dict[str, Any]:
@@ -167,13 +169,22 @@ async def heard(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[
 
 def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> dict[str, Any]:
     """A page's message that the points of an editor are these."""
-    return {"type": "edit", "sender": "window", "seq": seq, "phase": phase, "kind": "move", "joins": False,
-            "next_id": len(points), "points": points}
+    return {
+        "type": "edit",
+        "sender": "window",
+        "seq": seq,
+        "phase": phase,
+        "kind": "move",
+        "joins": False,
+        "next_id": len(points),
+        "points": points,
+    }
 
 
 @contextlib.asynccontextmanager
-async def connected(running: RunningApp, *, origin: str | None = "", host: str | None = None,
-                    secret: Any = "") -> AsyncIterator[Socket]:
+async def connected(
+    running: RunningApp, *, origin: str | None = "", host: str | None = None, secret: Any = ""
+) -> AsyncIterator[Socket]:
     """A socket of the application: from its own origin and with its password unless told otherwise.
 
     ``origin`` None sends none, ``secret`` None does not log in.
@@ -181,8 +192,10 @@ async def connected(running: RunningApp, *, origin: str | None = "", host: str |
     headers = {} if host is None else {"Host": host}
     if origin is not None:
         headers["Origin"] = origin or f"http://{running.name}"
-    async with aiohttp.ClientSession() as session, session.ws_connect(
-            f"http://{running.name}/ws", headers=headers, max_msg_size=0) as socket:
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"http://{running.name}/ws", headers=headers, max_msg_size=0) as socket,
+    ):
         page = Socket(socket)
         if secret is not None:
             assert await page.login(secret or running.server.token)
@@ -192,16 +205,24 @@ async def connected(running: RunningApp, *, origin: str | None = "", host: str |
 @contextlib.contextmanager
 def status_of(running: RunningApp, path: str, **headers: str) -> Iterator[tuple[int, dict[str, str], str]]:
     """Status, headers and text of a request."""
+
     async def get() -> tuple[int, dict[str, str], str]:
-        async with aiohttp.ClientSession() as session, session.get(
-                f"http://{running.name}{path}", headers=headers, allow_redirects=False) as response:
+        async with (
+            aiohttp.ClientSession() as session,
+            session.get(f"http://{running.name}{path}", headers=headers, allow_redirects=False) as response,
+        ):
             return response.status, dict(response.headers), await response.text()
 
     yield asyncio.run(get())
 
 
-HANDSHAKE = {"Origin": "http://{name}", "Upgrade": "websocket", "Connection": "Upgrade",
-              "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+HANDSHAKE = {
+    "Origin": "http://{name}",
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+}
 
 
 def request_of(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:

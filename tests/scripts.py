@@ -37,9 +37,17 @@ def _node() -> str:
 
 def run_script(modules: tuple[str, ...], main: str, data: Any) -> Any:
     """What ``main``, the text of a JavaScript function, returns for ``data``; it sees all that these modules export."""
-    imports = "".join(f"import * as m{k} from '{(SOURCES / name).as_uri()}';\nObject.assign(globalThis, m{k});\n"
-                      for k, name in enumerate(modules))
-    done = subprocess.run([_node(), "--input-type=module", "--eval", f"{imports}\nconst main = {main};\n{_RUN}"],
-                          input=json.dumps(data), capture_output=True, encoding="utf-8", timeout=300, check=False)
+    imports = "".join(
+        f"import * as m{k} from '{(SOURCES / name).as_uri()}';\nObject.assign(globalThis, m{k});\n"
+        for k, name in enumerate(modules)
+    )
+    done = subprocess.run(
+        [_node(), "--input-type=module", "--eval", f"{imports}\nconst main = {main};\n{_RUN}"],
+        input=json.dumps(data),
+        capture_output=True,
+        encoding="utf-8",
+        timeout=300,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

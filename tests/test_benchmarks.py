@@ -24,15 +24,27 @@ DRAG = {"inputs_hz": 60.0, "view_hz": 20.0, "picture_hz": 45.0, "grid_hz": 44.0,
 
 
 def result(*edits: float) -> dict[str, Any]:
-    return {"edit_ms": list(edits), "picture_ms": [10.0], "whole_ms": [900.0], "bytes_up": 500.0, "bytes_down": 1500.0,
-            "bytes_view": 0.0, "short_drag": DRAG, "long_drag": DRAG | {"grid_hz": 29.0},
-            "memory_mib": {"kernel": 300.0, "kernel_growth": 0.2, "page": 40.0, "page_growth": -1.0}}
+    return {
+        "edit_ms": list(edits),
+        "picture_ms": [10.0],
+        "whole_ms": [900.0],
+        "bytes_up": 500.0,
+        "bytes_down": 1500.0,
+        "bytes_view": 0.0,
+        "short_drag": DRAG,
+        "long_drag": DRAG | {"grid_hz": 29.0},
+        "memory_mib": {"kernel": 300.0, "kernel_growth": 0.2, "page": 40.0, "page_growth": -1.0},
+    }
 
 
 def test_the_table_compares_with_the_rivals_and_says_what_failed() -> None:
     rival = {"edit_ms": [300.0, 225.0, 180.0]}
-    results: Results = {"Editor + LiveView": result(80.0, 90.0, 200.0), "Editor + VolumeView": {"failed": "no OpenGL"},
-                        "pyvista, trame": rival, "pyvista, trame-rca": {"edit_ms": [180.0]}}
+    results: Results = {
+        "Editor + LiveView": result(80.0, 90.0, 200.0),
+        "Editor + VolumeView": {"failed": "no OpenGL"},
+        "pyvista, trame": rival,
+        "pyvista, trame-rca": {"edit_ms": [180.0]},
+    }
     text = table(128, results)
     ours = next(line for line in text.splitlines() if line.startswith("| Editor + LiveView"))
     cells = [cell.strip() for cell in ours.split("|")[2:-1]]
@@ -66,12 +78,22 @@ def test_every_target_of_the_views_asked_for_is_judged() -> None:
     assert str(unmeasured[0]) == "- Editor + VolumeView: edit to pixels within 400 ms: not measured: MISSED"
 
 
-@pytest.mark.parametrize(("judged", "failed", "status"), [
-    ([True, True], {}, 0), ([True, False], {}, 1), ([], {}, 1), ([True], {"failed": "open: no"}, 1),
-])
-def test_a_target_that_is_missed_is_told_by_the_exit_status(judged: list[bool], failed: dict[str, str], status: int,
-                                                            monkeypatch: pytest.MonkeyPatch,
-                                                            capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("judged", "failed", "status"),
+    [
+        ([True, True], {}, 0),
+        ([True, False], {}, 1),
+        ([], {}, 1),
+        ([True], {"failed": "open: no"}, 1),
+    ],
+)
+def test_a_target_that_is_missed_is_told_by_the_exit_status(
+    judged: list[bool],
+    failed: dict[str, str],
+    status: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     report = {"load_before": (0.1,), "load_after": (0.2,), "sizes": {64: {"pyvista, trame": failed}}}
     monkeypatch.setattr(latency, "_introduce", lambda: None)
     monkeypatch.setattr(latency, "_measured", lambda options: report)
@@ -162,11 +184,24 @@ def test_the_hooks_see_what_changes_the_screen() -> None:
         browser.close()
     drawn = said.pop("webgl", ["view webgl"]), said.pop("webgl beside the screen", [])
     assert drawn == (["view webgl"], [])
-    assert said == {"nothing": [], "image": ["view img"], "the same image": [], "another image": ["view img"],
-                    "canvas": ["view 2d"], "the same canvas": [], "editor": ["editor 2d"], "the same editor": [],
-                    "coarse picture": ["editor 2d"], "the same coarse picture": [],
-                    "another coarse picture": ["editor 2d"], "grid": ["editor grid"], "the same grid": [],
-                    "another grid": ["editor grid"], "lines elsewhere": [], "elsewhere": []}
+    assert said == {
+        "nothing": [],
+        "image": ["view img"],
+        "the same image": [],
+        "another image": ["view img"],
+        "canvas": ["view 2d"],
+        "the same canvas": [],
+        "editor": ["editor 2d"],
+        "the same editor": [],
+        "coarse picture": ["editor 2d"],
+        "the same coarse picture": [],
+        "another coarse picture": ["editor 2d"],
+        "grid": ["editor grid"],
+        "the same grid": [],
+        "another grid": ["editor grid"],
+        "lines elsewhere": [],
+        "elsewhere": [],
+    }
     assert [kind for _, kind in inputs[0]] == ["pointermove", "keydown"]
     assert all(0 <= inputs[1] - t < 60_000 for t, _ in inputs[0])
 
@@ -179,7 +214,8 @@ def test_left_out_nodes_of_thompsons_grids_are_predicted_as_the_documentation_sa
     assert [(row[0].strip(), row[1].strip()) for row in rows] == [(one.case.name, one.case.left_out) for one in found]
     for row, one in zip(rows, found, strict=True):
         assert [one.error[method] for method in prediction.METHODS] == pytest.approx(
-            [float(value) for value in row[2:7]], abs=0.06), row
+            [float(value) for value in row[2:7]], abs=0.06
+        ), row
         assert row[8].strip() == one.chosen
         assert prediction.is_reached(one), row
     middle = {method: np.median([one.error[method] for one in found]) for method in prediction.METHODS}
@@ -206,16 +242,26 @@ def test_landmarks_of_mice_are_predicted_as_the_documentation_says(real_data: Ca
     for row, one in zip(rows, found, strict=True):
         assert row[1].strip() == one.case.left_out
         assert [one.error[method] for method in prediction.METHODS] == pytest.approx(
-            [float(value) for value in row[2:7]], abs=0.006), row
+            [float(value) for value in row[2:7]], abs=0.006
+        ), row
         assert prediction.is_reached(one), row
 
 
-@pytest.mark.parametrize(("past", "now", "is_named"), [
-    ([], 9.0, False), ([1.0], 1.34, False), ([1.0], 1.36, True), ([1.0, 1.0, 1.25, 1.25], 1.19, False),
-    ([1.0, 1.0, 1.25, 1.25], 1.21, True), ([1.0, 1.0, 1.0, 1.25], 1.25, False), ([1.4, 1.0, 1.0], 1.3, False),
-])
-def test_a_ratio_is_named_that_is_much_worse_or_worse_three_times(past: list[float], now: float,
-                                                                  is_named: bool) -> None:
+@pytest.mark.parametrize(
+    ("past", "now", "is_named"),
+    [
+        ([], 9.0, False),
+        ([1.0], 1.34, False),
+        ([1.0], 1.36, True),
+        ([1.0, 1.0, 1.25, 1.25], 1.19, False),
+        ([1.0, 1.0, 1.25, 1.25], 1.21, True),
+        ([1.0, 1.0, 1.0, 1.25], 1.25, False),
+        ([1.4, 1.0, 1.0], 1.3, False),
+    ],
+)
+def test_a_ratio_is_named_that_is_much_worse_or_worse_three_times(
+    past: list[float], now: float, is_named: bool
+) -> None:
     named = ratios.worse([{"warp / C loop": ratio} for ratio in past], {"warp / C loop": now})
     assert [line.partition(":")[0] for line in named] == ["warp / C loop"] * is_named
 
@@ -234,9 +280,14 @@ def test_ratios_are_kept_for_each_machine(tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_the_table_of_a_gpu_is_made_on_another_device_of_the_processor_too() -> None:
     flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
-    done = subprocess.run([sys.executable, "-m", "benchmarks", "gpu", "--size", "24", "--device", "cpu:1", "--rounds",
-                           "1"], cwd=ROOT, env={**os.environ, "XLA_FLAGS": flags}, capture_output=True, text=True,
-                          check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks", "gpu", "--size", "24", "--device", "cpu:1", "--rounds", "1"],
+        cwd=ROOT,
+        env={**os.environ, "XLA_FLAGS": flags},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines() if line.startswith("| ")]
     edits = [row for row in rows if row[0].strip().startswith("E")]

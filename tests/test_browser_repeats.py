@@ -66,8 +66,18 @@ def run_suite(folder: Path, *options: str) -> tuple[int, str]:
     (folder / "attempts").mkdir(exist_ok=True)
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment |= {"ATTEMPTS": str(folder / "attempts"), "PYTHONPATH": str(HERE)}
-    command = [sys.executable, "-m", "pytest", "-q", "--strict-markers", "-p", "no:cacheprovider",
-               "-p", "browser_repeats", *options]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "--strict-markers",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "browser_repeats",
+        *options,
+    ]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout + done.stderr
 
@@ -83,11 +93,11 @@ def test_a_browser_test_is_repeated_once_and_every_repeat_is_printed(tmp_path: P
     assert status == pytest.ExitCode.TESTS_FAILED, said
     assert "2 failed, 3 passed, 3 rerun" in said
     assert attempts(tmp_path) == {"test_lost_race": 2, "test_defect": 2, "test_unmarked": 1, "test_broken_page": 2}
-    section = said[said.index("repeated tests: each is a defect to mend"):]
+    section = said[said.index("repeated tests: each is a defect to mend") :]
     assert "test_suite.py::test_lost_race (passed when repeated)\n    AssertionError: lost the race\n" in section
     assert "test_suite.py::test_defect (failed again)\n    AssertionError: never came\n" in section
     assert "test_suite.py::test_broken_page (passed when repeated)\n    AssertionError: page is broken\n" in section
-    place = 1 + SUITE[:SUITE.index('"lost the race"')].count("\n")
+    place = 1 + SUITE[: SUITE.index('"lost the race"')].count("\n")
     assert f"test_suite.py:{place}: AssertionError\n" in section
     assert "plainly wrong" not in section.partition("short test summary info")[0]
 

@@ -34,11 +34,35 @@ from deformnb.rbf.fields import Identity
 
 HUGE = 10**400
 WRONG: dict[str, Any] = {
-    "text": "a", "digit": "1", "nothing": None, "object": object(), "bytes": b"x", "long text": "x" * 200_000,
-    "empty": [], "one": [1], "two": (1, 1), "four": (1, 1, 1, 1), "nested": [[1]], "ragged": (1, 2, [3]),
-    "mixed": ("a", 1, 1), "mapping": {}, "texts": np.array(["a"]), "flag": True, "complex": 1 + 1j, "huge": HUGE,
-    "negative huge": -HUGE, "unwritable": 10**5000, "three huge": [HUGE] * 3, "nan": np.nan, "infinite": np.inf,
-    "large": 1e308, "small": 1e-320, "one large": (1e308, 1, 1), "one small": (1e-320, 1, 1), "minus": -1, "zero": 0,
+    "text": "a",
+    "digit": "1",
+    "nothing": None,
+    "object": object(),
+    "bytes": b"x",
+    "long text": "x" * 200_000,
+    "empty": [],
+    "one": [1],
+    "two": (1, 1),
+    "four": (1, 1, 1, 1),
+    "nested": [[1]],
+    "ragged": (1, 2, [3]),
+    "mixed": ("a", 1, 1),
+    "mapping": {},
+    "texts": np.array(["a"]),
+    "flag": True,
+    "complex": 1 + 1j,
+    "huge": HUGE,
+    "negative huge": -HUGE,
+    "unwritable": 10**5000,
+    "three huge": [HUGE] * 3,
+    "nan": np.nan,
+    "infinite": np.inf,
+    "large": 1e308,
+    "small": 1e-320,
+    "one large": (1e308, 1, 1),
+    "one small": (1e-320, 1, 1),
+    "minus": -1,
+    "zero": 0,
 }
 POINTS = ControlPoints.from_arrays([[0, 0], [1, 0]])
 GRID = Grid((4, 5, 6))
@@ -51,41 +75,77 @@ def with_file(tmp_path: Path, **options: Any) -> Volume:
 
 
 CALLS: dict[str, Callable[[Any, Path], Any]] = {
-    **{f"Grid {key}": lambda value, _, key=key: Grid(**{"shape": (2, 3, 4), key: value})
-       for key in ("shape", "spacing", "origin", "direction")},
+    **{
+        f"Grid {key}": lambda value, _, key=key: Grid(**{"shape": (2, 3, 4), key: value})
+        for key in ("shape", "spacing", "origin", "direction")
+    },
     "Grid.from_affine": lambda value, _: Grid.from_affine((2, 3, 4), value),
     "Grid.from_affine shape": lambda value, _: Grid.from_affine(value, np.eye(4)),
-    **{f"Grid.resampled {key}": lambda value, _, key=key: GRID.resampled(**{key: value})
-       for key in ("spacing", "shape", "margin")},
+    **{
+        f"Grid.resampled {key}": lambda value, _, key=key: GRID.resampled(**{key: value})
+        for key in ("spacing", "shape", "margin")
+    },
     "Grid.covering": lambda value, _: GRID.covering(value) if value != 1e308 else None,
     "Grid.crop": lambda value, _: GRID.crop(value, (1, 1, 1)),
     "Grid.crop shape": lambda value, _: GRID.crop((0, 0, 0), value),
     "Grid.index_to_point": lambda value, _: GRID.index_to_point(value),
     "Grid.point_to_index": lambda value, _: GRID.point_to_index(value),
-    **{f"Volume.from_array {key}": lambda value, _, key=key: Volume.from_array(np.zeros((2, 3, 4)), **{key: value})
-       for key in ("spacing", "origin", "direction")},
+    **{
+        f"Volume.from_array {key}": lambda value, _, key=key: Volume.from_array(np.zeros((2, 3, 4)), **{key: value})
+        for key in ("spacing", "origin", "direction")
+    },
     "Volume.from_array": lambda value, _: Volume.from_array(value),
     "Volume": lambda value, _: Volume(value, GRID),
-    **{f"ControlPoints.from_arrays {key}": lambda value, _, key=key: ControlPoints.from_arrays(
-        **{"source": [[0, 0], [1, 1]], key: value})
-       for key in ("source", "target", "ids", "names", "active", "weight", "next_id", "locked", "radius")},
-    **{f"ControlPoints.edit {key}": lambda value, _, key=key: POINTS.edit(0, **{key: value})
-       for key in ("source", "target", "active", "weight", "locked", "radius")},
-    **{f"ControlPoints.{name}": lambda value, _, name=name: getattr(POINTS, name)(value)
-       for name in ("index", "scaled", "take", "remove", "empty")},
-    **{f"Step {key}": lambda value, _, key=key: Step(**{"maps": (POINTS,), key: value})
-       for key in ("maps", "kernel", "support", "trend", "smoothing", "extrusion", "curve", "knots", "strength",
-                   "parts", "cuts", "cut_rule", "stages")},
-    **{f"fit_rbf {key}": lambda value, _, key=key: fit_rbf(POINTS, **{key: value})
-       for key in ("kernel", "support", "trend", "smoothing")},
-    **{f"Deformation {key}": lambda value, _, key=key: Deformation(**{key: value})
-       for key in ("steps", "mode", "keyframes", "output", "easing", "loop")},
-    **{f"Warper {key}": lambda value, _, key=key: Warper(VOLUME, **{key: value})
-       for key in ("output", "fill", "method", "step")},
+    **{
+        f"ControlPoints.from_arrays {key}": lambda value, _, key=key: ControlPoints.from_arrays(
+            **{"source": [[0, 0], [1, 1]], key: value}
+        )
+        for key in ("source", "target", "ids", "names", "active", "weight", "next_id", "locked", "radius")
+    },
+    **{
+        f"ControlPoints.edit {key}": lambda value, _, key=key: POINTS.edit(0, **{key: value})
+        for key in ("source", "target", "active", "weight", "locked", "radius")
+    },
+    **{
+        f"ControlPoints.{name}": lambda value, _, name=name: getattr(POINTS, name)(value)
+        for name in ("index", "scaled", "take", "remove", "empty")
+    },
+    **{
+        f"Step {key}": lambda value, _, key=key: Step(**{"maps": (POINTS,), key: value})
+        for key in (
+            "maps",
+            "kernel",
+            "support",
+            "trend",
+            "smoothing",
+            "extrusion",
+            "curve",
+            "knots",
+            "strength",
+            "parts",
+            "cuts",
+            "cut_rule",
+            "stages",
+        )
+    },
+    **{
+        f"fit_rbf {key}": lambda value, _, key=key: fit_rbf(POINTS, **{key: value})
+        for key in ("kernel", "support", "trend", "smoothing")
+    },
+    **{
+        f"Deformation {key}": lambda value, _, key=key: Deformation(**{key: value})
+        for key in ("steps", "mode", "keyframes", "output", "easing", "loop")
+    },
+    **{
+        f"Warper {key}": lambda value, _, key=key: Warper(VOLUME, **{key: value})
+        for key in ("output", "fill", "method", "step")
+    },
     "Warper": lambda value, _: Warper(value),
     "warp field": lambda value, _: warp(VOLUME, value),
-    **{f"read_volume {key}": lambda value, folder, key=key: with_file(folder, **{key: value})
-       for key in ("spacing", "stride", "max_bytes")},
+    **{
+        f"read_volume {key}": lambda value, folder, key=key: with_file(folder, **{key: value})
+        for key in ("spacing", "stride", "max_bytes")
+    },
     "points_from_csv": lambda value, _: points_from_csv(value, POINTS),
     "from_json": lambda value, _: from_json(value),
     "read_volume": lambda value, _: read_volume(value),
@@ -110,10 +170,17 @@ def test_any_value_is_taken_or_refused_in_one_sentence(call: str, tmp_path: Path
     assert refused
 
 
-@pytest.mark.parametrize(("spacing", "words"), [
-    ((1e-320, 1, 1), "from 1e-12 to 1e"), ((1e308, 1, 1), "from 1e-12 to 1e"), ((1, 0.9e-12, 1), "from 1e-12 to 1e"),
-    ((1, 1, 1.1e12), "from 1e-12 to 1e"), ((0, 1, 1), "positive"), (("a", 1, 1), "three finite numbers"),
-])
+@pytest.mark.parametrize(
+    ("spacing", "words"),
+    [
+        ((1e-320, 1, 1), "from 1e-12 to 1e"),
+        ((1e308, 1, 1), "from 1e-12 to 1e"),
+        ((1, 0.9e-12, 1), "from 1e-12 to 1e"),
+        ((1, 1, 1.1e12), "from 1e-12 to 1e"),
+        ((0, 1, 1), "positive"),
+        (("a", 1, 1), "three finite numbers"),
+    ],
+)
 def test_spacings_beyond_their_limits(spacing: Any, words: str, tmp_path: Path) -> None:
     with pytest.raises(DeformError, match=words):
         Grid((2, 3, 4), spacing)
@@ -151,22 +218,34 @@ def test_origins_beyond_their_limits() -> None:
 LONG = "9" * 5000
 
 
-@pytest.mark.parametrize("text", [
-    "source_a,source_b,id\n1,2," + LONG, "source_a,source_b,id\n1,2," + "9" * 30, "source_a,source_b\n1," + LONG,
-    "source_a,source_b,name\n1,2," + "x" * 200_000,
-])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "source_a,source_b,id\n1,2," + LONG,
+        "source_a,source_b,id\n1,2," + "9" * 30,
+        "source_a,source_b\n1," + LONG,
+        "source_a,source_b,name\n1,2," + "x" * 200_000,
+    ],
+)
 def test_tables_of_points_with_endless_cells(text: str) -> None:
     with pytest.raises(DeformError):
         points_from_csv(text, POINTS)
 
 
-@pytest.mark.parametrize(("suffix", "text"), [
-    (".csv", "x" * 200_000 + ",true,1,2,3,4\n"), (".fcsv", "1,1,2,3," + "x" * 200_000),
-    (".csv", '"' + "x,\n" * 100_000), (".mrk.json", "[" * 100_000), (".mrk.json", LONG),
-    (".mrk.json", '{"markups":[{"controlPoints":[{"position":[1,2,' + LONG + "]}]}]}"),
-    (".mrk.json", json.dumps({"markups": [{"controlPoints": [{"position": [1, 2, HUGE]}]}]})),
-    (".csv", f"a,true,1,2,3,{LONG}\n"), (".fcsv", f"1,1,2,{LONG}"),
-])
+@pytest.mark.parametrize(
+    ("suffix", "text"),
+    [
+        (".csv", "x" * 200_000 + ",true,1,2,3,4\n"),
+        (".fcsv", "1,1,2,3," + "x" * 200_000),
+        (".csv", '"' + "x,\n" * 100_000),
+        (".mrk.json", "[" * 100_000),
+        (".mrk.json", LONG),
+        (".mrk.json", '{"markups":[{"controlPoints":[{"position":[1,2,' + LONG + "]}]}]}"),
+        (".mrk.json", json.dumps({"markups": [{"controlPoints": [{"position": [1, 2, HUGE]}]}]})),
+        (".csv", f"a,true,1,2,3,{LONG}\n"),
+        (".fcsv", f"1,1,2,{LONG}"),
+    ],
+)
 def test_landmark_files_with_endless_fields(suffix: str, text: str, tmp_path: Path) -> None:
     (tmp_path / f"a{suffix}").write_text(text, encoding="utf-8")
     try:

@@ -65,7 +65,7 @@ def test_repo2docker_reads_what_is_there(monkeypatch: pytest.MonkeyPatch) -> Non
     assert 'pip install --no-cache-dir -r "binder/requirements.txt"' in image
     assert "libegl1" in image
     assert "RUN ./binder/postBuild" in image
-    assert image.index("COPY --chown=1000:1000 src/ ") < image.index("binder/requirements.txt\""), "it installs ."
+    assert image.index("COPY --chown=1000:1000 src/ ") < image.index('binder/requirements.txt"'), "it installs ."
 
 
 @pytest.mark.nightly

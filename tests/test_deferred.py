@@ -68,8 +68,15 @@ print("left")
 
 
 def run(code: str, folder: Path) -> list[str]:
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code], env=os.environ, capture_output=True, text=True,
-                          check=True, timeout=120, cwd=folder)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        env=os.environ,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+        cwd=folder,
+    )
     assert not done.stderr
     return done.stdout.splitlines()
 

@@ -96,17 +96,25 @@ print(json.dumps({**report, "host": sorted(seen | made)}))
 
 def computed(*arguments: str) -> dict[str, Any]:
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count=2"
-    done = subprocess.run([sys.executable, "-c", COMPUTE, *arguments], capture_output=True, text=True, timeout=180,
-                          env={**os.environ, "XLA_FLAGS": flags}, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", COMPUTE, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        env={**os.environ, "XLA_FLAGS": flags},
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
 @pytest.mark.skipif(jax.default_backend() == "gpu", reason="a second device of the CPU is asked for")
-@pytest.mark.parametrize("fields", [("space", "composed"), pytest.param(("replicated", "modulated", "cut"),
-                                                             marks=pytest.mark.nightly)])
-def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tuple[str, ...],
-                                                                     isolated_folders: Path) -> None:
+@pytest.mark.parametrize(
+    "fields", [("space", "composed"), pytest.param(("replicated", "modulated", "cut"), marks=pytest.mark.nightly)]
+)
+def test_another_device_computes_the_same_and_keeps_what_it_computed(
+    fields: tuple[str, ...], isolated_folders: Path
+) -> None:
     found = computed("cpu:1", *fields)
     apart = found["apart"]
     assert apart.keys() >= set(fields)
@@ -118,8 +126,13 @@ def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tup
     assert apart["document"] == 0, apart
     assert apart.get("shaded", 0) <= 1, apart
     second = "cpu:1"
-    assert found["places"] == {"compiled": second, "float64": second, "voxels": second, "displacements": [second] * 3,
-                               "maps": second}
+    assert found["places"] == {
+        "compiled": second,
+        "float64": second,
+        "voxels": second,
+        "displacements": [second] * 3,
+        "maps": second,
+    }
     assert found["wide"] == "float64"
     assert found["host"] == ["cpu:0"]
     assert found["users"] == "cpu:0"  # what the user computes with JAX stays where it was
@@ -130,16 +143,27 @@ def test_another_device_computes_the_same_and_keeps_what_it_computed(fields: tup
 def test_the_tests_of_warps_and_fields_pass_on_another_device() -> None:
     flags = "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=0"
     environment = {**os.environ, "XLA_FLAGS": flags, "DEFORMNB_DEVICE": "cpu:1", "HYPOTHESIS_PROFILE": "dev"}
-    done = subprocess.run([sys.executable, "-m", "pytest", "-q", "-x", "tests/warping", "tests/rbf", "tests/volume"],
-                          cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-x", "tests/warping", "tests/rbf", "tests/volume"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout[-5000:]
 
 
-@pytest.mark.parametrize(("name", "reason"), [
-    ("cuda", "unknown device 'cuda'; choose one of auto, cpu, gpu"), ("", "unknown device"),
-    ("gpu:x", "unknown device"), ("auto:1", "unknown device"),
-    ("cpu:77", "there is no cpu:77: JAX finds 1 of this kind"),
-])
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("cuda", "unknown device 'cuda'; choose one of auto, cpu, gpu"),
+        ("", "unknown device"),
+        ("gpu:x", "unknown device"),
+        ("auto:1", "unknown device"),
+        ("cpu:77", "there is no cpu:77: JAX finds 1 of this kind"),
+    ],
+)
 def test_a_device_that_is_not_there_is_named(name: str, reason: str) -> None:
     before = devices.chosen_device()
     with pytest.raises(DeformError, match=reason):

@@ -47,24 +47,51 @@ def dead_links(folder: Path) -> set[tuple[str, str]]:
 
 
 def test_a_link_to_nowhere_is_found(tmp_path: Path) -> None:
-    (tmp_path / "a.html").write_text('<a href="b.html">b</a> <a id="here" href="#here">a</a> <a href="#gone">a</a>',
-                                     encoding="utf-8")
+    (tmp_path / "a.html").write_text(
+        '<a href="b.html">b</a> <a id="here" href="#here">a</a> <a href="#gone">a</a>', encoding="utf-8"
+    )
     assert dead_links(tmp_path) == {("a.html", "b.html"), ("a.html", "#gone")}
 
 
 @pytest.mark.nightly
 def test_the_pages_are_built_and_fetch_nothing_from_elsewhere(tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-m", "sphinx", "--builder", "html", "--fail-on-warning", "--keep-going",
-                           "--quiet", "--doctree-dir", str(tmp_path / "trees"), str(DOCS), str(tmp_path / "html")],
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "--builder",
+            "html",
+            "--fail-on-warning",
+            "--keep-going",
+            "--quiet",
+            "--doctree-dir",
+            str(tmp_path / "trees"),
+            str(DOCS),
+            str(tmp_path / "html"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
-    pages = {page.relative_to(tmp_path / "html").as_posix(): page.read_text("utf-8")
-             for page in (tmp_path / "html").rglob("*.html")}
-    assert {"index.html", "carp.html", "howto/cuts.html", "notebooks/03_darcy_thompson_carp.html",
-            "api/generated/deformnb.rbf.fit_rbf.html"} <= pages.keys()
-    loaded = {(name, url) for name, text in pages.items()
-              for url in re.findall(r"<(?:script|img|iframe|source)[^>]*\ssrc=\"(\w+:[^\"]*)\"", text)
-              + re.findall(r"<link[^>]*rel=\"(?:stylesheet|preload|icon)\"[^>]*href=\"(\w+:[^\"]*)\"", text)}
+    pages = {
+        page.relative_to(tmp_path / "html").as_posix(): page.read_text("utf-8")
+        for page in (tmp_path / "html").rglob("*.html")
+    }
+    assert {
+        "index.html",
+        "carp.html",
+        "howto/cuts.html",
+        "notebooks/03_darcy_thompson_carp.html",
+        "api/generated/deformnb.rbf.fit_rbf.html",
+    } <= pages.keys()
+    loaded = {
+        (name, url)
+        for name, text in pages.items()
+        for url in re.findall(r"<(?:script|img|iframe|source)[^>]*\ssrc=\"(\w+:[^\"]*)\"", text)
+        + re.findall(r"<link[^>]*rel=\"(?:stylesheet|preload|icon)\"[^>]*href=\"(\w+:[^\"]*)\"", text)
+    }
     assert {(name, url) for name, url in loaded if not url.startswith("data:")} == set()
     assert "<math" in pages["how_it_works.html"]
     assert dead_links(tmp_path / "html") == set()

@@ -28,11 +28,13 @@ from deformnb.warping.points import Landmarks
 
 VALUES = np.arange(4 * 6 * 8, dtype=np.uint8).reshape(4, 6, 8)
 STRAIGHT = dn.Grid((4, 6, 8), (3.125, 8.0, 6.25), (-5.0, 7.0, 11.0))
-TURNED = dn.Grid((4, 6, 8), (3.125, 8.0, 6.25), (-5.0, 7.0, 11.0),
-                 ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0)))
+TURNED = dn.Grid(
+    (4, 6, 8), (3.125, 8.0, 6.25), (-5.0, 7.0, 11.0), ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+)
 MARKED = (5, 2, 1)  # (i, j, k) of the voxel whose place is compared
-POINTS = dn.ControlPoints.from_arrays([[10.0, 20.0], [15.0, 30.0], [5.0, 40.0]],
-                                      [[12.0, 20.0], [15.0, 30.0], [5.0, 40.0]])
+POINTS = dn.ControlPoints.from_arrays(
+    [[10.0, 20.0], [15.0, 30.0], [5.0, 40.0]], [[12.0, 20.0], [15.0, 30.0], [5.0, 40.0]]
+)
 SHIFT = Affine(np.eye(3), np.array([3.125, 0.0, 0.0]))
 SMALL: dict[str, Any] = {"size": (16, 12), "backend": "core"}
 
@@ -65,8 +67,12 @@ def _nibabel(grid: dn.Grid, *, slope: float | None = None, axes: int = 3) -> tup
 def _pyvista(grid: dn.Grid, *, cells: bool = False) -> tuple[Any, Any]:
     pyvista = pytest.importorskip("pyvista")
     shift = np.asarray(grid.direction) @ np.asarray(grid.spacing) / 2 if cells else np.zeros(3)
-    image = pyvista.ImageData(dimensions=np.add(grid.shape[::-1], int(cells)), spacing=grid.spacing,
-                              origin=np.asarray(grid.origin) - shift, direction_matrix=np.asarray(grid.direction))
+    image = pyvista.ImageData(
+        dimensions=np.add(grid.shape[::-1], int(cells)),
+        spacing=grid.spacing,
+        origin=np.asarray(grid.origin) - shift,
+        direction_matrix=np.asarray(grid.direction),
+    )
     (image.cell_data if cells else image.point_data)["values"] = VALUES.ravel()
     k = np.ravel_multi_index(MARKED[::-1], grid.shape)
     return image, (image.cell_centers().points if cells else image.points)[k]
@@ -81,18 +87,22 @@ def _vtk(grid: dn.Grid) -> tuple[Any, Any]:
 
 def _rectilinear(grid: dn.Grid) -> tuple[Any, Any]:
     pyvista = pytest.importorskip("pyvista")
-    lines = [start + step * np.arange(n) for start, step, n in
-             zip(grid.origin, grid.spacing, grid.shape[::-1], strict=True)]
+    lines = [
+        start + step * np.arange(n) for start, step, n in zip(grid.origin, grid.spacing, grid.shape[::-1], strict=True)
+    ]
     image = pyvista.RectilinearGrid(*lines)
     image.point_data["values"] = VALUES.ravel()
     return image, image.points[np.ravel_multi_index(MARKED[::-1], grid.shape)]
 
 
-def _xarray(grid: dn.Grid, *, order: tuple[str, ...] = ("z", "y", "x"), falls: str = "", dataset: bool = False
-            ) -> tuple[Any, Any]:
+def _xarray(
+    grid: dn.Grid, *, order: tuple[str, ...] = ("z", "y", "x"), falls: str = "", dataset: bool = False
+) -> tuple[Any, Any]:
     xarray = pytest.importorskip("xarray")
-    coords = {name: start + step * np.arange(n) for name, start, step, n in
-              zip("zyx", grid.origin[::-1], grid.spacing[::-1], grid.shape, strict=True)}
+    coords = {
+        name: start + step * np.arange(n)
+        for name, start, step, n in zip("zyx", grid.origin[::-1], grid.spacing[::-1], grid.shape, strict=True)
+    }
     array = xarray.DataArray(VALUES, coords, ("z", "y", "x"), "values")
     place = [float(array.coords[name][at]) for name, at in zip("xyz", MARKED, strict=True)]
     array = array.transpose(*order)
@@ -115,8 +125,11 @@ Layer.__module__ = "napari.layers.image"
 
 
 def _napari(grid: dn.Grid, *, plain: bool = False) -> tuple[Any, Any]:
-    attributes = {"scale": grid.spacing[::-1], "translate": grid.origin[::-1],
-                  "rotate": np.asarray(grid.direction)[::-1, ::-1]}
+    attributes = {
+        "scale": grid.spacing[::-1],
+        "translate": grid.origin[::-1],
+        "rotate": np.asarray(grid.direction)[::-1, ::-1],
+    }
     # napari: world = rotate (scale * index) + translate, in the order of the array's axes.
     place = attributes["rotate"] @ (np.asarray(MARKED[::-1]) * attributes["scale"]) + attributes["translate"]
     layer = (VALUES, attributes, "image")
@@ -277,8 +290,12 @@ def _snap(moving: Any, fixed: Any) -> Any:
 
 def _like(given: Any) -> dn.Volume:
     """A plain volume on the same grid, for the other one of a pair."""
-    return dn.Volume(np.ascontiguousarray(VALUES[::-1]) if as_grid(given).shape == VALUES.shape else
-                     np.zeros(as_grid(given).shape, np.uint8), as_grid(given))
+    return dn.Volume(
+        np.ascontiguousarray(VALUES[::-1])
+        if as_grid(given).shape == VALUES.shape
+        else np.zeros(as_grid(given).shape, np.uint8),
+        as_grid(given),
+    )
 
 
 def _ball(v: Any) -> Any:
@@ -319,17 +336,20 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "analysis.label_volumes.label_volumes(before)": lambda v, _: dn.analysis.label_volumes(v, _like(v)),
     "document.deformation.Deformation.apply(volume)": lambda v, _: _h(v).apply(v),
     "document.deformation.Deformation.apply_all(volumes)": lambda v, _: _h(v).apply_all([v]),
-    "document.deformation.VolumeReference.has_labels(volume)":
-        lambda v, _: dn.document.VolumeReference.of(_like(v)).has_labels(v),
-    "document.deformation.VolumeReference.matches(volume)":
-        lambda v, _: dn.document.VolumeReference.of(as_volume(v)).matches(v),
+    "document.deformation.VolumeReference.has_labels(volume)": lambda v, _: dn.document.VolumeReference.of(
+        _like(v)
+    ).has_labels(v),
+    "document.deformation.VolumeReference.matches(volume)": lambda v, _: dn.document.VolumeReference.of(
+        as_volume(v)
+    ).matches(v),
     "document.deformation.VolumeReference.of(volume)": lambda v, _: dn.document.VolumeReference.of(v).grid,
-    "imaging.movie_frames.animation_frames(volume)":
-        lambda v, _: list(dn.imaging.animation_frames(v, _animated(v), fps=1, **SMALL)),
-    "imaging.movie_frames.deformation_frames(volume)":
-        lambda v, _: list(dn.imaging.deformation_frames(v, _h(v), strengths=1, **SMALL)),
-    "imaging.projection.project(ambience)":
-        lambda v, _: dn.project(as_volume(v), "+z", "shaded", ambience=v),
+    "imaging.movie_frames.animation_frames(volume)": lambda v, _: list(
+        dn.imaging.animation_frames(v, _animated(v), fps=1, **SMALL)
+    ),
+    "imaging.movie_frames.deformation_frames(volume)": lambda v, _: list(
+        dn.imaging.deformation_frames(v, _h(v), strengths=1, **SMALL)
+    ),
+    "imaging.projection.project(ambience)": lambda v, _: dn.project(as_volume(v), "+z", "shaded", ambience=v),
     "imaging.projection.project(volume)": lambda v, _: dn.project(v, "+z"),
     "imaging.projection.project_channels(channels)": lambda v, _: dn.imaging.project_channels(v, "+z"),
     "imaging.render.render_pair(after)": lambda v, _: dn.imaging.render_pair(_like(v), v, **SMALL),
@@ -338,13 +358,12 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "interop.napari_layers.to_napari(given)": lambda v, _: as_volume(dn.interop.to_napari(v)[0]),
     "io.formats.write_volume(volume)": lambda v, f: _written(f, lambda path: dn.write_volume(v, path)),
     "io.label_names.write_segmentation(volume)": _segmentation,
-    "io.series.write_channels(channels)":
-        lambda v, f: _written(f, lambda path: dn.io.write_channels(v, path)),
-    "io.series.write_series(moments)":
-        lambda v, f: _written(f, lambda path: dn.io.write_series([v], path, 1)),
+    "io.series.write_channels(channels)": lambda v, f: _written(f, lambda path: dn.io.write_channels(v, path)),
+    "io.series.write_series(moments)": lambda v, f: _written(f, lambda path: dn.io.write_series([v], path, 1)),
     "lessons.pages.lesson_start(volume)": lambda v, _: dn.lessons.lesson_start("affine", v).steps[0].points.source,
-    "lessons.studio_tasks.FishTask.grids(volume)":
-        lambda v, _: dn.lessons.FishTask("", "", "Polyprion", "Antigonia", 65).grids(v).source_nodes,
+    "lessons.studio_tasks.FishTask.grids(volume)": lambda v, _: (
+        dn.lessons.FishTask("", "", "Polyprion", "Antigonia", 65).grids(v).source_nodes
+    ),
     "rbf.regions.Mask.from_labels(volume)": lambda v, _: _mask(dn.Mask.from_labels(v, 21)),
     "registration.optimise.fit_targets(fixed)": lambda v, _: _match(_like(v), v),
     "registration.optimise.fit_targets(moving)": lambda v, _: _match(v, _like(v)),
@@ -362,25 +381,30 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "warping.warper.Warper(volume)": lambda v, _: dn.Warper(v)(SHIFT),
     "warping.warper.warp(volume)": lambda v, _: dn.warp(v, SHIFT),
     "warping.warper.warp_all(volumes)": lambda v, _: dn.warping.warp_all([v], SHIFT),
-    "widgets.editor.space_editor.SpaceEditor(volume)":
-        lambda v, _: _closed(dn.widgets.SpaceEditor(v), lambda editor: editor.volume),
-    "widgets.inputs.transfer_editor.TransferEditor(volume)":
-        lambda v, _: _closed(dn.widgets.TransferEditor(v), lambda editor: editor.volume),
-    "widgets.studio.studio.Studio(labels)":
-        lambda v, _: _closed(dn.Studio(_like(v), labels=v), lambda studio: studio.volume),
-    "widgets.studio.studio.Studio(target)":
-        lambda v, _: _closed(dn.Studio(_like(v), target=v), lambda studio: studio.volume),
+    "widgets.editor.space_editor.SpaceEditor(volume)": lambda v, _: _closed(
+        dn.widgets.SpaceEditor(v), lambda editor: editor.volume
+    ),
+    "widgets.inputs.transfer_editor.TransferEditor(volume)": lambda v, _: _closed(
+        dn.widgets.TransferEditor(v), lambda editor: editor.volume
+    ),
+    "widgets.studio.studio.Studio(labels)": lambda v, _: _closed(
+        dn.Studio(_like(v), labels=v), lambda studio: studio.volume
+    ),
+    "widgets.studio.studio.Studio(target)": lambda v, _: _closed(
+        dn.Studio(_like(v), target=v), lambda studio: studio.volume
+    ),
     "widgets.studio.studio.Studio(volume)": lambda v, _: _closed(dn.Studio(v), lambda studio: studio.volume),
-    "widgets.studio.studio.Studio.open_volume(volume)":
-        lambda v, _: _closed(dn.Studio(_like(v)), lambda studio: (studio.open_volume(v), studio.volume)[1]),
-    "widgets.view.live_view.LiveView(volume)":
-        lambda v, _: _closed(dn.widgets.LiveView(v), _shown),
-    "widgets.view.live_view.LiveView.show(volume)":
-        lambda v, _: _closed(dn.widgets.LiveView(), lambda view: (view.show(v), _shown(view))[1]),
-    "widgets.view.volume_view.VolumeView(volume)":
-        lambda v, _: _closed(dn.widgets.VolumeView(v), _shown),
-    "widgets.view.volume_view.VolumeView.show(volume)":
-        lambda v, _: _closed(dn.widgets.VolumeView(), lambda view: (view.show(v), _shown(view))[1]),
+    "widgets.studio.studio.Studio.open_volume(volume)": lambda v, _: _closed(
+        dn.Studio(_like(v)), lambda studio: (studio.open_volume(v), studio.volume)[1]
+    ),
+    "widgets.view.live_view.LiveView(volume)": lambda v, _: _closed(dn.widgets.LiveView(v), _shown),
+    "widgets.view.live_view.LiveView.show(volume)": lambda v, _: _closed(
+        dn.widgets.LiveView(), lambda view: (view.show(v), _shown(view))[1]
+    ),
+    "widgets.view.volume_view.VolumeView(volume)": lambda v, _: _closed(dn.widgets.VolumeView(v), _shown),
+    "widgets.view.volume_view.VolumeView.show(volume)": lambda v, _: _closed(
+        dn.widgets.VolumeView(), lambda view: (view.show(v), _shown(view))[1]
+    ),
 }
 """Parameters that are volumes or channels, each with a call in which everything else is right."""
 
@@ -393,32 +417,39 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "analysis.strain.stretches(grid)": lambda v, _: dn.analysis.stretches(_h(v), PLACES, grid=v).principal,
     "chunked.warper.warp(output)": lambda v, _: dn.chunked.warp(_reference(), SHIFT, dn.Volume, output=v),
     "datasets.grid_score.thompson_score(grid)": lambda v, _: _score(v),
-    "document.deformation.Deformation.difference(volume)":
-        lambda v, _: dn.Deformation(volume=dn.document.VolumeReference.of(_like(v))).difference(v) != "",
+    "document.deformation.Deformation.difference(volume)": lambda v, _: (
+        dn.Deformation(volume=dn.document.VolumeReference.of(_like(v))).difference(v) != ""
+    ),
     "document.deformation.Deformation.field(grid)": lambda v, _: _h(v).field(v).displacement(PLACES),
     "document.deformation.Deformation.inverse(grid)": lambda v, _: _h(v).inverse(v).field.values,
-    "document.deformation.Deformation.on_picture(grid)":
-        lambda v, _: dn.Deformation.on_picture(v, "+z", POINTS).steps[0].plane,
+    "document.deformation.Deformation.on_picture(grid)": lambda v, _: (
+        dn.Deformation.on_picture(v, "+z", POINTS).steps[0].plane
+    ),
     "document.deformation.Deformation.warp_points(grid)": lambda v, _: _h(v).warp_points(PLACES, v),
-    "imaging.movie_frames.animation_frames(output)":
-        lambda v, _: list(dn.imaging.animation_frames(_like(v), _animated(v), fps=1, output=v, **SMALL)),
-    "imaging.movie_frames.deformation_frames(output)":
-        lambda v, _: list(dn.imaging.deformation_frames(_like(v), _h(v), strengths=1, output=v, **SMALL)),
+    "imaging.movie_frames.animation_frames(output)": lambda v, _: list(
+        dn.imaging.animation_frames(_like(v), _animated(v), fps=1, output=v, **SMALL)
+    ),
+    "imaging.movie_frames.deformation_frames(output)": lambda v, _: list(
+        dn.imaging.deformation_frames(_like(v), _h(v), strengths=1, output=v, **SMALL)
+    ),
     "imaging.render.image_places(grid)": lambda v, _: dn.imaging.image_places(PLACES, v),
-    "imaging.thompson.draw_grids(grid)":
-        lambda v, _: dn.draw_grids(_h(v), dn.project(_like(v), "+z"), grid=v).grids.nodes,
+    "imaging.thompson.draw_grids(grid)": lambda v, _: (
+        dn.draw_grids(_h(v), dn.project(_like(v), "+z"), grid=v).grids.nodes
+    ),
     "interop.pyvista_filters.warp_pyvista(grid)": lambda v, _: _warped_pyvista(v),
-    "interop.sitk_transforms.to_sitk_transform(grid)":
-        lambda v, _: dn.interop.to_sitk_transform(_h(v), v).TransformPoint(PLACES[0].tolist()),
+    "interop.sitk_transforms.to_sitk_transform(grid)": lambda v, _: dn.interop.to_sitk_transform(
+        _h(v), v
+    ).TransformPoint(PLACES[0].tolist()),
     "interop.skimage_maps.skimage_coordinates(lattice)": lambda v, _: dn.interop.skimage_coordinates(_h(v), v),
     "interop.skimage_maps.skimage_map(lattice)": lambda v, _: dn.interop.skimage_map(_h(v), v),
     "io.transforms.read_transform(grid)": _read_transform,
     "io.transforms.write_transform(grid)": _written_transform,
-    "io.vtk_transforms.to_vtk_transform(grid)":
-        lambda v, _: dn.io.to_vtk_transform(_h(v), v).TransformPoint(PLACES[0].tolist()),
-    "rbf.extrusion.extrude(grid)":
-        lambda v, _: dn.extrude(dn.Plane.along(TURNED, "+z"), v, [dn.fit_rbf(POINTS)],
-                                dn.replicate()).displacement(PLACES),
+    "io.vtk_transforms.to_vtk_transform(grid)": lambda v, _: dn.io.to_vtk_transform(_h(v), v).TransformPoint(
+        PLACES[0].tolist()
+    ),
+    "rbf.extrusion.extrude(grid)": lambda v, _: dn.extrude(
+        dn.Plane.along(TURNED, "+z"), v, [dn.fit_rbf(POINTS)], dn.replicate()
+    ).displacement(PLACES),
     "rbf.fields.AbstractField.on_grid(grid)": lambda v, _: SHIFT.on_grid(v),
     "rbf.fields.DisplacementField.sample(lattice)": lambda v, _: dn.DisplacementField.sample(_h(v), v).values,
     "rbf.fields.as_field(grid)": lambda v, _: dn.rbf.as_field(_h(v), v).displacement(PLACES),
@@ -438,8 +469,9 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "warping.warper.Warper(output)": lambda v, _: dn.Warper(_reference(), output=v)(SHIFT),
     "warping.warper.warp(output)": lambda v, _: dn.warp(_reference(), SHIFT, output=v),
     "warping.warper.warp_all(output)": lambda v, _: dn.warping.warp_all([_reference()], SHIFT, output=v),
-    "widgets.studio.studio.Studio(output)":
-        lambda v, _: _closed(dn.Studio(_reference(), output=v), lambda studio: studio.session.output),
+    "widgets.studio.studio.Studio(output)": lambda v, _: _closed(
+        dn.Studio(_reference(), output=v), lambda studio: studio.session.output
+    ),
 }
 """Parameters that are grids, for which a volume will do."""
 

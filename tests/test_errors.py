@@ -14,8 +14,9 @@ from traitlets.config import Config
 from deformnb import errors
 from deformnb.errors import Cancelled, DeformError, MissingPackageError, show_tracebacks
 
-FAMILY = [value for value in vars(errors).values()
-          if isinstance(value, type) and issubclass(value, DeformError | Cancelled)]
+FAMILY = [
+    value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, DeformError | Cancelled)
+]
 
 CAUSED = """
 import deformnb as dn
@@ -59,8 +60,10 @@ def test_a_notebook_shows_the_message_and_the_line_of_the_cell(run: Run) -> None
 def test_the_whole_family_is_shown_so(run: Run, kind: type[Exception]) -> None:
     shown, raised = run(f"from deformnb.errors import {kind.__name__}\nraise {kind.__name__}('stopped here.')")
     assert type(raised) is kind
-    assert shown.splitlines()[:2] == [f"{kind.__name__}: stopped here.",
-                                      f"  line 2: raise {kind.__name__}('stopped here.')"]
+    assert shown.splitlines()[:2] == [
+        f"{kind.__name__}: stopped here.",
+        f"  line 2: raise {kind.__name__}('stopped here.')",
+    ]
     assert len(shown.strip().splitlines()) == 3
 
 

@@ -40,79 +40,79 @@ TESTS = Path(__file__).resolve().parent
 
 HELD_BY: dict[int, str] = {
     45: "document/test_json_format: what_is_no_document_is_refused_in_one_sentence, every_truncation_is_refused; "
-        "io/test_documents: damaged_files_are_named_with_what_is_wrong, every_cut_is_noticed; "
-        "session/test_autosave_recovery: a_damaged_one_is_said_and_the_next_is_offered",
+    "io/test_documents: damaged_files_are_named_with_what_is_wrong, every_cut_is_noticed; "
+    "session/test_autosave_recovery: a_damaged_one_is_said_and_the_next_is_offered",
     46: "document/test_json_format: documents_of_every_released_form_stay_readable, "
-        "other_versions_are_refused_in_one_sentence, "
-        "a_newer_minor_version_is_read_and_its_fields_are_kept",
+    "other_versions_are_refused_in_one_sentence, "
+    "a_newer_minor_version_is_read_and_its_fields_are_kept",
     47: "document/test_json_format: what_is_no_document_is_refused_in_one_sentence, "
-        "nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept, no_text_ever_raises_anything_else",
+    "nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept, no_text_ever_raises_anything_else",
     48: "widgets/studio/test_studio: the_files_panel_writes_into_its_folder_only; "
-        "io/test_atomic: what_stands_in_the_way_is_said; "
-        "session/test_autosave_store: a_name_from_a_file_is_kept_short_and_no_path",
+    "io/test_atomic: what_stands_in_the_way_is_said; "
+    "session/test_autosave_store: a_name_from_a_file_is_kept_short_and_no_path",
     49: "document/test_json_format: a_pickle_is_never_opened; io/test_faults: a_pickle_in_disguise_is_never_opened",
     50: "session/test_session: a_saved_document_comes_back_and_another_volume_is_noticed, "
-        "labels_of_the_same_scan_are_no_other_volume; "
-        "widgets/studio/test_save_restore: the_files_panel_asks_before_it_opens_or_writes_over; "
-        "session/test_autosave_recovery: a_document_that_was_made_on_another_volume_is_spoken_of",
+    "labels_of_the_same_scan_are_no_other_volume; "
+    "widgets/studio/test_save_restore: the_files_panel_asks_before_it_opens_or_writes_over; "
+    "session/test_autosave_recovery: a_document_that_was_made_on_another_volume_is_spoken_of",
     51: "session/test_session: a_file_that_somebody_else_has_changed_is_not_written_over; "
-        "test_faults: of_two_that_write_at_once_one_is_told; "
-        "widgets/studio/test_save_restore: the_files_panel_asks_before_it_opens_or_writes_over",
+    "test_faults: of_two_that_write_at_once_one_is_told; "
+    "widgets/studio/test_save_restore: the_files_panel_asks_before_it_opens_or_writes_over",
     52: "test_faults: a_full_disk_keeps_the_old_file_and_stops_no_edit, no_more_room_for_a_file_is_said; "
-        "io/test_atomic: a_disk_that_fills_up_leaves_the_old_file; imaging/test_movie_frames: a_full_disk_is_said",
+    "io/test_atomic: a_disk_that_fills_up_leaves_the_old_file; imaging/test_movie_frames: a_full_disk_is_said",
     53: "test_faults: a_process_killed_while_it_saves_leaves_a_whole_document, "
-        "processes_killed_while_they_save_themselves_leave_what_they_had_told, "
-        "a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together; "
-        "io/test_atomic: a_killed_program_leaves_the_old_file",
+    "processes_killed_while_they_save_themselves_leave_what_they_had_told, "
+    "a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together; "
+    "io/test_atomic: a_killed_program_leaves_the_old_file",
     54: "session/test_exports: what_cannot_be_written_is_said_before_the_work; "
-        "io/test_atomic: what_stands_in_the_way_is_said; "
-        "test_faults: a_folder_that_goes_away_stops_nothing",
+    "io/test_atomic: what_stands_in_the_way_is_said; "
+    "test_faults: a_folder_that_goes_away_stops_nothing",
     55: "session/test_exports: a_cancelled_export_leaves_nothing; "
-        "widgets/studio/test_studio: writing_can_be_cancelled; "
-        "io/test_round_trip: progress_ends_at_one_and_cancelling_leaves_nothing; "
-        "imaging/test_movie_frames: what_is_cancelled_leaves_nothing",
+    "widgets/studio/test_studio: writing_can_be_cancelled; "
+    "io/test_round_trip: progress_ends_at_one_and_cancelling_leaves_nothing; "
+    "imaging/test_movie_frames: what_is_cancelled_leaves_nothing",
     56: "session/test_exports: a_result_beyond_the_memory_is_refused_with_numbers; "
-        "io/test_faults: a_volume_beyond_the_limit_is_refused_with_numbers_and_a_stride",
+    "io/test_faults: a_volume_beyond_the_limit_is_refused_with_numbers_and_a_stride",
     57: "io/test_round_trip: simpleitk_reads_the_same_places; "
-        "warping/test_warper: simpleitk_resample_through_a_displacement_field",
+    "warping/test_warper: simpleitk_resample_through_a_displacement_field",
     58: "test_faults: points_of_a_killed_process_come_back_exactly; session/test_autosave: "
-        "what_was_left_is_lost_and_comes_back_exactly; browser/test_restore_lab: what_a_killed_kernel_held_comes_back",
+    "what_was_left_is_lost_and_comes_back_exactly; browser/test_restore_lab: what_a_killed_kernel_held_comes_back",
     60: "widgets/studio/test_studio: an_exception_of_an_observer_is_told_to_the_page; widgets/editor/test_editor: "
-        "an_exception_of_a_callback_is_told_the_page; browser/test_hosts: the_exception_of_a_callback_is_seen",
+    "an_exception_of_a_callback_is_told_the_page; browser/test_hosts: the_exception_of_a_callback_is_seen",
     61: "browser/test_restore_lab: what_a_killed_kernel_held_comes_back",
     62: "browser/test_hosts: the_page_can_be_loaded_again; "
-        "browser/test_app_page: a_page_that_is_loaded_again_shows_the_same",
+    "browser/test_app_page: a_page_that_is_loaded_again_shows_the_same",
     63: "browser/test_editor_page: two_views_of_one_editor_agree; browser/test_app_page: two_tabs_show_one_session; "
-        "js/edits.test.js: windows, views and Python end with the same",
+    "js/edits.test.js: windows, views and Python end with the same",
     64: "js/edits.test.js: movements never queue up; "
-        "widgets/studio/test_studio: rapid_edits_end_in_the_state_of_the_last; "
-        "browser/test_editor_page: edits_on_their_way_are_few_and_the_last_always_arrives",
+    "widgets/studio/test_studio: rapid_edits_end_in_the_state_of_the_last; "
+    "browser/test_editor_page: edits_on_their_way_are_few_and_the_last_always_arrives",
     65: "widgets/studio/test_studio: an_edit_that_comes_after_the_picture_was_turned_is_dropped; "
-        "widgets/vtk/test_render_loop: of_many_changes_the_newest_is_drawn_and_the_last_always; "
-        "browser/test_curve_editor_page: old_news_do_not_undo_an_edit",
+    "widgets/vtk/test_render_loop: of_many_changes_the_newest_is_drawn_and_the_last_always; "
+    "browser/test_curve_editor_page: old_news_do_not_undo_an_edit",
     66: "session/test_exports: an_export_knows_nothing_of_later_edits; "
-        "test_faults: edits_go_on_while_a_movie_is_written",
+    "test_faults: edits_go_on_while_a_movie_is_written",
     67: "widgets/test_worker: the_end_cancels_what_waits_and_comes_behind_the_work_of_now, "
-        "without_its_owner_the_thread_ends_and_holds_nothing_of_its_last_job; "
-        "widgets/studio/test_studio: a_closed_studio_leaves_nothing",
+    "without_its_owner_the_thread_ends_and_holds_nothing_of_its_last_job; "
+    "widgets/studio/test_studio: a_closed_studio_leaves_nothing",
     68: "test_faults: a_cell_that_runs_again_and_again_keeps_nothing; "
-        "browser/test_hosts: twenty_runs_of_the_cell_keep_nothing; "
-        "widgets/vtk/test_scene: twenty_scenes_one_after_the_other_leave_no_thread_and_no_window",
+    "browser/test_hosts: twenty_runs_of_the_cell_keep_nothing; "
+    "widgets/vtk/test_scene: twenty_scenes_one_after_the_other_leave_no_thread_and_no_window",
     69: "widgets/vtk/test_scene: updates_from_many_threads_are_never_black; "
-        "session/test_session: edits_from_many_threads_all_count; "
-        "widgets/test_worker: everything_is_done_by_one_thread_in_the_order_in_which_it_came",
+    "session/test_session: edits_from_many_threads_all_count; "
+    "widgets/test_worker: everything_is_done_by_one_thread_in_the_order_in_which_it_came",
     70: "test_faults: edits_go_on_while_a_movie_is_written; "
-        "rbf/test_points: a_place_that_is_none_is_refused_and_not_spread",
+    "rbf/test_points: a_place_that_is_none_is_refused_and_not_spread",
     71: "session/test_history: thousands_of_edits_take_the_memory_of_two_hundred, "
-        "an_edit_after_undo_makes_a_branch_and_the_old_one_stays",
+    "an_edit_after_undo_makes_a_branch_and_the_old_one_stays",
     72: "browser/test_editor_page: two_fingers_zoom_and_one_drags_a_point, nothing_is_clipped; "
-        "browser/test_live_view_page: without_webgl_python_draws_and_says_so; "
-        "browser/test_faults_page: a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged",
+    "browser/test_live_view_page: without_webgl_python_draws_and_says_so; "
+    "browser/test_faults_page: a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged",
     73: "volume/test_transfer: wrong_colours_are_refused_by_name, wrong_opacities_are_refused_by_name; "
-        "session/test_session: colours_belong_to_the_composite_picture_only",
+    "session/test_session: colours_belong_to_the_composite_picture_only",
     74: "volume/test_transfer: numbers_beyond_0_to_1_are_clipped_and_said_once",
     75: "test_faults: a_new_point_compiles_nothing; rbf/test_interpolant: padding_never_changes_a_result; "
-        "test_jax_compilation: float64_is_local, compiled_functions_are_kept_between_processes",
+    "test_jax_compilation: float64_is_local, compiled_functions_are_kept_between_processes",
 }
 """By the number of a fault: files of tests and in each what they say, in Python without the word "test"."""
 
@@ -139,8 +139,12 @@ def _tests_of(path: Path) -> set[str]:
 
 def started(what: str, folder: Path, seed: int = 1) -> subprocess.Popen[str]:
     paths = os.pathsep.join([str(TESTS.parent), str(TESTS)])
-    return subprocess.Popen([sys.executable, str(TESTS / "victims.py"), what, str(folder), str(seed)], text=True,
-                            stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": paths})
+    return subprocess.Popen(
+        [sys.executable, str(TESTS / "victims.py"), what, str(folder), str(seed)],
+        text=True,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
 
 
 def told(what: str, folder: Path) -> Any:
@@ -168,7 +172,8 @@ def test_a_process_killed_while_it_saves_leaves_a_whole_document(tmp_path: Path)
 @pytest.mark.nightly
 @posix
 def test_a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together(
-        tmp_path: Path) -> None:
+    tmp_path: Path,
+) -> None:
     found = told("pairs", tmp_path)  # it reads them after each of many kills
     assert found["wrong"] == []
     assert found["found"] > 1
@@ -233,8 +238,10 @@ def test_a_process_that_ends_by_itself_offers_nothing_and_keeps_its_last_edit(tm
 @posix
 def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_killed_does(tmp_path: Path) -> None:
     manager = pytest.importorskip("jupyter_client.manager")
-    work = ("import sys; sys.path[:0] = [%r, %r]; import victims; from pathlib import Path\n"
-            "victims.ends(Path(%r), victims.random.Random(%d))")
+    work = (
+        "import sys; sys.path[:0] = [%r, %r]; import victims; from pathlib import Path\n"
+        "victims.ends(Path(%r), victims.random.Random(%d))"
+    )
     states = []
     for number, end in enumerate(("shut down", "restarted", "killed")):
         kernel, client = manager.start_new_kernel(kernel_name="python3")
@@ -273,8 +280,14 @@ def test_a_full_disk_keeps_the_old_file_and_stops_no_edit(tmp_path: Path) -> Non
         pytest.skip("a small disk of its own needs unshare and user namespaces")
     paths = os.pathsep.join([str(TESTS.parent), str(TESTS)])
     command = f'{mount} && exec "{sys.executable}" "{TESTS / "victims.py"}" full "{tmp_path}" 1'
-    done = subprocess.run([*private, command], capture_output=True, text=True, timeout=120, check=False,
-                          env={**os.environ, "PYTHONPATH": paths})
+    done = subprocess.run(
+        [*private, command],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert len(found["said"]) == 4
@@ -374,8 +387,12 @@ def test_a_new_point_compiles_nothing(caplog: pytest.LogCaptureFixture) -> None:
 
     def fitted(count: int) -> Callable[..., Any]:
         places = rng.uniform(0, 50, (count, 2))
-        return fit_rbf(ControlPoints.from_arrays(places, places + rng.normal(0, 1, places.shape)),
-                       kernel="wendland_c2", trend="affine", support=40.0)
+        return fit_rbf(
+            ControlPoints.from_arrays(places, places + rng.normal(0, 1, places.shape)),
+            kernel="wendland_c2",
+            trend="affine",
+            support=40.0,
+        )
 
     line = np.linspace(0, 50, 33)
     rows, columns = np.stack([line, 0 * line]), np.stack([0 * line, line])

@@ -71,8 +71,10 @@ def test_one_process_computes_while_others_wait_for_browsers(limit: int, process
         left -= files
         if len(left) > processes:  # the next file of each process is chosen before its last tests are done
             assert sum(file.startswith("tests/browser/") for file in files) == limit
-    assert moments[0] == {*(f"tests/browser/test_{name}.py" for name in "abc"[:limit]),
-                     *(f"tests/test_{name}.py" for name in "fgh"[:processes - limit])}
+    assert moments[0] == {
+        *(f"tests/browser/test_{name}.py" for name in "abc"[:limit]),
+        *(f"tests/test_{name}.py" for name in "fgh"[: processes - limit]),
+    }
 
 
 @pytest.mark.parametrize("tests", [BROWSERS, OTHERS, BROWSERS[:4] + OTHERS])

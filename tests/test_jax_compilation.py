@@ -50,15 +50,18 @@ def test_compiled_functions_are_kept_between_processes(isolated_folders: Path, m
 
 
 @pytest.mark.nightly
-def test_kept_programs_outlive_other_versions_of_the_same_kernel(isolated_folders: Path, tmp_path: Path,
-                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kept_programs_outlive_other_versions_of_the_same_kernel(
+    isolated_folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("DEFORMNB_COMPILATION_CACHE", raising=False)
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(isolated_folders / "own"))
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
-    kernel = ("import numpy as np\nfrom deformnb._jax import blockwise, compiled, jax, jnp\njax.devices()\n{}\n"
-              "def kernel(x):\n    return jnp.sin(x) @ jnp.cos(x).T + {}\n"
-              "compiled(kernel)(np.ones((64, 64), np.float32))\n")
+    kernel = (
+        "import numpy as np\nfrom deformnb._jax import blockwise, compiled, jax, jnp\njax.devices()\n{}\n"
+        "def kernel(x):\n    return jnp.sin(x) @ jnp.cos(x).T + {}\n"
+        "compiled(kernel)(np.ones((64, 64), np.float32))\n"
+    )
     found = []
     for number, (lines, constant) in enumerate([("", 1), ("# a later version\n" * 30, 1), ("", 2)]):
         script = tmp_path / f"version{number}.py"
@@ -147,11 +150,17 @@ print(work())  # the parent goes on
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
-@pytest.mark.parametrize(("parent", "wanted"), [("used", "DeformError: this process was made by fork"),
-                                                pytest.param("fresh", "(8, 8, 8)", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    ("parent", "wanted"),
+    [
+        ("used", "DeformError: this process was made by fork"),
+        pytest.param("fresh", "(8, 8, 8)", marks=pytest.mark.nightly),
+    ],
+)
 def test_a_forked_child_of_a_process_that_has_computed_refuses_instead_of_hanging(parent: str, wanted: str) -> None:
-    done = subprocess.run([sys.executable, "-c", FORKED, parent], capture_output=True, text=True, timeout=180,
-                          check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED, parent], capture_output=True, text=True, timeout=180, check=True
+    )
     child, own = done.stdout.splitlines()
     assert child.startswith(wanted)
     assert ("spawn" in child) == (parent == "used")

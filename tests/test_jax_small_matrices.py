@@ -16,8 +16,11 @@ def test_they_are_numpy_s(dim: int) -> None:
     oracle.assert_close(determinant(first), np.linalg.det(a), atol=1e-13)
     wanted = np.linalg.det(a)[..., None, None] * np.linalg.inv(a)
     oracle.assert_close(np.moveaxis(adjugate(first), (0, 1), (-2, -1)), wanted, atol=1e-12)
-    oracle.assert_close(np.einsum("mk...,kn...->mn...", first, adjugate(first)),
-                        np.multiply.outer(np.eye(dim), determinant(first)), atol=1e-13)
+    oracle.assert_close(
+        np.einsum("mk...,kn...->mn...", first, adjugate(first)),
+        np.multiply.outer(np.eye(dim), determinant(first)),
+        atol=1e-13,
+    )
     assert determinant(first.astype(np.float32)).dtype == np.float32
 
 

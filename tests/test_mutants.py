@@ -75,8 +75,15 @@ def test_named_mutants_can_be_placed_and_their_tests_are_there() -> None:
             assert (ROOT / found_test(test).partition("::")[0]).is_file(), test
 
 
-@pytest.mark.parametrize(("symbol", "old", "line"), [("Square.area", "side * side", 11), ("Square.edge", "4", 15),
-                                                     ("LEAST", "LEAST = 1", 3), ("Square", "side > LEAST", 11)])
+@pytest.mark.parametrize(
+    ("symbol", "old", "line"),
+    [
+        ("Square.area", "side * side", 11),
+        ("Square.edge", "4", 15),
+        ("LEAST", "LEAST = 1", 3),
+        ("Square", "side > LEAST", 11),
+    ],
+)
 def test_a_text_is_found_in_its_symbol_only(tree: Path, symbol: str, old: str, line: int) -> None:
     change = placed(mutant(symbol, old, "MARK = 1" if old == "LEAST = 1" else "7"), tree)
     assert change.line == line
@@ -84,15 +91,23 @@ def test_a_text_is_found_in_its_symbol_only(tree: Path, symbol: str, old: str, l
     assert [k + 1 for k, (a, b) in enumerate(zip(before, after, strict=True)) if a != b] == [line]
 
 
-@pytest.mark.parametrize(("symbol", "old", "line"), [
-    ("Pen.width", "* 2", 2), ("Pen.move", "x + a", 5), ("move", "x + 1", 8), ("halved", "/ 2", 9),
-    ("lit", "* light", 12)])
+@pytest.mark.parametrize(
+    ("symbol", "old", "line"),
+    [
+        ("Pen.width", "* 2", 2),
+        ("Pen.move", "x + a", 5),
+        ("move", "x + 1", 8),
+        ("halved", "/ 2", 9),
+        ("lit", "* light", 12),
+    ],
+)
 def test_functions_of_scripts_and_shaders_are_symbols(tree: Path, symbol: str, old: str, line: int) -> None:
     assert placed(mutant(symbol, old, "", "pen.js"), tree).line == line
 
 
-@pytest.mark.parametrize(("symbol", "old"), [("Square.area", "side"), ("Square.edge", "side * side"),
-                                             ("Circle.area", "1")])
+@pytest.mark.parametrize(
+    ("symbol", "old"), [("Square.area", "side"), ("Square.edge", "side * side"), ("Circle.area", "1")]
+)
 def test_a_text_that_is_not_there_once_is_stale(tree: Path, symbol: str, old: str) -> None:
     with pytest.raises(StaleError, match=symbol.replace(".", r"\.")):
         placed(mutant(symbol, old, "x"), tree)
@@ -100,8 +115,10 @@ def test_a_text_that_is_not_there_once_is_stale(tree: Path, symbol: str, old: st
 
 def test_a_mutant_and_its_tests_go_with_files_that_move(tree: Path) -> None:
     one = mutant("Square.edge", "* 4", "* 5")
-    for old, new in (("deformnb/shapes.py", "deformnb/geometry/squares.py"),
-                     ("tests/test_shapes.py", "tests/geometry/test_shapes.py")):
+    for old, new in (
+        ("deformnb/shapes.py", "deformnb/geometry/squares.py"),
+        ("tests/test_shapes.py", "tests/geometry/test_shapes.py"),
+    ):
         (tree / new).parent.mkdir()
         (tree / old).rename(tree / new)
     assert placed(one, tree).path == tree / "deformnb" / "geometry" / "squares.py"
@@ -119,25 +136,44 @@ def test_a_seed_draws_the_same_whatever_else_there_is(tree: Path) -> None:
     (tree / "deformnb" / "squares.py").write_text(text, encoding="utf-8")
     assert places() == before
     assert {(one.symbol, one.old, one.new) for seed in range(20) for one in drawn(2, seed, (".py",), tree)} == {
-        ("Square.area", "*", "/"), ("Square.area", ">", ">="), ("Square.area", "0.0", "(0.0 + 1)"),
-        ("Square.area", "2", "(2 + 1)"), ("Square.edge", "*", "/"), ("Square.edge", "4", "(4 + 1)")}
+        ("Square.area", "*", "/"),
+        ("Square.area", ">", ">="),
+        ("Square.area", "0.0", "(0.0 + 1)"),
+        ("Square.area", "2", "(2 + 1)"),
+        ("Square.edge", "*", "/"),
+        ("Square.edge", "4", "(4 + 1)"),
+    }
     assert all(placed(one, tree).text != text for seed in range(20) for one in drawn(2, seed, (".py",), tree))
 
 
 def test_in_scripts_operators_are_drawn_and_no_text_comment_or_shader(tree: Path) -> None:
-    (tree / "deformnb" / "pen.js").write_text(SCRIPT + """
+    (tree / "deformnb" / "pen.js").write_text(
+        SCRIPT
+        + """
 export async function draw(path, { at = 5, name = "a - 3" } = {}) {
   // not 7 * 8
   if (!path.isOpen && at <= 2) return `${at} * 9`.replace(/x - 4/, "");
   path.moveTo(at, name);
 }
-""", encoding="utf-8")
+""",
+        encoding="utf-8",
+    )
     ones = [one for seed in range(60) for one in drawn(9, seed, (".js",), tree)]
     assert {(one.symbol, one.old, one.new) for one in ones} == {
-        ("Pen.width", "*", "/"), ("Pen.width", "2", "(2 + 1)"), ("Pen.move", "+", "-"), ("move", "+", "-"),
-        ("move", "1", "(1 + 1)"), ("halved", "/", "*"), ("halved", "2", "(2 + 1)"), ("draw", "&&", "||"),
-        ("draw", "<=", "<"), ("draw", "!", ""), ("draw", "2", "(2 + 1)"), ("draw", "at, name", "name, at"),
-        ("draw", "path.moveTo(at, name);", ";")}
+        ("Pen.width", "*", "/"),
+        ("Pen.width", "2", "(2 + 1)"),
+        ("Pen.move", "+", "-"),
+        ("move", "+", "-"),
+        ("move", "1", "(1 + 1)"),
+        ("halved", "/", "*"),
+        ("halved", "2", "(2 + 1)"),
+        ("draw", "&&", "||"),
+        ("draw", "<=", "<"),
+        ("draw", "!", ""),
+        ("draw", "2", "(2 + 1)"),
+        ("draw", "at, name", "name, at"),
+        ("draw", "path.moveTo(at, name);", ";"),
+    }
     for one in ones:
         placed(one, tree)
 
@@ -145,8 +181,11 @@ export async function draw(path, { at = 5, name = "a - 3" } = {}) {
 def test_a_drawn_mutant_of_a_script_is_tested_by_what_knows_its_module(tree: Path) -> None:
     (tree / "deformnb" / "widgets" / "js" / "ui").mkdir(parents=True)
     (tree / "deformnb" / "pen.js").rename(tree / "deformnb" / "widgets" / "js" / "ui" / "pen.js")
-    for name, text in (("pen.test.js", ""), ("test_drawing.py", 'FILES = ("ui/pen.js",)\n'),
-                       ("test_opens.py", 'FILES = ("ui/open.js",)\n')):
+    for name, text in (
+        ("pen.test.js", ""),
+        ("test_drawing.py", 'FILES = ("ui/pen.js",)\n'),
+        ("test_opens.py", 'FILES = ("ui/open.js",)\n'),
+    ):
         (tree / "tests" / name).write_text(text, encoding="utf-8")
     one = mutant("Pen.move", "+", "-", "widgets/js/ui/pen.js")
     assert files_for(one, tree) == ("tests/pen.test.js", "tests/test_drawing.py")
@@ -157,19 +196,33 @@ def test_a_drawn_mutant_is_tested_by_what_knows_its_module(tree: Path) -> None:
     (tree / "tests" / "test_other.py").write_text("from deformnb.shapes import LEAST\n", encoding="utf-8")
     (tree / "tests" / "test_unrelated.py").write_text("import json\n", encoding="utf-8")
     assert files_for(mutant("Square.edge", "4", "5"), tree) == (
-        "deformnb/shapes.py", "tests/test_shapes.py", "tests/test_other.py")
+        "deformnb/shapes.py",
+        "tests/test_shapes.py",
+        "tests/test_other.py",
+    )
 
 
 @pytest.mark.nightly
 def test_the_runner_says_what_the_tests_say_and_leaves_the_tree_alone(
-        tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    mutants = [Mutant(name, "deformnb/shapes.py", symbol, old, "+", "sign") for name, symbol, old in (
-        ("noticed", "Square.area", "*"), ("unnoticed", "Square.edge", "*"), ("outdated", "Square.edge", "/"))]
+    tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mutants = [
+        Mutant(name, "deformnb/shapes.py", symbol, old, "+", "sign")
+        for name, symbol, old in (
+            ("noticed", "Square.area", "*"),
+            ("unnoticed", "Square.edge", "*"),
+            ("outdated", "Square.edge", "/"),
+        )
+    ]
     status = run(mutants, {one.name: ["tests/test_shapes.py"] for one in mutants}, root=tree)
     told = capsys.readouterr().out
     assert status == 1
     assert [line.split()[:2] for line in told.splitlines() if line[0] != " "][1:] == [
-        ["caught", "noticed"], ["survived", "unnoticed"], ["stale", "outdated"], ["1", "of"]]
+        ["caught", "noticed"],
+        ["survived", "unnoticed"],
+        ["stale", "outdated"],
+        ["1", "of"],
+    ]
     assert (tree / "deformnb" / "shapes.py").read_text(encoding="utf-8") == SHAPES
     assert run(mutants[:1], {"noticed": ["tests/test_shapes.py"]}, root=tree) == 0
     (tree / "tests" / "test_shapes.py").write_text("def test_wrong():\n    assert False\n", encoding="utf-8")
@@ -179,8 +232,9 @@ def test_the_runner_says_what_the_tests_say_and_leaves_the_tree_alone(
 
 @pytest.mark.nightly
 def test_what_hangs_is_ended_and_not_taken_for_caught(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tree / "tests" / "test_shapes.py").write_text("def test_for_ever():\n    while True:\n        pass\n",
-                                                   encoding="utf-8")
+    (tree / "tests" / "test_shapes.py").write_text(
+        "def test_for_ever():\n    while True:\n        pass\n", encoding="utf-8"
+    )
     one = mutant("Square.edge", "* 4", "* 5")
     assert run([one], {one.name: ["tests/test_shapes.py"]}, 0.02, baseline=False, root=tree) == 1
     assert capsys.readouterr().out.startswith("too long  one")

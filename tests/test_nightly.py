@@ -13,8 +13,9 @@ import pytest
 def table(*cases: str, n: int | None = None, name: str = "tests/test_table.py::test_it") -> list[Any]:
     """The items of a table of cases, which take down the marks that they get."""
     marks = {} if n is None else {"sampled": pytest.mark.sampled(n)}
-    items: list[Any] = [SimpleNamespace(nodeid=f"{name}[{case}]", get_closest_marker=marks.get, left=[])
-                        for case in cases]
+    items: list[Any] = [
+        SimpleNamespace(nodeid=f"{name}[{case}]", get_closest_marker=marks.get, left=[]) for case in cases
+    ]
     for item in items:
         item.add_marker = item.left.append
     return items
@@ -42,7 +43,11 @@ def test_every_value_of_every_argument_is_kept_in_few_cases() -> None:
 
 def test_cases_unlike_the_others_are_kept() -> None:
     assert kept("cubic-one", "cubic-two", "all switched off", "merged-one", "merged") == [
-        "cubic-one", "cubic-two", "all switched off", "merged-one"]
+        "cubic-one",
+        "cubic-two",
+        "all switched off",
+        "merged-one",
+    ]
     assert kept("a", "b", "c") == ["a", "b", "c"]
 
 
@@ -53,12 +58,18 @@ def test_tables_are_counted_one_by_one_and_a_test_that_is_none_is_kept() -> None
     assert not any(item.left for item in items)
 
 
-@pytest.mark.parametrize(("profile", "arguments", "runs"), [
-    (None, ["tests"], False), ("ci", ["tests/test_table.py"], False), ("nightly", ["tests"], True),
-    (None, ["tests/test_table.py::test_it"], True),
-])
-def test_it_runs_at_night_and_where_it_is_named(profile: str | None, arguments: list[str], runs: bool,
-                                                monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("profile", "arguments", "runs"),
+    [
+        (None, ["tests"], False),
+        ("ci", ["tests/test_table.py"], False),
+        ("nightly", ["tests"], True),
+        (None, ["tests/test_table.py::test_it"], True),
+    ],
+)
+def test_it_runs_at_night_and_where_it_is_named(
+    profile: str | None, arguments: list[str], runs: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if profile is None:
         monkeypatch.delenv("HYPOTHESIS_PROFILE", raising=False)
     else:

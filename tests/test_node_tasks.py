@@ -56,8 +56,9 @@ def test_what_was_never_bundled_is_refused_and_a_wheel_has_no_sources(small: Mod
 
 
 @pytest.mark.parametrize(("version", "words"), [(None, "there is none"), ("v18.20.1", "is v18.20.1"), ("", "is none")])
-def test_without_node_a_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
-                                                     version: str | None, words: str) -> None:
+def test_without_node_a_sentence_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, version: str | None, words: str
+) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(node_tasks.importlib.util, "find_spec", lambda name: None)
     if version is not None:
@@ -68,8 +69,9 @@ def test_without_node_a_sentence_says_what_to_install(monkeypatch: pytest.Monkey
     assert error.value.status == 3
 
 
-def test_npm_is_not_run_where_it_would_empty_the_folder_of_another_checkout(monkeypatch: pytest.MonkeyPatch,
-                                                                            tmp_path: Path) -> None:
+def test_npm_is_not_run_where_it_would_empty_the_folder_of_another_checkout(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(node_tasks, "ROOT", tmp_path)
     (tmp_path / "package-lock.json").write_text("{}", encoding="utf-8")
     kept = tmp_path / "other" / "esbuild"

@@ -49,8 +49,11 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     startup = tmp_path / "ipythondir" / "profile_default" / "startup"
     startup.mkdir(parents=True)
     (startup / "offline.py").write_text(OFFLINE, encoding="utf-8")
-    spec = {"argv": [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"],
-            "display_name": "This interpreter", "language": "python"}
+    spec = {
+        "argv": [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"],
+        "display_name": "This interpreter",
+        "language": "python",
+    }
     folder = tmp_path / "share" / "kernels" / "tested"
     folder.mkdir(parents=True)
     (folder / "kernel.json").write_text(json.dumps(spec), encoding="utf-8")
@@ -62,11 +65,17 @@ SAID = {
     "01_quickstart": [r"128 x 256 x 128 voxels \(x, y, z\)"],
     "02_bend_and_cut_a_bar": [r"together +rule source +gap +0\.00 mm", r"together +rule paper +gap +16\.00 mm"],
     "04_bend_a_knee": [r"rigid parts +40\.0 deg +100\.0% +100\.0% +100% and 100%, at 100% of its places"],
-    "06_cut_an_abdomen": [r"spine that changed: 0 of \d",
-                          r"outside the support: 0\.0e\+00 mm; smallest determinant: 0\."],
+    "06_cut_an_abdomen": [
+        r"spine that changed: 0 of \d",
+        r"outside the support: 0\.0e\+00 mm; smallest determinant: 0\.",
+    ],
     "07_heads_and_horses": [r"nothing folds: True[^$]*nothing folds: True", r"legs move by 0\.0 voxels"],
-    "08_a_map_you_can_believe": [r"suspect: nape, first ray\n", r"as far as is safe .* folded 0\.0 %",
-                                 r"in \d+ stages .* folded 0\.0 %", r"at worst, 100\.0 % of the places"],
+    "08_a_map_you_can_believe": [
+        r"suspect: nape, first ray\n",
+        r"as far as is safe .* folded 0\.0 %",
+        r"in \d+ stages .* folded 0\.0 %",
+        r"at worst, 100\.0 % of the places",
+    ],
 }
 
 
@@ -176,21 +185,27 @@ def test_its_lines_fit_a_narrow_window(path: Path) -> None:
 REAL = {
     "03_darcy_thompson_carp": ("carp.nii.gz", [r"the real carp: ", r"largest miss of a node: \d\.\de-\d\d mm"]),
     "04_bend_a_knee": ("knee_labels.nrrd", [r"the real knee_labels: "]),
-    "05_swim_a_lobster": ("lobster.nrrd", [r"the real lobster: ", r"midway between two frames: 0\.[01]\d+ voxels",
-                                           r"the body moves by 0\.00 mm"]),
-    "06_cut_an_abdomen": ("abdomen_ct.nii.gz", [r"the real abdomen_ct: ",
-                                                r"the real body opens by 1[0-6]\d\.\d mm at half height"]),
-    "07_heads_and_horses": ("horse.ply", [r"the real head_ct: ", r"9\d{4} triangles",
-                                          r"nothing folds: True[^$]*nothing folds: True"]),
+    "05_swim_a_lobster": (
+        "lobster.nrrd",
+        [r"the real lobster: ", r"midway between two frames: 0\.[01]\d+ voxels", r"the body moves by 0\.00 mm"],
+    ),
+    "06_cut_an_abdomen": (
+        "abdomen_ct.nii.gz",
+        [r"the real abdomen_ct: ", r"the real body opens by 1[0-6]\d\.\d mm at half height"],
+    ),
+    "07_heads_and_horses": (
+        "horse.ply",
+        [r"the real head_ct: ", r"9\d{4} triangles", r"nothing folds: True[^$]*nothing folds: True"],
+    ),
 }
 
 
 @pytest.mark.nightly
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("name", REAL)
-def test_a_figure_is_of_the_real_volume_where_it_is_there(name: str, kernel: str, tmp_path: Path,
-                                                          monkeypatch: pytest.MonkeyPatch,
-                                                          real_data: Callable[[str], Path]) -> None:
+def test_a_figure_is_of_the_real_volume_where_it_is_there(
+    name: str, kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_data: Callable[[str], Path]
+) -> None:
     file, said = REAL[name]
     monkeypatch.setenv("DEFORMNB_DATA", str(real_data(file).parent))
     outputs = executed(ROOT / "notebooks" / f"{name}.ipynb", kernel, tmp_path)
@@ -203,8 +218,9 @@ def test_a_figure_is_of_the_real_volume_where_it_is_there(name: str, kernel: str
 
 @pytest.mark.nightly
 @pytest.mark.filterwarnings("default")
-def test_the_knee_that_was_scanned_twice_is_shown(kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                  real_data: Callable[[str], Path]) -> None:
+def test_the_knee_that_was_scanned_twice_is_shown(
+    kernel: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_data: Callable[[str], Path]
+) -> None:
     folder = real_data("knee_mr_straight.nrrd").parent
     real_data("knee_mr_bent.nrrd")
     monkeypatch.setenv("DEFORMNB_DATA", str(folder))
@@ -222,7 +238,9 @@ def test_the_first_notebook_says_what_differs_and_what_it_does_to_the_studio_abo
     assert "grids=grids, points=[belly] * 3" in kernels  # three fish alone look the same
     bars = next(text_of(cell) for cell in cells if "rules.items()" in text_of(cell))
     assert ".text(" in bars
-    dragging, keeping = (next(text_of(cell) for cell in cells if text_of(cell).startswith(start))
-                         for start in ("## 2. Drag it", "Without Python, the same"))
+    dragging, keeping = (
+        next(text_of(cell) for cell in cells if text_of(cell).startswith(start))
+        for start in ("## 2. Drag it", "Without Python, the same")
+    )
     assert "three points and a bent carp instead" in " ".join(dragging.split())
     assert "`head`, `back` and `tail`" in keeping

@@ -149,8 +149,12 @@ def test_conda_environment_equals_the_requirements() -> None:
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("deformnb", ["formats", "interop", "large", "movie", "notebook"]), ("tests", ["test", "peers"]),
-     ("benchmarks", ["benchmark", "gpu-benchmark"]), ("mutants", ["test"])],
+    [
+        ("deformnb", ["formats", "interop", "large", "movie", "notebook"]),
+        ("tests", ["test", "peers"]),
+        ("benchmarks", ["benchmark", "gpu-benchmark"]),
+        ("mutants", ["test"]),
+    ],
 )
 def test_everything_imported_is_required(folder: str, extras: list[str]) -> None:
     if not (ROOT / folder).is_dir():
@@ -200,7 +204,8 @@ OF_A_WHOLE_PACKAGE = {
     "app/test_app.py": "the application's parts together",
     "io/test_allowed_readers.py": "readers of other packages in all modules",
     "io/test_entrances.py": "every public function, given things of other kinds",
-    "io/test_faults.py": "damage in every format", "io/test_fuzz.py": "random damage in every format",
+    "io/test_faults.py": "damage in every format",
+    "io/test_fuzz.py": "random damage in every format",
     "io/test_round_trip.py": "every format, written and read",
     "io/test_metadata_mutations.py": "every field of metadata of every format",
     "io/test_format_table.py": "every format, and the program that agreed on it",
@@ -234,8 +239,11 @@ def test_tests_use_no_more_private_names_than_before() -> None:
                 names = [node.attr]
             elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("deformnb"):
                 names = [*(node.module or "").split("."), *(alias.name for alias in node.names)]
-            found += [f"{path.relative_to(ROOT)}: {name}" for name in names
-                      if re.match("_(?!_)", name) and name not in PRIVATE_MODULES]
+            found += [
+                f"{path.relative_to(ROOT)}: {name}"
+                for name in names
+                if re.match("_(?!_)", name) and name not in PRIVATE_MODULES
+            ]
     assert len(found) <= PRIVATE_USES, "\n".join(found)
 
 
@@ -306,7 +314,9 @@ def test_no_module_imports_another_by_string() -> None:
     for module, nodes in modules.items():
         for node in nodes:
             if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) in (
-                    "import_module", "__import__"):
+                "import_module",
+                "__import__",
+            ):
                 assert not ast.unparse(node.args[0]).strip("'\"").startswith("deformnb"), f"{module}:{node.lineno}"
             # A table of such names would be imported elsewhere. Packages may be named, for the files that lie in them.
             text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
@@ -336,17 +346,46 @@ def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows(
     """
     top, packages = json.loads(_python(textwrap.dedent(code)))
     assert 55 < len(top) < 67
-    assert set(packages) == {"analysis", "chunked", "datasets", "document", "errors", "imaging", "interop", "io",
-                             "lessons", "rbf",
-                             "registration", "session", "volume", "warping", "widgets"}
+    assert set(packages) == {
+        "analysis",
+        "chunked",
+        "datasets",
+        "document",
+        "errors",
+        "imaging",
+        "interop",
+        "io",
+        "lessons",
+        "rbf",
+        "registration",
+        "session",
+        "volume",
+        "warping",
+        "widgets",
+    }
     assert all(packages.values())
 
 
-@pytest.mark.parametrize("package", [deformnb, deformnb.analysis, deformnb.chunked, deformnb.document,
-                                     deformnb.imaging, deformnb.interop, deformnb.io, deformnb.lessons, deformnb.rbf,
-                                     deformnb.registration, deformnb.session, deformnb.volume, deformnb.warping,
-                                     deformnb.widgets],
-                         ids=lambda package: package.__name__)
+@pytest.mark.parametrize(
+    "package",
+    [
+        deformnb,
+        deformnb.analysis,
+        deformnb.chunked,
+        deformnb.document,
+        deformnb.imaging,
+        deformnb.interop,
+        deformnb.io,
+        deformnb.lessons,
+        deformnb.rbf,
+        deformnb.registration,
+        deformnb.session,
+        deformnb.volume,
+        deformnb.warping,
+        deformnb.widgets,
+    ],
+    ids=lambda package: package.__name__,
+)
 def test_public_names_are_documented(package: Any) -> None:
     assert package.__doc__
     public = {name: getattr(package, name) for name in package.__all__}
@@ -359,9 +398,11 @@ def test_public_names_are_documented(package: Any) -> None:
     assert {name for name, thing in public.items() if not inspect.getdoc(thing)} - constants == set()
 
 
-@pytest.mark.parametrize("package", [deformnb, *(
-    value for name in dir(deformnb) if inspect.ismodule(value := getattr(deformnb, name)))],
-    ids=lambda package: package.__name__)
+@pytest.mark.parametrize(
+    "package",
+    [deformnb, *(value for name in dir(deformnb) if inspect.ismodule(value := getattr(deformnb, name)))],
+    ids=lambda package: package.__name__,
+)
 def test_public_functions_and_classes_have_an_example(package: Any) -> None:
     """It may be that of a class's method; an error is shown by those who raise it."""
     without = []
@@ -418,8 +459,9 @@ def test_make_and_run_offer_the_same_and_list_it() -> None:
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
 def test_documented_commands_exist(name: str) -> None:
-    blocks = "\n".join(re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / name).read_text(encoding="utf-8"),
-                                  re.MULTILINE | re.DOTALL))
+    blocks = "\n".join(
+        re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    )
     used = set(re.findall(r"^(?:sh run|make) (\w+)", blocks, re.MULTILINE))
     assert used
     assert used <= _run_tasks()
@@ -433,8 +475,9 @@ def test_contributing_names_files_that_exist() -> None:
 
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"),
-                        re.MULTILINE | re.DOTALL)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
     shown, *scripts = blocks
     assert "dn.Studio" in shown  # of a notebook
     scope: dict[str, object] = {}

@@ -57,26 +57,35 @@ def values(found: Any) -> Any:
         return [values(part) for part in found]
     if isinstance(found, AbstractField):
         return found.displacement(POINTS)
-    return next((getattr(found, name) for name in ("values", "points", "error", "principal", "least", "worst")
-                 if hasattr(found, name)), found)
+    return next(
+        (
+            getattr(found, name)
+            for name in ("values", "points", "error", "principal", "least", "worst")
+            if hasattr(found, name)
+        ),
+        found,
+    )
 
 
-@pytest.mark.parametrize("call", [
-    lambda d: warp(VOLUME, d),
-    Warper(VOLUME),
-    lambda d: warp_points(POINTS, d, grid=VOLUME),
-    lambda d: warp_landmarks(LANDMARKS, d, grid=GRID),
-    lambda d: warp_mesh(MESH, d, grid=VOLUME),
-    lambda d: invert(d, VOLUME),
-    lambda d: round_trip(d, LANDMARKS, grid=VOLUME),
-    lambda d: jacobian_determinant(d, VOLUME),
-    lambda d: jacobian_determinant(d, POINTS, grid=VOLUME),
-    lambda d: folds_of(d, VOLUME),
-    lambda d: stretches(d, POINTS, grid=VOLUME),
-    lambda d: compose(d, Identity(), grid=VOLUME),
-    lambda d: blend(d, Identity(), grid=VOLUME),
-    lambda d: DisplacementField.sample(d, VOLUME),
-])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda d: warp(VOLUME, d),
+        Warper(VOLUME),
+        lambda d: warp_points(POINTS, d, grid=VOLUME),
+        lambda d: warp_landmarks(LANDMARKS, d, grid=GRID),
+        lambda d: warp_mesh(MESH, d, grid=VOLUME),
+        lambda d: invert(d, VOLUME),
+        lambda d: round_trip(d, LANDMARKS, grid=VOLUME),
+        lambda d: jacobian_determinant(d, VOLUME),
+        lambda d: jacobian_determinant(d, POINTS, grid=VOLUME),
+        lambda d: folds_of(d, VOLUME),
+        lambda d: stretches(d, POINTS, grid=VOLUME),
+        lambda d: compose(d, Identity(), grid=VOLUME),
+        lambda d: blend(d, Identity(), grid=VOLUME),
+        lambda d: DisplacementField.sample(d, VOLUME),
+    ],
+)
 def test_a_deformation_counts_as_its_field(call: Callable[[Any], Any]) -> None:
     wanted = values(call(FIELD))
     for same in (DEFORMATION, DEFORMATION.steps[0]):
@@ -85,12 +94,20 @@ def test_a_deformation_counts_as_its_field(call: Callable[[Any], Any]) -> None:
             np.testing.assert_array_equal(one, other)
 
 
-@pytest.mark.parametrize("call", [
-    lambda: warp_points(POINTS, DEFORMATION), lambda: warp_landmarks(LANDMARKS, DEFORMATION),
-    lambda: warp_mesh(MESH, DEFORMATION), lambda: compose(DEFORMATION), lambda: round_trip(DEFORMATION, POINTS),
-    lambda: jacobian_determinant(DEFORMATION, POINTS), lambda: stretches(DEFORMATION, POINTS),
-    lambda: folds_of(DEFORMATION, RASTER), lambda: warp_picture(np.zeros((4, 4)), RASTER, DEFORMATION),
-])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: warp_points(POINTS, DEFORMATION),
+        lambda: warp_landmarks(LANDMARKS, DEFORMATION),
+        lambda: warp_mesh(MESH, DEFORMATION),
+        lambda: compose(DEFORMATION),
+        lambda: round_trip(DEFORMATION, POINTS),
+        lambda: jacobian_determinant(DEFORMATION, POINTS),
+        lambda: stretches(DEFORMATION, POINTS),
+        lambda: folds_of(DEFORMATION, RASTER),
+        lambda: warp_picture(np.zeros((4, 4)), RASTER, DEFORMATION),
+    ],
+)
 def test_a_deformation_asks_for_the_grid(call: Callable[[], Any]) -> None:
     with pytest.raises(DeformError, match="grid=volume"):
         call()
@@ -126,71 +143,96 @@ def test_a_volume_counts_as_its_grid() -> None:
     np.testing.assert_array_equal(FIELD.on_grid(VOLUME), FIELD.on_grid(GRID))
 
 
-@pytest.mark.parametrize(("call", "same"), [
-    (lambda g: image_places(POINTS, g), (GRID, VOLUME)),
-    (lambda p: image_places(p, GRID), (POINTS, LANDMARKS)),
-    (lambda t: render_volume(VOLUME, transfer=t, **SMALL), (preset("bone", VOLUME), "bone")),
-    (lambda t: project(VOLUME, "+y", "shaded", transfer=t), (preset("bone", VOLUME), "bone")),
-    (lambda d: list(deformation_frames(VOLUME, d, strengths=2, **SMALL)), (DEFORMATION, DEFORMATION.steps[0])),
-    (lambda g: list(deformation_frames(VOLUME, DEFORMATION, strengths=2, output=g, **SMALL)), (GRID, VOLUME)),
-    (lambda a: list(animation_frames(VOLUME, a, fps=2, **SMALL)), (Animation(MOVING), MOVING)),
-    (lambda g: draw_grids(DEFORMATION, PICTURE, grid=g).grids.nodes, (GRID, VOLUME)),
-    (lambda p: draw_pictures(p).get_size_inches(), ([PICTURE], PICTURE)),
-])
+@pytest.mark.parametrize(
+    ("call", "same"),
+    [
+        (lambda g: image_places(POINTS, g), (GRID, VOLUME)),
+        (lambda p: image_places(p, GRID), (POINTS, LANDMARKS)),
+        (lambda t: render_volume(VOLUME, transfer=t, **SMALL), (preset("bone", VOLUME), "bone")),
+        (lambda t: project(VOLUME, "+y", "shaded", transfer=t), (preset("bone", VOLUME), "bone")),
+        (lambda d: list(deformation_frames(VOLUME, d, strengths=2, **SMALL)), (DEFORMATION, DEFORMATION.steps[0])),
+        (lambda g: list(deformation_frames(VOLUME, DEFORMATION, strengths=2, output=g, **SMALL)), (GRID, VOLUME)),
+        (lambda a: list(animation_frames(VOLUME, a, fps=2, **SMALL)), (Animation(MOVING), MOVING)),
+        (lambda g: draw_grids(DEFORMATION, PICTURE, grid=g).grids.nodes, (GRID, VOLUME)),
+        (lambda p: draw_pictures(p).get_size_inches(), ([PICTURE], PICTURE)),
+    ],
+)
 def test_pictures_take_what_can_be_meant_without_doubt(call: Callable[[Any], Any], same: tuple[Any, Any]) -> None:
     wanted, found = (values(call(given)) for given in same)
     np.testing.assert_array_equal(found, wanted)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, "#", np.zeros((2, 3, 4, 5)), float("nan"), -1, {}, object(), ControlPoints,
-                                   [FIELD]], ids=lambda wrong: repr(wrong)[:20].split(" at ")[0])
-@pytest.mark.parametrize(("call", "right"), [
-    (lambda w: render_volume(w, **SMALL), ()), (lambda w: render_volume(VOLUME, transfer=w, **SMALL), (None,)),
-    (lambda w: render_volume(VOLUME, direction=w, **SMALL), ()),
-    (lambda w: render_volume(VOLUME, up=w, **SMALL), (None,)),
-    (lambda w: render_volume(VOLUME, height=w, **SMALL), (None, 3)),
-    (lambda w: render_volume(VOLUME, size=w, backend="core"), ()),
-    (lambda w: render_volume(VOLUME, background=w, **SMALL), ()), (lambda w: render_volume(VOLUME, backend=w), ()),
-    (lambda w: render_pair(w, VOLUME, **SMALL), ()), (lambda w: render_pair(VOLUME, w, **SMALL), ()),
-    (lambda w: render_pair(VOLUME, VOLUME, captions=w, **SMALL), ()),
-    (lambda w: render_pair(VOLUME, VOLUME, background=w, **SMALL), ()),
-    (lambda w: render_pair(VOLUME, VOLUME, path=w, **SMALL), (None, "#")),
-    (lambda w: image_places(w, GRID), ()), (lambda w: image_places(POINTS, w), ()),
-    (lambda w: image_places(POINTS, GRID, height=w), (None, 3)), (lambda w: image_places(POINTS, GRID, size=w), ()),
-    (lambda w: project(VOLUME, w), ()), (lambda w: project(VOLUME, "+z", w), ()),
-    (lambda w: project(VOLUME, "+z", "shaded", transfer=w), (None,)),
-    (lambda w: project(VOLUME, "+z", "slice", depth=w), (None, 3, -1)),
-    (lambda w: project(VOLUME, "+z", spacing=w), (None, 3)), (lambda w: project(VOLUME, "+z", part=w), (None,)),
-    (lambda w: project(VOLUME, "+z", eye=w), (None,)),
-    (draw_pictures, ()), (lambda w: draw_pictures([w]), ()), (lambda w: draw_pictures([PICTURE], style=w), ()),
-    (lambda w: draw_pictures([PICTURE], titles=w), (None,)), (lambda w: draw_pictures([PICTURE], points=w), (None,)),
-    (lambda w: draw_pictures([PICTURE], grids=w), (None,)), (lambda w: draw_pictures([PICTURE], path=w), (None,)),
-    (lambda w: draw_grids(w, PICTURE), ()), (lambda w: draw_grids(DEFORMATION, w), ()),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, lines=w), (3,)),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, overlay=w), ()),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, magnify=w), (3, -1)),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, grid=w), (None,)),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, key=w), (3,)),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, title=w), (None, "#")),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, unit=w), (None, "#")),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, style=w), ()),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, width=w), (3,)),
-    (lambda w: draw_grids(DEFORMATION, PICTURE, path=w), (None,)),
-    (lambda w: deformation_frames(w, DEFORMATION), ()), (lambda w: deformation_frames(VOLUME, w), ()),
-    (lambda w: deformation_frames(VOLUME, DEFORMATION, strengths=w), (3,)),
-    (lambda w: deformation_frames(VOLUME, DEFORMATION, directions=w), ()),
-    (lambda w: deformation_frames(VOLUME, DEFORMATION, transfer=w), (None,)),
-    (lambda w: deformation_frames(VOLUME, DEFORMATION, shows=w), ()),
-    (lambda w: deformation_frames(VOLUME, DEFORMATION, output=w), (None,)),
-    (lambda w: deformation_frames(VOLUME, DEFORMATION, background=w), ()),
-    (lambda w: animation_frames(w, Animation(MOVING)), ()), (lambda w: animation_frames(VOLUME, w), ()),
-    (lambda w: animation_frames(VOLUME, MOVING, fps=w), (3,)),
-    (lambda w: animation_frames(VOLUME, MOVING, times=w), (None,)),
-    (lambda w: write_movie(w, [BLACK]), ("#",)), (lambda w: write_movie("a.gif", w), ()),
-    (lambda w: write_movie("a.gif", [BLACK], w), (3,)),
-])
-def test_pictures_refuse_all_else_by_name(call: Callable[[Any], Any], right: tuple[Any, ...], wrong: Any,
-                                          tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "wrong",
+    [None, 3, "#", np.zeros((2, 3, 4, 5)), float("nan"), -1, {}, object(), ControlPoints, [FIELD]],
+    ids=lambda wrong: repr(wrong)[:20].split(" at ")[0],
+)
+@pytest.mark.parametrize(
+    ("call", "right"),
+    [
+        (lambda w: render_volume(w, **SMALL), ()),
+        (lambda w: render_volume(VOLUME, transfer=w, **SMALL), (None,)),
+        (lambda w: render_volume(VOLUME, direction=w, **SMALL), ()),
+        (lambda w: render_volume(VOLUME, up=w, **SMALL), (None,)),
+        (lambda w: render_volume(VOLUME, height=w, **SMALL), (None, 3)),
+        (lambda w: render_volume(VOLUME, size=w, backend="core"), ()),
+        (lambda w: render_volume(VOLUME, background=w, **SMALL), ()),
+        (lambda w: render_volume(VOLUME, backend=w), ()),
+        (lambda w: render_pair(w, VOLUME, **SMALL), ()),
+        (lambda w: render_pair(VOLUME, w, **SMALL), ()),
+        (lambda w: render_pair(VOLUME, VOLUME, captions=w, **SMALL), ()),
+        (lambda w: render_pair(VOLUME, VOLUME, background=w, **SMALL), ()),
+        (lambda w: render_pair(VOLUME, VOLUME, path=w, **SMALL), (None, "#")),
+        (lambda w: image_places(w, GRID), ()),
+        (lambda w: image_places(POINTS, w), ()),
+        (lambda w: image_places(POINTS, GRID, height=w), (None, 3)),
+        (lambda w: image_places(POINTS, GRID, size=w), ()),
+        (lambda w: project(VOLUME, w), ()),
+        (lambda w: project(VOLUME, "+z", w), ()),
+        (lambda w: project(VOLUME, "+z", "shaded", transfer=w), (None,)),
+        (lambda w: project(VOLUME, "+z", "slice", depth=w), (None, 3, -1)),
+        (lambda w: project(VOLUME, "+z", spacing=w), (None, 3)),
+        (lambda w: project(VOLUME, "+z", part=w), (None,)),
+        (lambda w: project(VOLUME, "+z", eye=w), (None,)),
+        (draw_pictures, ()),
+        (lambda w: draw_pictures([w]), ()),
+        (lambda w: draw_pictures([PICTURE], style=w), ()),
+        (lambda w: draw_pictures([PICTURE], titles=w), (None,)),
+        (lambda w: draw_pictures([PICTURE], points=w), (None,)),
+        (lambda w: draw_pictures([PICTURE], grids=w), (None,)),
+        (lambda w: draw_pictures([PICTURE], path=w), (None,)),
+        (lambda w: draw_grids(w, PICTURE), ()),
+        (lambda w: draw_grids(DEFORMATION, w), ()),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, lines=w), (3,)),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, overlay=w), ()),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, magnify=w), (3, -1)),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, grid=w), (None,)),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, key=w), (3,)),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, title=w), (None, "#")),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, unit=w), (None, "#")),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, style=w), ()),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, width=w), (3,)),
+        (lambda w: draw_grids(DEFORMATION, PICTURE, path=w), (None,)),
+        (lambda w: deformation_frames(w, DEFORMATION), ()),
+        (lambda w: deformation_frames(VOLUME, w), ()),
+        (lambda w: deformation_frames(VOLUME, DEFORMATION, strengths=w), (3,)),
+        (lambda w: deformation_frames(VOLUME, DEFORMATION, directions=w), ()),
+        (lambda w: deformation_frames(VOLUME, DEFORMATION, transfer=w), (None,)),
+        (lambda w: deformation_frames(VOLUME, DEFORMATION, shows=w), ()),
+        (lambda w: deformation_frames(VOLUME, DEFORMATION, output=w), (None,)),
+        (lambda w: deformation_frames(VOLUME, DEFORMATION, background=w), ()),
+        (lambda w: animation_frames(w, Animation(MOVING)), ()),
+        (lambda w: animation_frames(VOLUME, w), ()),
+        (lambda w: animation_frames(VOLUME, MOVING, fps=w), (3,)),
+        (lambda w: animation_frames(VOLUME, MOVING, times=w), (None,)),
+        (lambda w: write_movie(w, [BLACK]), ("#",)),
+        (lambda w: write_movie("a.gif", w), ()),
+        (lambda w: write_movie("a.gif", [BLACK], w), (3,)),
+    ],
+)
+def test_pictures_refuse_all_else_by_name(
+    call: Callable[[Any], Any], right: tuple[Any, ...], wrong: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     if any(wrong is one or (isinstance(wrong, int | str) and wrong == one) for one in right):
         call(wrong)
@@ -199,33 +241,68 @@ def test_pictures_refuse_all_else_by_name(call: Callable[[Any], Any], right: tup
             call(wrong)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, "+z", np.zeros((2, 3, 4, 5)), object(), ControlPoints, Deformation,
-                                   [FIELD]],
-                         ids=lambda wrong: type(wrong).__name__)
-@pytest.mark.parametrize("call", [
-    lambda w: warp(w, FIELD), lambda w: warp(w, DEFORMATION), lambda w: warp(VOLUME, w), Warper(VOLUME),
-    Warper, lambda w: Plane.along(w, "+z"), FIELD.on_grid, DEFORMATION.field,
-    DEFORMATION.inverse, lambda w: DEFORMATION.warp_points(POINTS, w), DEFORMATION.apply,
-    lambda w: Deformation.on_picture(w, "+z", DRAGS), DEFORMATION.then, lambda w: compose(FIELD, w),
-    blend, lambda w: invert(w, GRID), lambda w: invert(FIELD, w), lambda w: folds_of(w, GRID),
-    lambda w: folds_of(FIELD, w), lambda w: jacobian_determinant(w, GRID), lambda w: warp_mesh(w, FIELD),
-    lambda w: warp_mesh(MESH, w), lambda w: warp_landmarks(w, FIELD), lambda w: warp_points(POINTS, w),
-    lambda w: warp_points(w, FIELD), lambda w: round_trip(w, POINTS), lambda w: stretches(w, POINTS),
-    lambda w: project(w, "+z"), isosurface, lambda w: warp_picture(np.zeros((4, 4)), w, Identity(2)),
-    lambda w: warp_picture(np.zeros((4, 4)), RASTER, w), lambda w: as_field(w, GRID),
-    lambda w: signed_distance(MESH, w if w is not None else "none"), signed_distance,
-])
+@pytest.mark.parametrize(
+    "wrong",
+    [None, 3, "+z", np.zeros((2, 3, 4, 5)), object(), ControlPoints, Deformation, [FIELD]],
+    ids=lambda wrong: type(wrong).__name__,
+)
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda w: warp(w, FIELD),
+        lambda w: warp(w, DEFORMATION),
+        lambda w: warp(VOLUME, w),
+        Warper(VOLUME),
+        Warper,
+        lambda w: Plane.along(w, "+z"),
+        FIELD.on_grid,
+        DEFORMATION.field,
+        DEFORMATION.inverse,
+        lambda w: DEFORMATION.warp_points(POINTS, w),
+        DEFORMATION.apply,
+        lambda w: Deformation.on_picture(w, "+z", DRAGS),
+        DEFORMATION.then,
+        lambda w: compose(FIELD, w),
+        blend,
+        lambda w: invert(w, GRID),
+        lambda w: invert(FIELD, w),
+        lambda w: folds_of(w, GRID),
+        lambda w: folds_of(FIELD, w),
+        lambda w: jacobian_determinant(w, GRID),
+        lambda w: warp_mesh(w, FIELD),
+        lambda w: warp_mesh(MESH, w),
+        lambda w: warp_landmarks(w, FIELD),
+        lambda w: warp_points(POINTS, w),
+        lambda w: warp_points(w, FIELD),
+        lambda w: round_trip(w, POINTS),
+        lambda w: stretches(w, POINTS),
+        lambda w: project(w, "+z"),
+        isosurface,
+        lambda w: warp_picture(np.zeros((4, 4)), w, Identity(2)),
+        lambda w: warp_picture(np.zeros((4, 4)), RASTER, w),
+        lambda w: as_field(w, GRID),
+        lambda w: signed_distance(MESH, w if w is not None else "none"),
+        signed_distance,
+    ],
+)
 def test_anything_else_is_refused_by_name(call: Callable[[Any], Any], wrong: Any) -> None:
     with pytest.raises(DeformError):
         call(wrong)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, "tail", POINTS, FIELD, LANDMARKS, Landmarks],
-                         ids=lambda wrong: type(wrong).__name__)
-@pytest.mark.parametrize("call", [
-    fit_rbf, fit_points, lambda w: fit_rigid(w, ()), Deformation.in_space,
-    lambda w: Deformation.on_picture(GRID, "+z", w),
-])
+@pytest.mark.parametrize(
+    "wrong", [None, 3, "tail", POINTS, FIELD, LANDMARKS, Landmarks], ids=lambda wrong: type(wrong).__name__
+)
+@pytest.mark.parametrize(
+    "call",
+    [
+        fit_rbf,
+        fit_points,
+        lambda w: fit_rigid(w, ()),
+        Deformation.in_space,
+        lambda w: Deformation.on_picture(GRID, "+z", w),
+    ],
+)
 def test_no_control_points_are_refused_by_name(call: Callable[[Any], Any], wrong: Any) -> None:
     with pytest.raises(DeformError, match=r"control points|ControlPoints"):
         call(wrong)

@@ -42,8 +42,9 @@ def _segmentation(path: Path, **options: Any) -> None:
         pytest.importorskip("SimpleITK")
         labels = dn.Volume((NOISE > 100).astype(np.uint8), GRID, is_labels=True)
         dn.write_volume(labels, like)
-        data = like.read_bytes().replace(b"encoding:", b"Segment0_ID:=a\nSegment0_Name:=a\nSegment0_LabelValue:=1\n"
-                                         b"Segment0_Layer:=0\nencoding:", 1)
+        data = like.read_bytes().replace(
+            b"encoding:", b"Segment0_ID:=a\nSegment0_Name:=a\nSegment0_LabelValue:=1\nSegment0_Layer:=0\nencoding:", 1
+        )
         like.write_bytes(data)
     labels = dn.Volume(NOISE, GRID, is_labels=True)
     dn.io.write_segmentation(labels, path, like, **options)
@@ -60,15 +61,19 @@ def _page(path: Path, **options: Any) -> None:
 
 
 WRITERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
-    "write_volume": ((".nii.gz", ".nrrd", ".mha", ".ome.tif", ".zarr", ".npy", ".raw", ".vti", ".nhdr", ".mhd"),
-                     lambda path, **o: dn.write_volume(VOLUME, path, **o)),
+    "write_volume": (
+        (".nii.gz", ".nrrd", ".mha", ".ome.tif", ".zarr", ".npy", ".raw", ".vti", ".nhdr", ".mhd"),
+        lambda path, **o: dn.write_volume(VOLUME, path, **o),
+    ),
     "write_channels": ((".png", ".nrrd"), lambda path, **o: dn.io.write_channels(COLOURS, path, **o)),
     "write_series": ((".nrrd", ".ome.tif"), lambda path, **o: dn.io.write_series(MOMENTS, path, 2, **o)),
     "write_segmentation": ((".seg.nrrd",), _segmentation),
     "write_landmarks": ((".csv", ".mrk.json", ".fcsv"), lambda path, **o: dn.write_landmarks(MARKS, path, **o)),
     "write_mesh": ((".ply", ".stl", ".vtp", ".obj"), lambda path, **o: dn.write_mesh(MESH, path, **o)),
-    "write_transform": ((".tfm", ".h5", ".nrrd", ".nii.gz", ".zarr", ".vti"),
-                        lambda path, **o: dn.write_transform(WAVE, path, GRID, **o)),
+    "write_transform": (
+        (".tfm", ".h5", ".nrrd", ".nii.gz", ".zarr", ".vti"),
+        lambda path, **o: dn.write_transform(WAVE, path, GRID, **o),
+    ),
     "write_deformation": ((".json",), lambda path, **o: dn.write_deformation(DEFORMATION, path, **o)),
     "write_movie": ((".gif", ".webp"), lambda path, **o: dn.write_movie(path, FRAMES, **o)),
     "write_standalone": ((".html",), _page),
@@ -76,8 +81,10 @@ WRITERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "write_lesson_page": ((".html",), lambda path, **o: dn.lessons.write_lesson_page("affine", path, **o)),
     "draw_pictures": ((".png",), lambda path: dn.draw_pictures([PICTURE], path=path)),
     "draw_grids": ((".png",), lambda path: dn.draw_grids(DEFORMATION, PICTURE, grid=GRID, path=path)),
-    "render_pair": ((".png",), lambda path: dn.imaging.render_pair(VOLUME, VOLUME, size=(64, 48), backend="core",
-                                                                   path=path)),
+    "render_pair": (
+        (".png",),
+        lambda path: dn.imaging.render_pair(VOLUME, VOLUME, size=(64, 48), backend="core", path=path),
+    ),
 }
 """Functions that replace, with suffixes to try."""
 

@@ -30,8 +30,9 @@ def test_a_failure_is_shown_whatever_is_collected_meanwhile(tmp_path: Path) -> N
     (tmp_path / "pytest.ini").write_text("[pytest]\n", encoding="utf-8")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "report_without_gc"]
-    done = subprocess.run(command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(HERE)}, capture_output=True,
-                          text=True, check=False)
+    done = subprocess.run(
+        command, cwd=tmp_path, env={**environment, "PYTHONPATH": str(HERE)}, capture_output=True, text=True, check=False
+    )
     told = done.stdout + done.stderr
     assert "plainly wrong" in told
     assert "INTERNALERROR" not in told

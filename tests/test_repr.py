@@ -27,11 +27,26 @@ FIELD = fit_rbf(POINTS)
 RASTER = Raster((8, 8), (1.0, 1.0), (0.0, 0.0))
 
 
-@pytest.mark.parametrize("shown", [
-    VOLUME, GRID, POINTS, ONE, ONE.steps[0], ONE.steps[0].plane, project(VOLUME, "+z"), RASTER,
-    FIELD, ONE.field(GRID), DisplacementField(np.zeros((4, 8, 8, 3)), GRID), invert(FIELD, RASTER),
-    Landmarks(MANY, tuple(f"mark {k}" for k in range(200))), Mesh(np.eye(3), np.array([[0, 1, 2]]), "horse"),
-], ids=lambda shown: type(shown).__name__)
+@pytest.mark.parametrize(
+    "shown",
+    [
+        VOLUME,
+        GRID,
+        POINTS,
+        ONE,
+        ONE.steps[0],
+        ONE.steps[0].plane,
+        project(VOLUME, "+z"),
+        RASTER,
+        FIELD,
+        ONE.field(GRID),
+        DisplacementField(np.zeros((4, 8, 8, 3)), GRID),
+        invert(FIELD, RASTER),
+        Landmarks(MANY, tuple(f"mark {k}" for k in range(200))),
+        Mesh(np.eye(3), np.array([[0, 1, 2]]), "horse"),
+    ],
+    ids=lambda shown: type(shown).__name__,
+)
 def test_one_short_line(shown: Any) -> None:
     assert "\n" not in repr(shown)
     assert len(repr(shown)) < 250

@@ -48,8 +48,11 @@ class Server(Host):
 def application(connection_class: Any) -> Any:
     """What the extension sees of a server, with the lines it logs."""
     lines: list[str] = []
-    return SimpleNamespace(web_app=SimpleNamespace(settings={SETTING: connection_class}), lines=lines,
-                           log=SimpleNamespace(info=lines.append))
+    return SimpleNamespace(
+        web_app=SimpleNamespace(settings={SETTING: connection_class}),
+        lines=lines,
+        log=SimpleNamespace(info=lines.append),
+    )
 
 
 def usual() -> Any:
@@ -64,9 +67,11 @@ def asked(server: Host, path: str, data: bytes | None = None) -> Any:
 def opened(server: Host, kernel: str) -> socket.socket:
     """A page's end of a kernel's websocket, as far as the handshake."""
     page = socket.create_connection(("127.0.0.1", server.port), timeout=120)
-    page.sendall(f"GET /api/kernels/{kernel}/channels?session_id=s&token={server.token} HTTP/1.1\r\n"
-                 f"Host: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-                 "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+    page.sendall(
+        f"GET /api/kernels/{kernel}/channels?session_id=s&token={server.token} HTTP/1.1\r\n"
+        f"Host: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
     assert page.recv(4096).startswith(b"HTTP/1.1 101")
     return page
 
@@ -129,10 +134,10 @@ def test_voila_on_its_own_takes_the_class_by_name() -> None:
 def test_the_installed_file_names_an_extension() -> None:
     tables = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wheel = tables["tool"]["hatch"]["build"]["targets"]["wheel"]
-    (folder, target), = wheel["shared-data"].items()
+    ((folder, target),) = wheel["shared-data"].items()
     assert target == "etc/jupyter"
     file = ROOT / folder / "jupyter_server_config.d" / "deformnb.json"
-    (name, enabled), = json.loads(file.read_text(encoding="utf-8"))["ServerApp"]["jpserver_extensions"].items()
+    ((name, enabled),) = json.loads(file.read_text(encoding="utf-8"))["ServerApp"]["jpserver_extensions"].items()
     assert enabled is True
     module = importlib.import_module(name)
     assert [point["module"] for point in module._jupyter_server_extension_points()] == [name]
@@ -140,7 +145,9 @@ def test_the_installed_file_names_an_extension() -> None:
 
 
 def test_it_can_be_read_without_jupyter_server() -> None:
-    code = ("import sys; sys.modules['jupyter_server'] = None; import deformnb.server_extension as e; "
-            "print(e._jupyter_server_extension_points(), hasattr(e, 'other'))")
+    code = (
+        "import sys; sys.modules['jupyter_server'] = None; import deformnb.server_extension as e; "
+        "print(e._jupyter_server_extension_points(), hasattr(e, 'other'))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[{'module': 'deformnb.server_extension'}] False"

@@ -25,8 +25,10 @@ OPENED_BY_VTK = ("libEGL.so.1", "libGL.so.1")
 # The files of each package, one a line.
 DPKG_LISTS = Path("/var/lib/dpkg/info")
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux") or shutil.which("ldd") is None,
-                                reason="the libraries of a program are listed by ldd, which is of Linux")
+pytestmark = pytest.mark.skipif(
+    not sys.platform.startswith("linux") or shutil.which("ldd") is None,
+    reason="the libraries of a program are listed by ldd, which is of Linux",
+)
 
 
 def programs_and_libraries(name: str) -> list[Path]:
@@ -60,8 +62,10 @@ def _is_elf(path: Path) -> bool:
 def libraries(files: list[Path]) -> dict[str, str]:
     """The path of each shared library that files need, themselves or through others; empty where it is missing."""
     told = subprocess.run(["ldd", *map(str, files)], capture_output=True, text=True, check=False).stdout
-    return {name: "" if path == "not found" else path
-            for name, path in re.findall(r"^\s+(\S+) => (not found|/\S+)", told, re.MULTILINE)}
+    return {
+        name: "" if path == "not found" else path
+        for name, path in re.findall(r"^\s+(\S+) => (not found|/\S+)", told, re.MULTILINE)
+    }
 
 
 @pytest.mark.parametrize("name", ["Chromium", "Node.js", "Playwright", "VTK"])
@@ -75,8 +79,11 @@ def test_no_shared_library_is_missing(name: str) -> None:
 def test_run_installs_each_shared_library(name: str) -> None:
     if shutil.which("dpkg-query") is None:
         pytest.skip("the packages are not those of Debian")
-    used = {library for library, path in libraries(programs_and_libraries(name)).items()
-            if path and not Path(path).resolve().is_relative_to(Path(sys.prefix).resolve())}
+    used = {
+        library
+        for library, path in libraries(programs_and_libraries(name)).items()
+        if path and not Path(path).resolve().is_relative_to(Path(sys.prefix).resolve())
+    }
     if name == "VTK":
         used |= {library for library in OPENED_BY_VTK if _opens(library)}
     brought = brought_by_run()
@@ -110,8 +117,12 @@ def owners_of(names: set[str]) -> dict[str, set[str]]:
 def brought_by_run() -> set[str]:
     """What a minimal Debian has and what ``run`` installs, with all that these depend on, as far as it is installed."""
     fields = ("Package", "Essential", "Priority", "Provides", "Pre-Depends", "Depends")
-    table = subprocess.run(["dpkg-query", "-W", "-f", "\t".join(f"${{{field}}}" for field in fields) + "\n"],
-                           capture_output=True, text=True, check=True).stdout
+    table = subprocess.run(
+        ["dpkg-query", "-W", "-f", "\t".join(f"${{{field}}}" for field in fields) + "\n"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
     depends: dict[str, set[str]] = {}
     reached = named_in_run() | {"apt"}
     for line in table.splitlines():
@@ -136,5 +147,4 @@ def _names(relations: str) -> set[str]:
 def named_in_run() -> set[str]:
     """The packages that the script installs by their names."""
     script = (ROOT / "run").read_text(encoding="utf-8")
-    return {name for names in re.findall(r"apt_install ((?:[a-z][\w.+-]* ?)+)", script)
-            for name in names.split()}
+    return {name for names in re.findall(r"apt_install ((?:[a-z][\w.+-]* ?)+)", script) for name in names.split()}

@@ -26,7 +26,7 @@ def uploaded(widget: FileInput, name: str, content: bytes, *, cancel_at: int | N
             if k == cancel_at:
                 receive({"type": "cancel", "id": "page-1"}, [])
             else:
-                receive({"type": "piece", "id": "page-1", "offset": at}, [memoryview(content[at:at + length])])
+                receive({"type": "piece", "id": "page-1", "offset": at}, [memoryview(content[at : at + length])])
         widget.wait()
     finally:
         widget.send = send  # type: ignore[method-assign]

@@ -94,6 +94,7 @@ def save(folder: Path, chance: random.Random) -> Any:
 
 def autosave(folder: Path, chance: random.Random) -> Any:
     """Edited without end while it saves itself; tells the strength that it has written."""
+
     def tell(entry: Any) -> None:
         os.write(1, b"%d\n" % round(restore(entry).steps[0].strength * 1e6))
 
@@ -267,5 +268,6 @@ def lost(folder: Path, chance: random.Random) -> Any:
 
 if __name__ == "__main__":
     found = {f.__name__: f for f in (save, autosave, writers, pairs, full, lost, ends)}[sys.argv[1]](
-        Path(sys.argv[2]), random.Random(int(sys.argv[3])))
+        Path(sys.argv[2]), random.Random(int(sys.argv[3]))
+    )
     sys.stdout.write(json.dumps(found) + "\n")

@@ -13,8 +13,9 @@ from deformnb.warping.composed import ComposedEvaluator
 from deformnb.warping.node_table import Displacements, NodeTable
 
 
-def at_voxels(found: Displacements, table: NodeTable | ComposedEvaluator, block: tuple[slice, slice],
-              grid: Grid) -> tuple[NDArray[Any], NDArray[Any] | None]:
+def at_voxels(
+    found: Displacements, table: NodeTable | ComposedEvaluator, block: tuple[slice, slice], grid: Grid
+) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Displacements (3, z, y, x) at the voxels of a block that lie in the grid, and opacity [z, y, x] beside cuts."""
     d = np.stack([np.asarray(part) for part in found.d])
     opacity = None if found.opacity is None else np.array(found.opacity)

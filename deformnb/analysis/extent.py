@@ -55,6 +55,7 @@ _STEPS = 20
 # edges.
 _SCALES = (0.2, 0.6, 1.8)
 
+
 @dataclass(frozen=True, eq=False)
 class Foreground:
     """Foreground of a volume, as small boxes of whole voxels; make it by :func:`foreground_of`.
@@ -182,7 +183,7 @@ def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Array
         for start in outer:
             y, error = newton(np.tile(start, (len(corners), 1)), corners, numbers, map_of(field), tolerance, _STEPS)
             found.append(y[error <= tolerance])
-        places = np.concatenate([places, *found[-len(outer):]])
+        places = np.concatenate([places, *found[-len(outer) :]])
         if bool(np.all(np.abs(np.subtract(_box(foreground, places), before)) < 1.0)):
             break
     return np.concatenate(found)
@@ -219,8 +220,9 @@ def _lattice(foreground: Foreground, low: Array, high: Array) -> Array:
     return foreground.grid.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
-def _looked_up(foreground: Foreground, field: AbstractField, low: Array, high: Array,
-               around: Array) -> tuple[Array, bool]:
+def _looked_up(
+    foreground: Foreground, field: AbstractField, low: Array, high: Array, around: Array
+) -> tuple[Array, bool]:
     """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
     nodes = _lattice(foreground, low - around, high + around)
     seen = foreground.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)

@@ -59,9 +59,12 @@ class Folds:
     air: float = 0.0
 
 
-
-def jacobian_determinant(field: AbstractField | HasField, where: Grid | VolumeLike | Raster | Landmarks | ArrayLike, *,
-                         grid: Grid | VolumeLike | None = None) -> NDArray[Any]:
+def jacobian_determinant(
+    field: AbstractField | HasField,
+    where: Grid | VolumeLike | Raster | Landmarks | ArrayLike,
+    *,
+    grid: Grid | VolumeLike | None = None,
+) -> NDArray[Any]:
     """The determinant of ``1 + dD/dx``: 1 where areas are kept, 0 or less where the map folds.
 
     Parameters
@@ -105,8 +108,14 @@ def jacobian_determinant(field: AbstractField | HasField, where: Grid | VolumeLi
     return lattice_out
 
 
-def folds_of(field: AbstractField | HasField, lattice: Grid | VolumeLike | Raster, progress: Progress | None = None, *,
-             grid: Grid | VolumeLike | None = None, is_tissue: IsTissue | None = None) -> Folds:
+def folds_of(
+    field: AbstractField | HasField,
+    lattice: Grid | VolumeLike | Raster,
+    progress: Progress | None = None,
+    *,
+    grid: Grid | VolumeLike | None = None,
+    is_tissue: IsTissue | None = None,
+) -> Folds:
     """The smallest determinant on a lattice, its place, and the share of the nodes that lie in folds.
 
     Parameters
@@ -150,8 +159,12 @@ def folds_of(field: AbstractField | HasField, lattice: Grid | VolumeLike | Raste
     return Folds(least, _place(lattice, place), float(folded / nodes), float(in_air / nodes))
 
 
-def air_nodes(field: AbstractField, points: Callable[[NDArray[np.bool_]], NDArray[np.float64]], values: NDArray[Any],
-              is_tissue: IsTissue | None) -> NDArray[np.bool_]:
+def air_nodes(
+    field: AbstractField,
+    points: Callable[[NDArray[np.bool_]], NDArray[np.float64]],
+    values: NDArray[Any],
+    is_tissue: IsTissue | None,
+) -> NDArray[np.bool_]:
     """Nodes with a determinant up to :data:`NEARLY_FOLDED` at which no tissue is seen: no fold of theirs counts.
 
     Parameters
@@ -200,8 +213,9 @@ def _place(lattice: Grid | Raster, index: tuple[int, ...]) -> tuple[float, ...]:
     return tuple(lattice.index_to_point(at).tolist())
 
 
-def _points_of(lattice: Grid | Raster, part: tuple[slice, ...], shape: tuple[int, ...]
-               ) -> Callable[[NDArray[np.bool_]], NDArray[np.float64]]:
+def _points_of(
+    lattice: Grid | Raster, part: tuple[slice, ...], shape: tuple[int, ...]
+) -> Callable[[NDArray[np.bool_]], NDArray[np.float64]]:
     """The nodes of a part of the lattice's array where a mask of this shape is true."""
     first = np.array([p.start or 0 for p in part])
 
@@ -217,8 +231,10 @@ def _points_of(lattice: Grid | Raster, part: tuple[slice, ...], shape: tuple[int
 def _blocks(field: AbstractField, lattice: Grid | Raster) -> Iterator[tuple[tuple[slice, ...], NDArray[np.float32]]]:
     """Parts of the lattice's array and the determinants there; an axis of length 1 stands for all along it."""
     if field.dim != len(lattice.shape):
-        raise DeformError(f"a field of dimension {field.dim} has no determinants on a lattice of "
-                          f"{len(lattice.shape)} axes; extrude a field of the plane first.")
+        raise DeformError(
+            f"a field of dimension {field.dim} has no determinants on a lattice of "
+            f"{len(lattice.shape)} axes; extrude a field of the plane first."
+        )
     if isinstance(lattice, Raster):
         everywhere = (slice(None), slice(None))
         yield everywhere, _determinant(field.jacobian_on_outer_sum(*raster_lines(lattice)))

@@ -89,8 +89,14 @@ class FitSystem:
         if self.ready.trend == "quadratic":
             assert self.ready.span.quadrics is not None
             return dim + dim * rank + dim * int(self.ready.span.quadrics.shape[1])
-        return {"none": 0, "translation": dim, "rigid": dim + turns, "similarity": dim + turns + 1,
-                "affine": dim + dim * rank, "affine_exact": dim + dim * rank}[self.ready.trend]
+        return {
+            "none": 0,
+            "translation": dim,
+            "rigid": dim + turns,
+            "similarity": dim + turns + 1,
+            "affine": dim + dim * rank,
+            "affine_exact": dim + dim * rank,
+        }[self.ready.trend]
 
     @property
     def gram(self) -> Floats:
@@ -111,8 +117,14 @@ class FitSystem:
         return replace(self, energy=energy, kept=kept)
 
 
-def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
-               trend: str = "affine", smoothing: float = 0.0) -> FitSystem:
+def fit_system(
+    points: ControlPoints,
+    *,
+    kernel: str = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+) -> FitSystem:
     """Fit points as :func:`~deformnb.rbf.fitting.fit_rbf` does, and keep the inverse of the system.
 
     Raises
@@ -134,17 +146,20 @@ def fit_system(points: ControlPoints, *, kernel: str = "wendland_c2", support: f
     try:
         inverse = _inverse(matrix, _polynomials(x, ready.span, np), fit.kernel.order, ready.trend, scales is not None)
     except np.linalg.LinAlgError:
-        raise DeformError(f"the {fit.kernel.name} kernel with support {ready.support:.6g} is too flat for these "
-                          f"{len(x)} control points to be inverted (closest are {ready.closest}). Use a smaller "
-                          "support, a Wendland kernel, or a little smoothing.") from None
+        raise DeformError(
+            f"the {fit.kernel.name} kernel with support {ready.support:.6g} is too flat for these "
+            f"{len(x)} control points to be inverted (closest are {ready.closest}). Use a smaller "
+            "support, a Wendland kernel, or a little smoothing."
+        ) from None
     return FitSystem(fit, ready, x, d, phi, nugget, *inverse, np.ones(len(x), dtype=bool))
 
 
 def kernel_values(kernel: type[AbstractKernel], x: Floats, centers: Floats, scales: Floats | None = None) -> Floats:
     """Phi at relative places x (m, dim) for centres (n, dim): (m, n)."""
     with float64():
-        return np.asarray(_kernel_values(x, centers, np.ones(len(centers)) if scales is None else scales,
-                                         kernel=kernel))
+        return np.asarray(
+            _kernel_values(x, centers, np.ones(len(centers)) if scales is None else scales, kernel=kernel)
+        )
 
 
 def _values(x: Any, centers: Any, scales: Any, *, kernel: type[AbstractKernel]) -> Any:
@@ -258,14 +273,32 @@ class Uncertainty:
         centers[:n], energy[:n, :n], weights[:n] = s.x, s.energy, s.weights
         missed = np.zeros((self.dim, self.dim)) if self.open is None else self.open / self.dim
         with float64():
-            found = _variances(places.reshape(blocks, _BLOCK, self.dim), centers, energy, weights, s.rest,
-                               s.ready.span, missed, kernel=s.fit.kernel)
+            found = _variances(
+                places.reshape(blocks, _BLOCK, self.dim),
+                centers,
+                energy,
+                weights,
+                s.rest,
+                s.ready.span,
+                missed,
+                kernel=s.fit.kernel,
+            )
         return np.asarray(found).ravel()[:m]
 
 
-def _variances_of(blocks: Any, centers: Any, energy: Any, weights: Any, rest: Any, span: Span, missed: Any, *,
-                  kernel: type[AbstractKernel]) -> Any:
+def _variances_of(
+    blocks: Any,
+    centers: Any,
+    energy: Any,
+    weights: Any,
+    rest: Any,
+    span: Span,
+    missed: Any,
+    *,
+    kernel: type[AbstractKernel],
+) -> Any:
     """The module's formula; padded centres have zeros in all matrices and so no effect."""
+
     def of_block(x: Any) -> Any:
         k = _values(x, centers, 1.0, kernel=kernel)
         pull = k @ energy
@@ -280,8 +313,15 @@ def _variances_of(blocks: Any, centers: Any, energy: Any, weights: Any, rest: An
 _variances = compiled(_variances_of, static_argnames="kernel")
 
 
-def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
-                trend: str = "affine", smoothing: float = 0.0, sigma: float | None = None) -> Uncertainty:
+def uncertainty(
+    points: ControlPoints,
+    *,
+    kernel: str = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+    sigma: float | None = None,
+) -> Uncertainty:
     """Uncertainty of the map of control points: the deviation of the Gaussian process with the same kernel.
 
     It is zero at the points (without smoothing) and grows away from them; where it is large, the map is only a guess
@@ -313,8 +353,10 @@ def uncertainty(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     scale = process_scale(system) if sigma is None else float(sigma)
     if not scale >= 0:
         least = system.free_parameters // system.dim + 1
-        raise DeformError(f"{system.count} control point(s) give no estimate of the error of the map, for the trend "
-                          f"{system.ready.trend!r} takes all their freedom; have at least {least}, or give sigma.")
+        raise DeformError(
+            f"{system.count} control point(s) give no estimate of the error of the map, for the trend "
+            f"{system.ready.trend!r} takes all their freedom; have at least {least}, or give sigma."
+        )
     return Uncertainty(system, scale, _open_part(system))
 
 
@@ -343,4 +385,3 @@ def _generators(system: FitSystem) -> Floats:
         skew[m, a, b], skew[m, b, a] = 1.0, -1.0
     turns = skew @ linear
     return np.concatenate([turns, linear[None]]) if system.ready.trend == "similarity" else turns
-

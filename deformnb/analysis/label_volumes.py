@@ -42,8 +42,9 @@ class LabelVolume:
         return 100 * (self.after - self.before) / self.before if self.before else math.nan
 
 
-def label_volumes(before: VolumeLike, after: VolumeLike,
-                  names: Mapping[int, str] | None = None) -> tuple[LabelVolume, ...]:
+def label_volumes(
+    before: VolumeLike, after: VolumeLike, names: Mapping[int, str] | None = None
+) -> tuple[LabelVolume, ...]:
     """The volume of each label before and after a deformation: number of voxels times the size of a voxel.
 
     Parameters
@@ -74,9 +75,11 @@ def label_volumes(before: VolumeLike, after: VolumeLike,
     counts = [_counts(volume) for volume in both]
     sizes = [float(np.prod(volume.grid.spacing)) for volume in both]
     named = names or {}
-    return tuple(LabelVolume(label, named.get(label, ""), counts[0].get(label, 0) * sizes[0],
-                             counts[1].get(label, 0) * sizes[1])
-                 for label in sorted(counts[0].keys() | counts[1].keys()) if label != 0)
+    return tuple(
+        LabelVolume(label, named.get(label, ""), counts[0].get(label, 0) * sizes[0], counts[1].get(label, 0) * sizes[1])
+        for label in sorted(counts[0].keys() | counts[1].keys())
+        if label != 0
+    )
 
 
 def _counts(volume: Volume) -> dict[int, int]:

@@ -83,8 +83,14 @@ class FitQuality:
         return float(np.sqrt((self.leave_one_out**2).sum() / max(1, len(self.ids))))
 
 
-def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: float | None = None,
-                trend: str = "affine", smoothing: float = 0.0) -> FitQuality:
+def fit_quality(
+    points: ControlPoints,
+    *,
+    kernel: str = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+) -> FitQuality:
     """Assess the fit that :func:`~deformnb.rbf.fitting.fit_rbf` makes of these points.
 
     A point is suspect if what the others predict for it misses by at least half of the way to the nearest other point,
@@ -127,8 +133,17 @@ def fit_quality(points: ControlPoints, *, kernel: str = "wendland_c2", support: 
     share, non_affine = affine_split(active)
     nearest = scipy.spatial.cKDTree(system.x).query((active.target - system.ready.origin) / unit)[1]
     gaps = unit * _gaps(system.x)[nearest]  # to another place: points that share one would lie infinitely close
-    return FitQuality(active.ids, _residual(system, active), errors, _lengths(errors) / gaps,
-                      _suspects(system, active), _energy(system), process_scale(system), share, non_affine)
+    return FitQuality(
+        active.ids,
+        _residual(system, active),
+        errors,
+        _lengths(errors) / gaps,
+        _suspects(system, active),
+        _energy(system),
+        process_scale(system),
+        share,
+        non_affine,
+    )
 
 
 def affine_split(points: ControlPoints) -> tuple[float, Floats]:
@@ -188,8 +203,9 @@ def _rows_of(system: FitSystem, active: ControlPoints) -> NDArray[np.int64]:
     place = {i: k for k, i in enumerate(system.ready.ids)}
     row = np.array([place.get(i, -1) for i in active.ids])
     if len(active) > system.count:
-        near = scipy.spatial.cKDTree(active.target).query_pairs(same_place(active, system.ready.support),
-                                                                output_type="ndarray")
+        near = scipy.spatial.cKDTree(active.target).query_pairs(
+            same_place(active, system.ready.support), output_type="ndarray"
+        )
         row[np.unique(near)] = -1
     return row
 
@@ -279,8 +295,9 @@ def _linear_parts(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
 def _moments_left(system: FitSystem) -> tuple[Floats, Floats, Floats]:
     """Second moments (n, dim, dim) of targets, of sources, and of both, of all points but the i-th."""
     n = int(system.kept.sum())
-    x, y = (np.where(system.kept[:, None], a - a[system.kept].mean(axis=0), 0.0) for a in (system.x,
-                                                                                         system.x + system.d))
+    x, y = (
+        np.where(system.kept[:, None], a - a[system.kept].mean(axis=0), 0.0) for a in (system.x, system.x + system.d)
+    )
     share = n / max(1, n - 1)
     left = [p.T @ q - share * p[:, :, None] * q[:, None, :] for p, q in ((x, x), (y, y), (y, x))]
     return left[0], left[1], left[2]

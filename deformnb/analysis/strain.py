@@ -46,8 +46,9 @@ class Stretches:
     directions: Array
 
 
-def stretches(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
-              grid: Grid | VolumeLike | None = None) -> Stretches:
+def stretches(
+    field: AbstractField | HasField, points: ArrayLike | Landmarks, *, grid: Grid | VolumeLike | None = None
+) -> Stretches:
     """The principal stretches of tissue that the deformation has brought to points (..., dim).
 
     Parameters

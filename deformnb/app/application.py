@@ -41,8 +41,16 @@ class Application:
     >>> app.close()
     """
 
-    def __init__(self, volume: ChannelsLike, deformation: Deformation | None = None, *, side: str | None = None,
-                 viewer: str = "live", folder: str | PathLike[str] = ".", language: str | None = None) -> None:
+    def __init__(
+        self,
+        volume: ChannelsLike,
+        deformation: Deformation | None = None,
+        *,
+        side: str | None = None,
+        viewer: str = "live",
+        folder: str | PathLike[str] = ".",
+        language: str | None = None,
+    ) -> None:
         with parts_of_another():
             self.studio = Studio(volume, deformation, side=side, view=viewer, folder=folder, language=language)
         self.thread = Worker("deformnb-application")

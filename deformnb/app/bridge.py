@@ -29,11 +29,20 @@ TOPIC = "deformnb.comm"
 """Topic under which pages receive the messages of widgets."""
 
 SETTABLE = {
-    "BoundedFloatTextModel": {"value"}, "BoundedIntTextModel": {"value"}, "FloatTextModel": {"value"},
-    "TextModel": {"value"}, "TextareaModel": {"value"}, "FloatSliderModel": {"value"}, "FloatLogSliderModel": {"value"},
-    "IntSliderModel": {"value"}, "CheckboxModel": {"value"}, "ToggleButtonModel": {"value"}, "DropdownModel": {"index"},
+    "BoundedFloatTextModel": {"value"},
+    "BoundedIntTextModel": {"value"},
+    "FloatTextModel": {"value"},
+    "TextModel": {"value"},
+    "TextareaModel": {"value"},
+    "FloatSliderModel": {"value"},
+    "FloatLogSliderModel": {"value"},
+    "IntSliderModel": {"value"},
+    "CheckboxModel": {"value"},
+    "ToggleButtonModel": {"value"},
+    "DropdownModel": {"index"},
     "SelectMultipleModel": {"index"},
-    "TabModel": {"selected_index"}, "AccordionModel": {"selected_index"},
+    "TabModel": {"selected_index"},
+    "AccordionModel": {"selected_index"},
 }
 """Traits of ipywidgets that a page may set, by the name of the model. Our own widgets check what they are sent."""
 
@@ -116,6 +125,7 @@ class Bridge:
 
     async def _open(self) -> dict[str, Any]:
         """The model id of the studio, and the states of all widgets."""
+
         def look() -> dict[str, Any]:
             with self._lock:
                 self._forget_closed()

@@ -44,9 +44,11 @@ def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES
     return checked_host(host)
 
 
-def app_server(app: Application, *, host: str = "127.0.0.1", port: int = 0,
-               idle: float = 60 * IDLE_MINUTES) -> PageServer:
+def app_server(
+    app: Application, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES
+) -> PageServer:
     """A server of the page with this application; see :class:`~deformnb.widgets.web.server.PageServer`."""
+
     def make(server: PageServer) -> Bridge:
         bridge = Bridge(app, server)
         build_page(server.trame, app)
@@ -61,9 +63,18 @@ def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
     return PHANTOMS["fish"].make(progress=progress)
 
 
-def open_app(volume: ChannelsLike, deformation: Deformation | None = None, *, side: str | None = None,
-             viewer: str = "live", host: str = "127.0.0.1", port: int = 0, browser: bool = True,
-             idle: float = IDLE_MINUTES, language: str | None = None) -> None:
+def open_app(
+    volume: ChannelsLike,
+    deformation: Deformation | None = None,
+    *,
+    side: str | None = None,
+    viewer: str = "live",
+    host: str = "127.0.0.1",
+    port: int = 0,
+    browser: bool = True,
+    idle: float = IDLE_MINUTES,
+    language: str | None = None,
+) -> None:
     """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.
 
     Parameters
@@ -89,14 +100,16 @@ def open_app(volume: ChannelsLike, deformation: Deformation | None = None, *, si
     try:
         server = app_server(app, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:
+
             def announce(url: str) -> None:
                 _announce(url, idle, stack if browser else None)
                 app.studio.warm_up()  # while the browser starts
 
             asyncio.run(server.run(announce))
     except OSError as error:
-        raise DeformError(f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; "
-                          "choose another --port.") from None
+        raise DeformError(
+            f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; choose another --port."
+        ) from None
     finally:
         app.close()
     _print(f"stopped: {server.reason}.")
@@ -123,8 +136,10 @@ def _doorway(url: str) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(prefix="deformnb-", suffix=".html")  # only its owner may read it
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" '
-                       f'content="0; url={html.escape(url)}"><title>deformnb</title>')
+            file.write(
+                f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" '
+                f'content="0; url={html.escape(url)}"><title>deformnb</title>'
+            )
         yield Path(name)
     finally:
         Path(name).unlink(missing_ok=True)

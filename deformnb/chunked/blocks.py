@@ -56,8 +56,9 @@ class Blocks:
     def part(self, number: int) -> Part:
         """The voxels of a block."""
         at = np.unravel_index(number, self.counts)
-        z, y, x = (slice(int(k) * b, min(n, (int(k) + 1) * b)) for k, b, n in zip(at, self.block, self.shape,
-                                                                                 strict=True))
+        z, y, x = (
+            slice(int(k) * b, min(n, (int(k) + 1) * b)) for k, b, n in zip(at, self.block, self.shape, strict=True)
+        )
         return z, y, x
 
 
@@ -137,9 +138,20 @@ def _bytes(source: LargeVolume, method: str, block: Shape, window: Shape) -> int
     return math.prod(window) * (3 * item + spline) + math.prod(block) * (2 * item + _WORKING_BYTES)
 
 
-def planned(source: LargeVolume, field: AbstractField, output: Grid, *, method: str, fill: float, background: float,
-            block: Shape, memory: int, workers: int, processes: int = 1,
-            progress: Progress | None = None) -> tuple[BlockWarp, int]:
+def planned(
+    source: LargeVolume,
+    field: AbstractField,
+    output: Grid,
+    *,
+    method: str,
+    fill: float,
+    background: float,
+    block: Shape,
+    memory: int,
+    workers: int,
+    processes: int = 1,
+    progress: Progress | None = None,
+) -> tuple[BlockWarp, int]:
     """The blocks of a warp, and how many may be computed at once within the memory.
 
     Parameters
@@ -167,17 +179,21 @@ def planned(source: LargeVolume, field: AbstractField, output: Grid, *, method: 
         if needed <= memory:
             at_once = max(1, min(workers, memory // needed))
             cache = ChunkCache(source, (memory - at_once * needed) // processes)
-            return BlockWarp(source, field, output, method, fill, background, blocks, tuple(found), window,
-                             cache), at_once
+            return BlockWarp(
+                source, field, output, method, fill, background, blocks, tuple(found), window, cache
+            ), at_once
         if math.prod(block) <= _FEWEST_VOXELS:
-            raise DeformError(f"a block of {' x '.join(map(str, block[::-1]))} voxels needs {human_bytes(needed)}, as "
-                              f"its displacements lead far apart, and memory allows {human_bytes(memory)}; allow more.")
+            raise DeformError(
+                f"a block of {' x '.join(map(str, block[::-1]))} voxels needs {human_bytes(needed)}, as "
+                f"its displacements lead far apart, and memory allows {human_bytes(memory)}; allow more."
+            )
         axis = int(np.argmax(block))
         block = tuple(-(-b // 2) if k == axis else b for k, b in enumerate(block))  # type: ignore[assignment]
 
 
-def _parts(blocks: Blocks, find: Callable[[Grid], Part | None], output: Grid,
-           progress: Progress | None) -> list[Part | None]:
+def _parts(
+    blocks: Blocks, find: Callable[[Grid], Part | None], output: Grid, progress: Progress | None
+) -> list[Part | None]:
     found = []
     for number in range(len(blocks)):
         part = blocks.part(number)

@@ -38,8 +38,9 @@ def on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int)
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int,
-               carried: int) -> Iterator[int]:
+def on_cluster(
+    client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int, carried: int
+) -> Iterator[int]:
     """The same on the workers of a ``dask.distributed.Client``; a block whose worker dies is done by another one.
 
     Parameters
@@ -53,19 +54,30 @@ def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], 
     if not numbers:
         return
     # What is computed on a worker can be computed again if that dies; what is scattered lies on each of them.
-    shared = client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(
-        _same, work, pure=False)
+    shared = (
+        client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(_same, work, pure=False)
+    )
     # Neighbours read the same chunks, which each worker keeps for itself: each begins with a run of its own. Any other
     # one may take a block over.
     slots = [address for address, threads in sorted(client.nthreads().items()) for _ in range(threads)]
     are_all = at_once >= len(slots)
-    following = iter((number, [slots[k * len(slots) // len(numbers)]] if are_all else None)
-                     for k, number in enumerate(numbers))
+    following = iter(
+        (number, [slots[k * len(slots) // len(numbers)]] if are_all else None) for k, number in enumerate(numbers)
+    )
 
     def submitted(count: int | None) -> dict[Any, int]:
-        return {client.submit(_call, shared, number, pure=False, retries=_RETRIES, workers=workers,
-                              allow_other_workers=workers is not None): number
-                for number, workers in islice(following, count)}
+        return {
+            client.submit(
+                _call,
+                shared,
+                number,
+                pure=False,
+                retries=_RETRIES,
+                workers=workers,
+                allow_other_workers=workers is not None,
+            ): number
+            for number, workers in islice(following, count)
+        }
 
     futures = submitted(None if are_all else at_once)
     finished = as_completed(list(futures))
@@ -75,8 +87,10 @@ def on_cluster(client: Any, work: Callable[[int], Any], numbers: Sequence[int], 
                 if future.status != "finished":  # else there is nothing to fetch but a round trip to the worker
                     future.result()
             except KilledWorker as error:
-                raise DeformError(f"the workers died over block {futures[future]} again and again, most likely for "
-                                  "want of memory; give memory=... a smaller value.") from error
+                raise DeformError(
+                    f"the workers died over block {futures[future]} again and again, most likely for "
+                    "want of memory; give memory=... a smaller value."
+                ) from error
             yield futures.pop(future)
             more = submitted(1)
             finished.update(more)
@@ -104,8 +118,9 @@ def threads_of(client: Any) -> int:
     try:
         import distributed
     except ImportError as error:
-        raise MissingPackageError('a cluster needs the package distributed, which is not installed: pip install '
-                                  '"deformnb[large]"') from error
+        raise MissingPackageError(
+            'a cluster needs the package distributed, which is not installed: pip install "deformnb[large]"'
+        ) from error
     if not isinstance(client, distributed.Client):
         raise DeformError(f"client is a dask.distributed.Client, got {type(client).__name__}.")
     count = sum(client.nthreads().values())

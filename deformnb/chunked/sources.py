@@ -291,8 +291,9 @@ class LargeVolume:
             return found
         native = found.astype(self.dtype)
         if found.dtype.kind in "iu" and not (native == found).all():
-            raise DeformError(f"voxels of type {found.dtype} hold values beyond those of {self.dtype}; cast them: "
-                              "array.astype(...).")
+            raise DeformError(
+                f"voxels of type {found.dtype} hold values beyond those of {self.dtype}; cast them: array.astype(...)."
+            )
         return native
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
@@ -303,8 +304,10 @@ class LargeVolume:
         """All voxels as a :class:`Volume`; refused where they take more than 60 % of the free memory."""
         needed, limit = self.grid.size * self.dtype.itemsize, default_limit() if max_bytes is None else max_bytes
         if needed > limit:
-            raise DeformError(f"this volume takes {needed} bytes of memory and {limit} are allowed; read a coarser "
-                              "level: read_volume(path, level=...).")
+            raise DeformError(
+                f"this volume takes {needed} bytes of memory and {limit} are allowed; read a coarser "
+                "level: read_volume(path, level=...)."
+            )
         return Volume(self.read((slice(None),) * 3), self.grid, self.name, self.is_labels, self.notes)
 
     def smallest(self, progress: Progress | None = None) -> float:
@@ -313,8 +316,11 @@ class LargeVolume:
         """
         depth = max(1, _SLAB_BYTES // (self.shape[1] * self.shape[2] * self.dtype.itemsize))
         rows = self.shape[1] if depth > 1 else max(1, _SLAB_BYTES // (self.shape[2] * self.dtype.itemsize))
-        parts = [(slice(z, z + depth), slice(y, y + rows), slice(None)) for z in range(0, self.shape[0], depth)
-                 for y in range(0, self.shape[1], rows)]
+        parts = [
+            (slice(z, z + depth), slice(y, y + rows), slice(None))
+            for z in range(0, self.shape[0], depth)
+            for y in range(0, self.shape[1], rows)
+        ]
         lowest = np.inf
         for k, part in enumerate(parts):
             values = self.read(part)
@@ -384,12 +390,13 @@ class ChunkCache:
             out[...] = self.source.read(part)
             return
         for number in product(*numbers):
-            whole = [slice(k * n, min((k + 1) * n, end)) for k, n, end in zip(number, chunks, self.source.shape,
-                                                                               strict=True)]
+            whole = [
+                slice(k * n, min((k + 1) * n, end)) for k, n, end in zip(number, chunks, self.source.shape, strict=True)
+            ]
             both = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(part, whole, strict=True)]
             out[tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, part, strict=True))] = self._chunk(
-                number, (whole[0], whole[1], whole[2]))[
-                    tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, whole, strict=True))]
+                number, (whole[0], whole[1], whole[2])
+            )[tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, whole, strict=True))]
 
     def _chunk(self, number: tuple[int, ...], whole: Part) -> NDArray[Any]:
         """A chunk; one thread unpacks it, and others that need it at the same time wait for that."""
@@ -412,8 +419,16 @@ class ChunkCache:
         return mine.result()
 
 
-def open_volume(source: Any, *, grid: Grid | None = None, spacing: Spacing | None = None, name: str | None = None,
-                is_labels: bool | None = None, level: int = 0, unit: str | None = None) -> LargeVolume:
+def open_volume(
+    source: Any,
+    *,
+    grid: Grid | None = None,
+    spacing: Spacing | None = None,
+    name: str | None = None,
+    is_labels: bool | None = None,
+    level: int = 0,
+    unit: str | None = None,
+) -> LargeVolume:
     """A volume that is read in parts.
 
     Parameters
@@ -446,8 +461,9 @@ def open_volume(source: Any, *, grid: Grid | None = None, spacing: Spacing | Non
     if spacing is not None:
         found = replace(found, grid=replace(found.grid, spacing=as_spacing(spacing)))
     if unit is not None:
-        found = replace(found, grid=replace(found.grid, unit=unit),
-                        levels=tuple(replace(one, unit=unit) for one in found.levels))
+        found = replace(
+            found, grid=replace(found.grid, unit=unit), levels=tuple(replace(one, unit=unit) for one in found.levels)
+        )
     if is_labels is not None:
         found = replace(found, is_labels=is_labels)
     return found if name is None else replace(found, name=name)
@@ -478,18 +494,30 @@ def _of_labelled(given: Any) -> LargeVolume:
     axes = LabelledAxes.of(array)
     more = [dim for dim in axes.others if array.sizes[dim] > 1]
     if more:
-        raise DeformError(f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
-                          f"pick one: array.isel({more[0]}=0).")
+        raise DeformError(
+            f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
+            f"pick one: array.isel({more[0]}=0)."
+        )
     values = array.transpose(*axes.others, *axes.spatial).data.reshape(axes.grid.shape)
-    return LargeVolume(_reader_of(values), axes.grid, str(array.name or ""), values.dtype == np.bool_,
-                       notes=axes.notes(array))
+    return LargeVolume(
+        _reader_of(values), axes.grid, str(array.name or ""), values.dtype == np.bool_, notes=axes.notes(array)
+    )
 
 
 def _reader_of(array: Any) -> Reader:
-    if isinstance(array, np.memmap) and array.filename is not None and (
-            array.flags.c_contiguous or array.flags.f_contiguous) and _is_whole_map(array):
-        return _Mapped(os.fspath(array.filename), array.dtype, array.shape, int(array.offset),
-                       "C" if array.flags.c_contiguous else "F")
+    if (
+        isinstance(array, np.memmap)
+        and array.filename is not None
+        and (array.flags.c_contiguous or array.flags.f_contiguous)
+        and _is_whole_map(array)
+    ):
+        return _Mapped(
+            os.fspath(array.filename),
+            array.dtype,
+            array.shape,
+            int(array.offset),
+            "C" if array.flags.c_contiguous else "F",
+        )
     kind = type(array).__module__.partition(".")[0]
     if kind == "zarr":
         grid = Grid((int(array.shape[0]), int(array.shape[1]), int(array.shape[2])))
@@ -536,14 +564,18 @@ def _of_zarr(path: Path, level: int) -> LargeVolume:
     if not 0 <= level < len(pyramid.levels):
         raise fail(path, f"it has the levels 0 to {len(pyramid.levels) - 1}, got {shown_value(level)}.")
     if not pyramid.layout.is_single:
-        raise fail(path, f"a volume is one channel at one moment, and this pyramid holds {pyramid.layout}; give "
-                         "deformnb.chunked one of them as a dask array.")
+        raise fail(
+            path,
+            f"a volume is one channel at one moment, and this pyramid holds {pyramid.layout}; give "
+            "deformnb.chunked one of them as a dask array.",
+        )
     chosen = pyramid.levels[level]
     _check_chunk(path, chosen.chunk_bytes)
-    name = path.name[:-len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name
+    name = path.name[: -len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name
     labels = chosen.array.dtype == np.bool_ if pyramid.is_labels is None else pyramid.is_labels
-    return LargeVolume(_Zarr(chosen), chosen.grid, name, bool(labels), pyramid.notes,
-                       tuple(one.grid for one in pyramid.levels), path)
+    return LargeVolume(
+        _Zarr(chosen), chosen.grid, name, bool(labels), pyramid.notes, tuple(one.grid for one in pyramid.levels), path
+    )
 
 
 def _check_chunk(path: Path, size: int) -> None:
@@ -555,11 +587,17 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
     h5py = optional_package("h5py")
     with h5py.File(path, "r") as file:
         found: list[str] = []
-        file.visititems(lambda key, item: found.append(key) if isinstance(item, h5py.Dataset) and len(
-            item.shape or ()) == 3 else None)
+        file.visititems(
+            lambda key, item: (
+                found.append(key) if isinstance(item, h5py.Dataset) and len(item.shape or ()) == 3 else None
+            )
+        )
         if not name and len(found) != 1:
-            raise fail(path, f"it has {len(found)} arrays of three axes ({shown(', '.join(found[:8]))}); name one: "
-                             f'"{shown(path.name)}::name".')
+            raise fail(
+                path,
+                f"it has {len(found)} arrays of three axes ({shown(', '.join(found[:8]))}); name one: "
+                f'"{shown(path.name)}::name".',
+            )
         item = file.get(name or found[0], getlink=True)
         if not isinstance(item, h5py.HardLink):
             raise fail(path, f"{shown(name)} is a link to elsewhere or is not there.")
@@ -571,8 +609,9 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
         shape, _ = volume_shape(path, [int(n) for n in item.shape[::-1]], item.dtype.itemsize)
         _check_chunk(path, math.prod(item.chunks or (1,)) * item.dtype.itemsize)
         grid, notes = _hdf5_grid(path, item, shape)
-        return LargeVolume(_Hdf5(str(path), item.name, shape, item.dtype, item.chunks), grid, path.stem, notes=notes,
-                           path=path)
+        return LargeVolume(
+            _Hdf5(str(path), item.name, shape, item.dtype, item.chunks), grid, path.stem, notes=notes, path=path
+        )
 
 
 def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> tuple[Grid, tuple[str, ...]]:
@@ -589,13 +628,22 @@ def _of_tiff(path: Path) -> LargeVolume:
     about = describe_file(path)
     header = tiff.read_header(path)
     if not header.layout.is_single:
-        raise fail(path, f"a volume is one channel at one moment, and this file holds {header.layout}; give "
-                         "deformnb.chunked one of them as a dask array.")
+        raise fail(
+            path,
+            f"a volume is one channel at one moment, and this file holds {header.layout}; give "
+            "deformnb.chunked one of them as a dask array.",
+        )
     stored, first = header.dtype.newbyteorder("="), tiff.slices_of(path)[0]
     chunks = (1, *(min(size, n) for size, n in zip(first.part, first.shape, strict=True)))
     _check_chunk(path, first.working_bytes)
-    return LargeVolume(_Tiff(str(path), about.grid.shape, stored, chunks), about.grid, path.stem, about.is_labels,
-                       about.notes, path=path)
+    return LargeVolume(
+        _Tiff(str(path), about.grid.shape, stored, chunks),
+        about.grid,
+        path.stem,
+        about.is_labels,
+        about.notes,
+        path=path,
+    )
 
 
 def _of_npy(path: Path) -> LargeVolume:
@@ -604,4 +652,3 @@ def _of_npy(path: Path) -> LargeVolume:
     if array.shape != about.grid.shape:
         raise fail(path, f"its array has shape {array.shape}, and its header says {about.grid.shape}.")
     return LargeVolume(_reader_of(array), about.grid, path.stem, about.is_labels, about.notes, path=path)
-

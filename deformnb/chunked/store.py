@@ -76,8 +76,9 @@ class UnfinishedStore:
     damaged : how many blocks were noted as finished, and were not there as they had been written.
     """
 
-    def __init__(self, folder: Path, mark: str, arrays: list[Any], done: set[tuple[int, int]],
-                 damaged: int = 0) -> None:
+    def __init__(
+        self, folder: Path, mark: str, arrays: list[Any], done: set[tuple[int, int]], damaged: int = 0
+    ) -> None:
         self.arrays, self.done, self.damaged = arrays, done, damaged
         self._pyramid, self._mark = folder / _PYRAMID, mark
         self._log = (folder / _DONE).open("a", encoding="ascii")
@@ -152,8 +153,9 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
     except OSError as error:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like
             raise
-        raise not_written(target, error, f"what is done stays in {shown(folder.name)}, and the same call goes on from "
-                                         "there") from error
+        raise not_written(
+            target, error, f"what is done stays in {shown(folder.name)}, and the same call goes on from there"
+        ) from error
 
 
 @contextmanager
@@ -201,8 +203,10 @@ def _unfinished(target: Path) -> Path:
 
 
 def _damaged(folder: Path, why: str) -> DeformError:
-    return DeformError(f"{shown(folder.name)}, the unfinished result of an earlier call, is damaged: {why}. Remove "
-                       "that folder and call again, which computes all anew.")
+    return DeformError(
+        f"{shown(folder.name)}, the unfinished result of an earlier call, is damaged: {why}. Remove "
+        "that folder and call again, which computes all anew."
+    )
 
 
 def _is_plain(place: Path) -> bool:
@@ -221,9 +225,11 @@ def _begun(folder: Path, target: Path, mark: str, overwrite: bool, pyramid: dict
     if known == mark:
         return _resumed(folder, mark, pyramid)
     if known is not None and not overwrite:
-        raise DeformError(f"{shown(folder.name)} holds the unfinished result of another source, deformation or grid, "
-                          "or the source was changed since; remove that folder, choose another target, or allow "
-                          "overwriting (overwrite=True, --force).")
+        raise DeformError(
+            f"{shown(folder.name)} holds the unfinished result of another source, deformation or grid, "
+            "or the source was changed since; remove that folder, choose another target, or allow "
+            "overwriting (overwrite=True, --force)."
+        )
     for entry in (_JOB, _DONE, _PYRAMID, _FRESH):  # the job first: without it the rest is nothing
         _remove(folder / entry)
     arrays = ome_zarr.create_pyramid(folder / _PYRAMID, **pyramid)
@@ -271,8 +277,11 @@ def _resumed(folder: Path, mark: str, pyramid: dict[str, Any]) -> UnfinishedStor
     _remove(fresh)
     arrays = ome_zarr.create_pyramid(fresh, **pyramid)
     noted = _read_done(folder, mark)
-    files = {_chunk_file(arrays[level], level, block): (level, block) for level, block in noted
-             if level < len(arrays) and block < _count(arrays[level])}
+    files = {
+        _chunk_file(arrays[level], level, block): (level, block)
+        for level, block in noted
+        if level < len(arrays) and block < _count(arrays[level])
+    }
     wanted = {place.relative_to(fresh).as_posix(): place for place in fresh.rglob("*") if place.is_file()}
     kept = {files[name] for name in files if noted[files[name]] == _EMPTY and not os.path.lexists(root / name)}
     kept |= {files[name] for name in _swept(root, wanted, {name: noted[files[name]] for name in files})}

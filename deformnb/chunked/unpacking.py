@@ -31,8 +31,15 @@ def must_be_unpacked(path: str | os.PathLike[str]) -> bool:
     return header.layout.is_single and _bytes(header) > default_limit()
 
 
-def unpack(path: str | os.PathLike[str], target: str | os.PathLike[str], *, spacing: Spacing | None = None,
-           is_labels: bool | None = None, overwrite: bool = False, progress: Progress | None = None) -> None:
+def unpack(
+    path: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    spacing: Spacing | None = None,
+    is_labels: bool | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> None:
     """Write a volume file of any kind as OME-Zarr of one level, slice by slice, so that it can be read in parts.
 
     Parameters
@@ -63,15 +70,22 @@ def unpack(path: str | os.PathLike[str], target: str | os.PathLike[str], *, spac
     with Damage(place, "name a smaller file"):
         kind, header = read_any_header(place)
         if not header.layout.is_single or header.transposed:
-            raise fail(place, "only a volume of one channel and one moment, whose slices follow each other, is written "
-                              f"as Zarr slice by slice, and this file holds {header.layout}.")
+            raise fail(
+                place,
+                "only a volume of one channel and one moment, whose slices follow each other, is written "
+                f"as Zarr slice by slice, and this file holds {header.layout}.",
+            )
         grid, _ = header.grid(None if spacing is None else as_spacing(spacing))
         depth = max(1, min(ome_zarr.CHUNK[0], _SLABS * header.shape[0] // max(1, _bytes(header))))
         with atomic_folder(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS) as folder:
             [array] = ome_zarr.create_pyramid(
-                folder, [grid], header.loaded_dtype.newbyteorder("="), name=plain_name(place, kind),
+                folder,
+                [grid],
+                header.loaded_dtype.newbyteorder("="),
+                name=plain_name(place, kind),
                 is_labels=bool(header.is_labels if is_labels is None else is_labels),
-                chunks=(depth, *ome_zarr.CHUNK[1:]))
+                chunks=(depth, *ome_zarr.CHUNK[1:]),
+            )
             _write_slices(header, array, depth, progress)
 
 
@@ -82,7 +96,7 @@ def _write_slices(header: Header, array: Any, depth: int, progress: Progress | N
             for piece in header.scaled(block):
                 held.append(piece)
                 if len(held) == depth or start + len(held) == total:
-                    array[start:start + len(held)] = np.stack(held)
+                    array[start : start + len(held)] = np.stack(held)
                     start += len(held)
                     held.clear()
                     if progress is not None:

@@ -31,11 +31,23 @@ _MEMORY = 2**30
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
-def warp(source: Any, deformation: AbstractField | HasField, target: Any = None, *,
-         output: Grid | VolumeLike | None = None, fill: float | None = None, method: str | None = None,
-         memory: float | str | None = None, client: Any = None, workers: int | None = None,
-         chunks: Sequence[int] = ome_zarr.CHUNK, levels: int | None = None, version: str = "0.5",
-         overwrite: bool = False, progress: Progress | None = None) -> Any:
+def warp(
+    source: Any,
+    deformation: AbstractField | HasField,
+    target: Any = None,
+    *,
+    output: Grid | VolumeLike | None = None,
+    fill: float | None = None,
+    method: str | None = None,
+    memory: float | str | None = None,
+    client: Any = None,
+    workers: int | None = None,
+    chunks: Sequence[int] = ome_zarr.CHUNK,
+    levels: int | None = None,
+    version: str = "0.5",
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Any:
     """The deformed volume, ``output(x) = input(x + D(x))``, computed block by block.
 
     Each block reads only the part of the source that its displacements can reach. The voxels are those of
@@ -117,8 +129,19 @@ def warp(source: Any, deformation: AbstractField | HasField, target: Any = None,
     background = volume.smallest(checked) if fill is None else float(fill)
     voxel = as_voxel(background if fill is None else fill, volume.dtype)
     processes = len(client.nthreads()) if client is not None else 1
-    job, at_once = planned(volume, field, grid, method=method, fill=float(voxel), background=background, block=block,
-                           memory=limit, workers=allowed, processes=processes, progress=progress)
+    job, at_once = planned(
+        volume,
+        field,
+        grid,
+        method=method,
+        fill=float(voxel),
+        background=background,
+        block=block,
+        memory=limit,
+        workers=allowed,
+        processes=processes,
+        progress=progress,
+    )
     cautions = _cautions(deformation, volume, field, grid)
     warn(cautions)
     if target is None:
@@ -163,8 +186,11 @@ def bytes_of(memory: float | str | None) -> int:
 
 
 def _checked_chunks(chunks: Sequence[int]) -> tuple[int, int, int]:
-    if not (isinstance(chunks, Sequence) and len(chunks) == 3 and all(
-            isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 1 for n in chunks)):
+    if not (
+        isinstance(chunks, Sequence)
+        and len(chunks) == 3
+        and all(isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 1 for n in chunks)
+    ):
         raise DeformError(f"chunks are three whole numbers (z, y, x) from 1 on, got {shown_value(chunks)}.")
     return int(chunks[0]), int(chunks[1]), int(chunks[2])
 
@@ -180,12 +206,16 @@ def _lazy(job: BlockWarp) -> Any:
         import dask.array
         from dask.delayed import delayed
     except ImportError as error:
-        raise MissingPackageError('arrays of dask need the package dask, which is not installed: pip install '
-                                  '"deformnb[large]"; or name a target') from error
+        raise MissingPackageError(
+            "arrays of dask need the package dask, which is not installed: pip install "
+            '"deformnb[large]"; or name a target'
+        ) from error
     # The array may live long after it was computed: it keeps no chunks of the source.
     shared = delayed(replace(job, cache=ChunkCache(job.source, 0)), traverse=False)
-    made = [dask.array.from_delayed(delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)
-            for k in range(len(job.blocks))]
+    made = [
+        dask.array.from_delayed(delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)
+        for k in range(len(job.blocks))
+    ]
     nz, ny, nx = job.blocks.counts
     nested = [[[made[(z * ny + y) * nx + x] for x in range(nx)] for y in range(ny)] for z in range(nz)]
     return dask.array.block(nested)
@@ -231,32 +261,59 @@ class _HalvedBlock:
 
     def __call__(self, number: int) -> None:
         part = self.blocks.part(number)
-        values = self.finer[tuple(slice(2 * s.start, 2 * s.stop) if n > 1 else slice(None)
-                                  for s, n in zip(part, self.finer.shape, strict=True))]
+        values = self.finer[
+            tuple(
+                slice(2 * s.start, 2 * s.stop) if n > 1 else slice(None)
+                for s, n in zip(part, self.finer.shape, strict=True)
+            )
+        ]
         self.array[part] = ome_zarr.halved(np.asarray(values), discrete=self.discrete)
 
 
-def _write(job: BlockWarp, at_once: int, target: Path, client: Any, progress: Progress | None, *, overwrite: bool,
-           levels: int | None, version: str) -> tuple[str, ...]:
+def _write(
+    job: BlockWarp,
+    at_once: int,
+    target: Path,
+    client: Any,
+    progress: Progress | None,
+    *,
+    overwrite: bool,
+    levels: int | None,
+    version: str,
+) -> tuple[str, ...]:
     """Write the pyramid; returns remarks on what an earlier run had left."""
     source = job.source
     grids = ome_zarr.level_grids(job.output, levels)
     about: dict[str, Any] = {"version": version, "levels": len(grids), "name": source.name}
-    with unfinished_store(target, fingerprint(job, about), overwrite=overwrite, grids=grids, dtype=source.dtype,
-                          name=source.name, is_labels=source.is_labels, fill=source.dtype.type(job.fill).item(),
-                          chunks=job.blocks.block, version=version) as store:
+    with unfinished_store(
+        target,
+        fingerprint(job, about),
+        overwrite=overwrite,
+        grids=grids,
+        dtype=source.dtype,
+        name=source.name,
+        is_labels=source.is_labels,
+        fill=source.dtype.type(job.fill).item(),
+        chunks=job.blocks.block,
+        version=version,
+    ) as store:
         steps = list(_levels(job, store))
         total = sum(len(blocks) for _, blocks in steps)
         for level, (work, blocks) in enumerate(steps):
             missing = [k for k in range(len(blocks)) if (level, k) not in store.done]
-            for number in (execution.on_threads(work, missing, at_once) if client is None else
-                           execution.on_cluster(client, work, missing, at_once, 0 if level else job.carried)):
+            for number in (
+                execution.on_threads(work, missing, at_once)
+                if client is None
+                else execution.on_cluster(client, work, missing, at_once, 0 if level else job.carried)
+            ):
                 store.finished(level, number)
                 if progress is not None:
                     progress(len(store.done) / total)
         if source.current_fingerprint() != source.fingerprint:
-            raise DeformError(f"the source of {shown_value(target.name)} was changed while it was read, so that the "
-                              "result is a mixture and was not taken; call again, with overwrite=True.")
+            raise DeformError(
+                f"the source of {shown_value(target.name)} was changed while it was read, so that the "
+                "result is a mixture and was not taken; call again, with overwrite=True."
+            )
         if not store.damaged:
             return ()
         return (f"{store.damaged} finished blocks of an earlier run were missing or damaged and were computed anew",)
@@ -267,4 +324,3 @@ def _levels(job: BlockWarp, store: UnfinishedStore) -> Iterator[tuple[Callable[[
     for finer, array in zip(store.arrays, store.arrays[1:], strict=False):
         blocks = Blocks(array.shape, array.chunks)
         yield _HalvedBlock(finer, array, blocks, job.source.discrete), blocks
-

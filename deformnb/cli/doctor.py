@@ -32,8 +32,22 @@ OPTIONAL = {
 }
 """Optional packages: what each is for and the extra that installs it."""
 
-REQUIRED = ("numpy", "scipy", "jax", "matplotlib", "pyvista", "vtk", "trame", "trame-rca",
-            "ipywidgets", "anywidget", "pooch", "pillow", "tifffile", "imagecodecs")
+REQUIRED = (
+    "numpy",
+    "scipy",
+    "jax",
+    "matplotlib",
+    "pyvista",
+    "vtk",
+    "trame",
+    "trame-rca",
+    "ipywidgets",
+    "anywidget",
+    "pooch",
+    "pillow",
+    "tifffile",
+    "imagecodecs",
+)
 
 
 def doctor() -> list[Check]:
@@ -45,11 +59,20 @@ def doctor() -> list[Check]:
     >>> doctor()[0].part
     'Python'
     """
-    checks = [Check("Python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}, "
-                                    f"{os.cpu_count()} cores")]
+    checks = [
+        Check(
+            "Python",
+            True,
+            f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        )
+    ]
     checks += [_package(name) for name in REQUIRED]
-    checks += [_guarded("computing (JAX)", _jax), _guarded("devices", _devices),
-               _guarded("kept compilations", _cache), _guarded("OpenGL (VTK)", _gl)]
+    checks += [
+        _guarded("computing (JAX)", _jax),
+        _guarded("devices", _devices),
+        _guarded("kept compilations", _cache),
+        _guarded("OpenGL (VTK)", _gl),
+    ]
     checks += [_optional(name) for name in OPTIONAL]
     return checks
 
@@ -101,8 +124,12 @@ def _jax() -> Check:
 
     points = ControlPoints.from_arrays(np.eye(3, 2), np.diag([1.5, 1.0, 1.0])[:, :2])
     exact = bool(np.abs(fit_rbf(points).displacement([1.5, 0.0]) - [-0.5, 0.0]).max() < 1e-12)
-    return Check("computing (JAX)", exact, f"on {device_name()}; float64 solve {'exact' if exact else 'WRONG'}",
-                 "reinstall jax and jaxlib of one version")
+    return Check(
+        "computing (JAX)",
+        exact,
+        f"on {device_name()}; float64 solve {'exact' if exact else 'WRONG'}",
+        "reinstall jax and jaxlib of one version",
+    )
 
 
 def _devices() -> Check:
@@ -126,8 +153,12 @@ def _cache() -> Check:
     while parent and not os.path.isdir(parent):
         parent = os.path.dirname(parent)
     place = parent or "/"
-    return Check("kept compilations", os.access(place, os.W_OK), folder,
-                 f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew")
+    return Check(
+        "kept compilations",
+        os.access(place, os.W_OK),
+        folder,
+        f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew",
+    )
 
 
 def _gl() -> Check:

@@ -22,8 +22,12 @@ FIRST = "01_quickstart.ipynb"
 def add_lab(commands: Any) -> None:
     """Add ``lab`` to the commands of an argument parser."""
     what = "open JupyterLab with the notebooks that come with deformnb"
-    p = commands.add_parser("lab", help=what, description=f"""{what[0].upper()}{what[1:]}: they are copied into a
-        folder, where files of the same names are kept as they are, and the first of them is opened.""")
+    p = commands.add_parser(
+        "lab",
+        help=what,
+        description=f"""{what[0].upper()}{what[1:]}: they are copied into a
+        folder, where files of the same names are kept as they are, and the first of them is opened.""",
+    )
     p.add_argument("folder", nargs="?", default=".", help="where the notebooks go (default: the working directory)")
     add_lab_options(p)
     p.set_defaults(run=_lab)
@@ -36,14 +40,17 @@ def _lab(options: argparse.Namespace) -> None:
 
 def add_lab_options(parser: argparse.ArgumentParser) -> None:
     """Add what is handed on to JupyterLab."""
-    parser.add_argument("--no-browser", action="store_true",
-                        help="only print the address, on a machine without a screen")
-    parser.add_argument("--allow-root", action="store_true",
-                        help="let the administrator run it, which Lab advises against")
+    parser.add_argument(
+        "--no-browser", action="store_true", help="only print the address, on a machine without a screen"
+    )
+    parser.add_argument(
+        "--allow-root", action="store_true", help="let the administrator run it, which Lab advises against"
+    )
 
 
-def copy_and_open(sources: list[Path], folder: Path, options: argparse.Namespace,
-                  opener: Callable[..., None] | None = None) -> None:
+def copy_and_open(
+    sources: list[Path], folder: Path, options: argparse.Namespace, opener: Callable[..., None] | None = None
+) -> None:
     """Copy notebooks into a folder, say which are new, and open the first of them, in JupyterLab by default."""
     copy_and_list(sources, folder)
     sys.stdout.flush()  # Lab prints next, past our buffer
@@ -135,8 +142,13 @@ def open_lab(notebook: Path, *options: str) -> None:
 
     # In this process, so that Ctrl-C and the end of a terminal reach Lab itself, which then prompts or cleans up.
     # The address, and not the file as its argument, leads to the notebook also where no browser is opened.
-    LabApp.launch_instance([f"--ServerApp.root_dir={notebook.resolve().parent}",
-                            f"--LabApp.default_url=/lab/tree/{notebook.name}", *options])
+    LabApp.launch_instance(
+        [
+            f"--ServerApp.root_dir={notebook.resolve().parent}",
+            f"--LabApp.default_url=/lab/tree/{notebook.name}",
+            *options,
+        ]
+    )
 
 
 def open_voila(notebook: Path, *options: str) -> None:
@@ -154,5 +166,6 @@ def check_lab(*more: str) -> None:
     """Raise if JupyterLab, or one of the other packages that are named, is missing, before anything is copied."""
     for name in ("jupyterlab", "ipykernel", *more):
         if importlib.util.find_spec(name) is None:
-            raise MissingPackageError(f"{name} is not installed, and the notebooks need it; "
-                                      "pip install 'deformnb[notebook]'.")
+            raise MissingPackageError(
+                f"{name} is not installed, and the notebooks need it; pip install 'deformnb[notebook]'."
+            )

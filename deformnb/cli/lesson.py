@@ -29,15 +29,23 @@ def add_lesson(commands: Any) -> None:
     from deformnb.app import add_language
 
     what = "open a lesson for pupils in JupyterLab, or list the lessons"
-    p = commands.add_parser("lesson", help=what, description=f"""{what[0].upper()}{what[1:]}: the lesson is copied into
-        a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""")
+    p = commands.add_parser(
+        "lesson",
+        help=what,
+        description=f"""{what[0].upper()}{what[1:]}: the lesson is copied into
+        a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""",
+    )
     p.add_argument("name", nargs="?", help="the lesson; without a name all are listed")
     p.add_argument("folder", nargs="?", default=".", help="where the lesson goes (default: the working directory)")
     how = p.add_mutually_exclusive_group()
-    how.add_argument("--voila", action="store_true",
-                     help="show the lesson without its code, by Voila instead of JupyterLab")
-    how.add_argument("--page", action="store_true",
-                     help="write the lesson's picture as one offline file, NAME.html, and open nothing")
+    how.add_argument(
+        "--voila", action="store_true", help="show the lesson without its code, by Voila instead of JupyterLab"
+    )
+    how.add_argument(
+        "--page",
+        action="store_true",
+        help="write the lesson's picture as one offline file, NAME.html, and open nothing",
+    )
     how.add_argument("--copy", action="store_true", help="copy the lesson and open nothing, for the server of a class")
     add_language(p)
     add_lab_options(p)
@@ -110,6 +118,7 @@ def lesson_notebook(name: str) -> Path:
 
     path = shipped_notebooks()[0].parent / "lessons" / LESSONS[name].notebook
     if not path.is_file():
-        raise DeformError(f"{path.name} is missing from this installation; pip install --force-reinstall --no-deps "
-                          "deformnb.")
+        raise DeformError(
+            f"{path.name} is missing from this installation; pip install --force-reinstall --no-deps deformnb."
+        )
     return path

@@ -104,13 +104,27 @@ def _parser() -> argparse.ArgumentParser:
     from deformnb.cli.lab import add_lab
     from deformnb.cli.lesson import add_lesson
 
-    parser = _Parser(prog="deformnb", description="Deform volumes by control points on a picture of them.",
-                     epilog="Start with: deformnb demo. Each command has its own --help.")
+    parser = _Parser(
+        prog="deformnb",
+        description="Deform volumes by control points on a picture of them.",
+        epilog="Start with: deformnb demo. Each command has its own --help.",
+    )
     parser.add_argument("--version", action="version", version=f"deformnb {__version__}")
     parser.add_argument("--traceback", action="store_true", help="show where an unexpected error came from")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_add_demo, partial(add_app, run=_app), _add_page, add_lab, add_lesson, add_warp, add_transform,
-                add_replay, _add_info, _add_datasets, _add_doctor):
+    for add in (
+        _add_demo,
+        partial(add_app, run=_app),
+        _add_page,
+        add_lab,
+        add_lesson,
+        add_warp,
+        add_transform,
+        add_replay,
+        _add_info,
+        _add_datasets,
+        _add_doctor,
+    ):
         add(commands)
     return parser
 
@@ -120,20 +134,36 @@ Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 
 def _add_demo(commands: Commands) -> None:
     what = "turn a carp into another fish the way D'Arcy Thompson drew it"
-    p = commands.add_parser("demo", help=what, description=f"""{what[0].upper()}{what[1:]}: the grid of one species is
+    p = commands.add_parser(
+        "demo",
+        help=what,
+        description=f"""{what[0].upper()}{what[1:]}: the grid of one species is
         laid around the fish on a picture, its nodes are moved to the grid of the other, and the volume follows. Writes
-        pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""")
+        pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""",
+    )
     p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
     add_spacing(p)
     add_device(p)
-    p.add_argument("--species", default="Antigonia", help="Thompson's species to end with: Antigonia, Scorpaena, "
-                   "Pseudopriacanthus, Sternoptyx, Orthagoriscus (default %(default)s)")
-    p.add_argument("--view", default="-x",
-                   help="along which axis to look at the side of the fish: +x -x +y -y +z -z (default %(default)s)")
-    p.add_argument("--head", choices=("left", "right"), default="left",
-                   help="where the head points on that picture (default %(default)s)")
-    p.add_argument("--out", metavar="FOLDER", default="deformnb-demo",
-                   help="folder for the results (default %(default)s)")
+    p.add_argument(
+        "--species",
+        default="Antigonia",
+        help="Thompson's species to end with: Antigonia, Scorpaena, "
+        "Pseudopriacanthus, Sternoptyx, Orthagoriscus (default %(default)s)",
+    )
+    p.add_argument(
+        "--view",
+        default="-x",
+        help="along which axis to look at the side of the fish: +x -x +y -y +z -z (default %(default)s)",
+    )
+    p.add_argument(
+        "--head",
+        choices=("left", "right"),
+        default="left",
+        help="where the head points on that picture (default %(default)s)",
+    )
+    p.add_argument(
+        "--out", metavar="FOLDER", default="deformnb-demo", help="folder for the results (default %(default)s)"
+    )
     p.add_argument("--renderer", default="auto", help="auto, vtk (needs OpenGL) or core (default %(default)s)")
     p.add_argument("--force", action="store_true", help="overwrite files that are no earlier results of the demo")
     p.set_defaults(run=_demo)
@@ -143,11 +173,16 @@ def _add_page(commands: Commands) -> None:
     from deformnb.app import add_language
 
     what = "write a page that deforms a volume or a picture in a browser, without Python"
-    p = commands.add_parser("page", help=what, description=f"""{what[0].upper()}{what[1:]}: one file that works offline,
+    p = commands.add_parser(
+        "page",
+        help=what,
+        description=f"""{what[0].upper()}{what[1:]}: one file that works offline,
         from a stick or on a phone. On it a NIfTI, NRRD, PNG or JPEG file is opened, deformed by control points and
-        compared, and pictures and a session are downloaded; "deformnb replay" applies the session to the same file.""")
-    p.add_argument("output", nargs="?", default="deformnb.html", metavar="OUTPUT",
-                   help="the file to write (default %(default)s)")
+        compared, and pictures and a session are downloaded; "deformnb replay" applies the session to the same file.""",
+    )
+    p.add_argument(
+        "output", nargs="?", default="deformnb.html", metavar="OUTPUT", help="the file to write (default %(default)s)"
+    )
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
     add_language(p)
     p.set_defaults(run=_page)
@@ -182,11 +217,27 @@ def _demo(options: argparse.Namespace) -> None:
     check_demo(options.species, options.view, options.renderer)
     with _folder(Path(options.out), options) as folder, stages() as stage:
         volume = read_input(options.volume, options.spacing, stage) if options.volume else None
-        done = run_demo(folder, volume=volume, species=options.species, view=options.view, head=options.head,
-                        renderer=options.renderer, stage=stage)
+        done = run_demo(
+            folder,
+            volume=volume,
+            species=options.species,
+            view=options.view,
+            head=options.head,
+            renderer=options.renderer,
+            stage=stage,
+        )
     print("\n".join(f"{what:30} {path}" for what, path in done.written))
-    again = ["deformnb", "warp", folder / "session.json", options.volume or folder / "volume.nii.gz",
-             folder / "half.nii.gz", "--strength", "0.5", "--margin", *(f"{m:g}" for m in done.result.margin)]
+    again = [
+        "deformnb",
+        "warp",
+        folder / "session.json",
+        options.volume or folder / "volume.nii.gz",
+        folder / "half.nii.gz",
+        "--strength",
+        "0.5",
+        "--margin",
+        *(f"{m:g}" for m in done.result.margin),
+    ]
     if options.volume and options.spacing:
         again += ["--spacing", *(f"{s:g}" for s in options.spacing)]
     print(f"half way there: {shlex.join(map(str, again))}")
@@ -200,13 +251,29 @@ def _app(options: argparse.Namespace) -> None:
     check_app(options.host, options.port, options.side, options.idle)
     deformation = as_deformation(options.session)
     with stages() as stage:
-        volume = (subject_from(options.file, spacing=options.spacing, is_labels=options.labels or None,
-                               level=options.level,
-                               progress=stage(f"read {Path(options.file).name}")) if options.file
-                  else made_up_carp(stage("make the carp")))
+        volume = (
+            subject_from(
+                options.file,
+                spacing=options.spacing,
+                is_labels=options.labels or None,
+                level=options.level,
+                progress=stage(f"read {Path(options.file).name}"),
+            )
+            if options.file
+            else made_up_carp(stage("make the carp"))
+        )
     note(*(() if isinstance(volume, Channels) else volume.notes))
-    open_app(volume, deformation, side=options.side, viewer=options.viewer, host=options.host, port=options.port,
-             browser=not options.no_browser, idle=options.idle, language=options.language)
+    open_app(
+        volume,
+        deformation,
+        side=options.side,
+        viewer=options.viewer,
+        host=options.host,
+        port=options.port,
+        browser=not options.no_browser,
+        idle=options.idle,
+        language=options.language,
+    )
 
 
 def _page(options: argparse.Namespace) -> None:
@@ -230,8 +297,10 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
     if options.volume and any(Path(options.volume).resolve() == (folder / name).resolve() for name in FILES):
         raise DeformError(f"{options.volume} would be overwritten; name another folder for the results with --out.")
     if present and "session.json" not in present and not options.force:
-        raise DeformError(f"{folder / present[0]} is already there and not from an earlier demo; name another folder "
-                          "with --out, or --force to overwrite it.")
+        raise DeformError(
+            f"{folder / present[0]} is already there and not from an earlier demo; name another folder "
+            "with --out, or --force to overwrite it."
+        )
     is_new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -278,8 +347,10 @@ def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
         return describe_mesh(path)
     if path.suffix.lower() == ".json" and not path.is_dir():
         return describe_document(path)
-    raise DeformError(f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}), transforms "
-                      f"({transform_suffixes()}) and sessions (.json) are known too.") from None
+    raise DeformError(
+        f"{error} Surfaces ({mesh_suffixes()}), landmarks ({landmark_suffixes()}), transforms "
+        f"({transform_suffixes()}) and sessions (.json) are known too."
+    ) from None
 
 
 def _datasets(options: argparse.Namespace) -> None:

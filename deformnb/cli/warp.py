@@ -71,8 +71,14 @@ class _Bar:
         from tqdm import tqdm
 
         self._start = time.monotonic()
-        self._bar = tqdm(total=100, desc=name, delay=_PATIENCE, file=sys.stderr, leave=True,
-                         bar_format="{desc:28} {bar} {n:3.0f} % {elapsed}{postfix}")
+        self._bar = tqdm(
+            total=100,
+            desc=name,
+            delay=_PATIENCE,
+            file=sys.stderr,
+            leave=True,
+            bar_format="{desc:28} {bar} {n:3.0f} % {elapsed}{postfix}",
+        )
 
     def move(self, share: float) -> None:
         self._bar.set_postfix_str(time_left(time.monotonic() - self._start, share), refresh=False)
@@ -103,21 +109,37 @@ class _Line:
 
 
 # What only voxels have: (option, its value where it is not given).
-_OF_VOLUMES = (("method", None), ("fill", None), ("labels", False), ("resolution", None), ("margin", None),
-               ("animate", False), ("volumes", None), ("memory", None))
+_OF_VOLUMES = (
+    ("method", None),
+    ("fill", None),
+    ("labels", False),
+    ("resolution", None),
+    ("margin", None),
+    ("animate", False),
+    ("volumes", None),
+    ("memory", None),
+)
 
 
 def add_warp(commands: Any) -> None:
     """Add the command to argparse's commands."""
     p = commands.add_parser(
-        "warp", help="apply a session to a volume, a mesh or landmarks",
+        "warp",
+        help="apply a session to a volume, a mesh or landmarks",
         description="Apply a session to a volume, or to labels, a mesh or landmarks of it: all end at the same place.",
-        usage="deformnb warp SESSION INPUT OUTPUT [options]")
-    p.add_argument("session", help="a document written by deformnb (.json), or a transform (.tfm .h5 .nii.gz "
-                   ".nrrd .mha .mat .txt .zarr) of ITK, ANTs, elastix or OME-NGFF")
-    p.add_argument("input", help="the volume to deform, with all its channels and moments, or a mesh (.ply .stl "
-                   ".obj .vtp) or landmarks (.mrk.json .fcsv "
-                   ".csv .tps .nts .txt .prm) in its space")
+        usage="deformnb warp SESSION INPUT OUTPUT [options]",
+    )
+    p.add_argument(
+        "session",
+        help="a document written by deformnb (.json), or a transform (.tfm .h5 .nii.gz "
+        ".nrrd .mha .mat .txt .zarr) of ITK, ANTs, elastix or OME-NGFF",
+    )
+    p.add_argument(
+        "input",
+        help="the volume to deform, with all its channels and moments, or a mesh (.ply .stl "
+        ".obj .vtp) or landmarks (.mrk.json .fcsv "
+        ".csv .tps .nts .txt .prm) in its space",
+    )
     p.add_argument("output", help="the file to write; its suffix decides the format")
     add_spacing(p)
     add_device(p)
@@ -125,28 +147,53 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside the volume (default its smallest)")
     p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
-    p.add_argument("--resolution", type=float, nargs="+", metavar="S",
-                   help="voxel size of the result, one length or three (x y z; default as the input)")
-    p.add_argument("--margin", nargs="+", metavar="M",
-                   help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or '
-                   "a length to add on every side, one or three (x y z), negative crops (default the session's)")
-    p.add_argument("--volumes", metavar="FILE",
-                   help="for labels: write the volume of each before and after as a table (.csv)")
-    p.add_argument("--animate", action="store_true", help="for a series of moments (4D): each by the moment of the "
-                   "session's animation, whose key frames are stretched to the series; else one map moves all")
-    p.add_argument("--volume", metavar="FILE",
-                   help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they "
-                   "lie")
-    p.add_argument("--memory", metavar="SIZE", help="for a volume that is deformed in parts, into a Zarr folder: what "
-                   "these take together, such as 2GB (default 1 GiB)")
+    p.add_argument(
+        "--resolution",
+        type=float,
+        nargs="+",
+        metavar="S",
+        help="voxel size of the result, one length or three (x y z; default as the input)",
+    )
+    p.add_argument(
+        "--margin",
+        nargs="+",
+        metavar="M",
+        help='field of view: "fit" is as large as the deformed foreground needs, 0 the box of the input; or '
+        "a length to add on every side, one or three (x y z), negative crops (default the session's)",
+    )
+    p.add_argument(
+        "--volumes", metavar="FILE", help="for labels: write the volume of each before and after as a table (.csv)"
+    )
+    p.add_argument(
+        "--animate",
+        action="store_true",
+        help="for a series of moments (4D): each by the moment of the "
+        "session's animation, whose key frames are stretched to the series; else one map moves all",
+    )
+    p.add_argument(
+        "--volume",
+        metavar="FILE",
+        help="for a mesh or landmarks: the volume (or mesh) of the session, in whose space they lie",
+    )
+    p.add_argument(
+        "--memory",
+        metavar="SIZE",
+        help="for a volume that is deformed in parts, into a Zarr folder: what "
+        "these take together, such as 2GB (default 1 GiB)",
+    )
     p.add_argument("--force", action="store_true", help="overwrite the output if it is there")
     p.set_defaults(run=_warp)
 
 
 def add_spacing(p: argparse.ArgumentParser) -> None:
     """The option for what is wrong in many files."""
-    p.add_argument("--spacing", type=float, nargs=3, metavar=("X", "Y", "Z"),
-                   help="true voxel size of the input, where its file is wrong")
+    p.add_argument(
+        "--spacing",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="true voxel size of the input, where its file is wrong",
+    )
 
 
 def _warp(options: argparse.Namespace) -> None:
@@ -164,8 +211,9 @@ def _warp(options: argparse.Namespace) -> None:
     else:
         _check_follower(options, target)
     if Path(options.session).suffix.lower() != ".json" and given.suffix.lower() == ".json":
-        raise DeformError(f"the session comes first: deformnb warp {given.name} {Path(options.session).name} "
-                          f"{target.name}.")
+        raise DeformError(
+            f"the session comes first: deformnb warp {given.name} {Path(options.session).name} {target.name}."
+        )
     if is_transform(options.session, images=True):
         _apply_transform(options, follows)
         print(target)
@@ -191,8 +239,10 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
 
     name = Path(options.session).name
     if options.strength != 1 or options.resolution or options.margin or options.animate or options.volumes:
-        raise DeformError(f"{name} is a transform and no session: it is applied as it is, to volumes onto their own "
-                          "grid (without --strength, --resolution, --margin, --animate, --volumes).")
+        raise DeformError(
+            f"{name} is a transform and no session: it is applied as it is, to volumes onto their own "
+            "grid (without --strength, --resolution, --margin, --animate, --volumes)."
+        )
     is_forward = stated_remark(Path(options.session)).startswith("forward")
     if is_forward and follows is not None:
         raise DeformError(f"{name} says that it maps forward; name the backward transform, against which points move.")
@@ -202,10 +252,18 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
         if follows is not None:
             follows(read_transform(options.session, grid_of_file(options.volume, options.spacing)), options, stage)
         elif is_series(options.input):
-            series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
-                                 is_labels=options.labels or None)
-            warp_series(series, read_transform(options.session, series.grid), options.output, fill=options.fill,
-                        method=options.method, overwrite=options.force, progress=stage("deform"))
+            series = open_series(
+                options.input, spacing=options.spacing and tuple(options.spacing), is_labels=options.labels or None
+            )
+            warp_series(
+                series,
+                read_transform(options.session, series.grid),
+                options.output,
+                fill=options.fill,
+                method=options.method,
+                overwrite=options.force,
+                progress=stage("deform"),
+            )
         elif _is_in_parts(options):
             source = _opened_in_parts(options, stage)
             _write_parts(source, read_transform(options.session, source.grid), options, stage)
@@ -213,8 +271,9 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
             volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
             field = read_transform(options.session, volume)
             warped = warp(volume, field, fill=options.fill, method=options.method, progress=stage("deform"))
-            write_volume(warped, options.output, overwrite=options.force,
-                         progress=stage(f"write {Path(options.output).name}"))
+            write_volume(
+                warped, options.output, overwrite=options.force, progress=stage(f"write {Path(options.output).name}")
+            )
 
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
@@ -226,8 +285,10 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
         check_target(Path(options.volumes), overwrite=options.force)
     if _is_in_parts(options):
         if options.animate or options.volumes:
-            raise DeformError(f"--{'animate' if options.animate else 'volumes'} is not for volumes that are deformed "
-                              "in parts, into a Zarr folder (.zarr).")
+            raise DeformError(
+                f"--{'animate' if options.animate else 'volumes'} is not for volumes that are deformed "
+                "in parts, into a Zarr folder (.zarr)."
+            )
         _warp_in_parts(document, options, stage)
         return
     if is_series(options.input):
@@ -240,8 +301,10 @@ def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stag
         raise DeformError("--memory is for volumes that are deformed in parts, into a Zarr folder (.zarr).")
     volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
     if options.volumes and not volume.is_labels:
-        raise DeformError(f"--volumes is for labels, and {Path(options.input).name} does not say that it holds any; "
-                          "add --labels if it does.")
+        raise DeformError(
+            f"--volumes is for labels, and {Path(options.input).name} does not say that it holds any; "
+            "add --labels if it does."
+        )
     differs = tuple(_difference(document, volume))
     note(*differs)
     output = _output_grid(document, volume, options)
@@ -280,17 +343,29 @@ def _warp_series(document: Deformation, options: argparse.Namespace, stage: Stag
     from deformnb.io import open_series
     from deformnb.session.series import warp_series
 
-    series = open_series(options.input, spacing=options.spacing and tuple(options.spacing),
-                         is_labels=options.labels or None)
-    note(*series.notes, f"{Path(options.input).name} holds {series.layout}; all are deformed",
-         *_difference(document, series.grid))
+    series = open_series(
+        options.input, spacing=options.spacing and tuple(options.spacing), is_labels=options.labels or None
+    )
+    note(
+        *series.notes,
+        f"{Path(options.input).name} holds {series.layout}; all are deformed",
+        *_difference(document, series.grid),
+    )
     output = None
     if options.resolution is not None or options.margin is not None:
         output = _output_grid(document, next(iter(series)).brightness(), options)
     given: dict[str, Any] = {} if output is None else {"output": output}
     target = Path(options.output)
-    warp_series(series, Animation(document) if options.animate else document, target, fill=options.fill,
-                method=options.method, overwrite=options.force, progress=stage(f"deform to {target.name}"), **given)
+    warp_series(
+        series,
+        Animation(document) if options.animate else document,
+        target,
+        fill=options.fill,
+        method=options.method,
+        overwrite=options.force,
+        progress=stage(f"deform to {target.name}"),
+        **given,
+    )
 
 
 def _is_in_parts(options: argparse.Namespace) -> bool:
@@ -316,8 +391,10 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
     # The output that is no Zarr folder is held in memory, and the input beside it.
     needed = describe_file(given).memory_bytes if is_zarr(given) else 0
     if 2 * needed > default_limit():
-        raise DeformError(f"{given.name} takes {human_bytes(needed)} of memory, too much to be written in one piece; "
-                          f"name an output that ends in {SUFFIX}, which is written in parts.")
+        raise DeformError(
+            f"{given.name} takes {human_bytes(needed)} of memory, too much to be written in one piece; "
+            f"name an output that ends in {SUFFIX}, which is written in parts."
+        )
     return False
 
 
@@ -328,16 +405,18 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
 
     source = _opened_in_parts(options, stage)
     grid = source.grid
-    if not any(document.own_grid(level) == level and not document.difference(level) for level in
-               (grid, *source.levels)):  # a document that was made on a coarser level belongs to all of them
+    if not any(
+        document.own_grid(level) == level and not document.difference(level) for level in (grid, *source.levels)
+    ):  # a document that was made on a coarser level belongs to all of them
         note(*_difference(document, grid))
     known = (*source.notes, document.difference(grid))
     output = None
     if options.resolution is not None or options.margin is not None:
         margin = _lengths(options.margin)
         if margin == "fit":
-            raise DeformError('--margin fit looks at all voxels at once; give lengths for a volume that is deformed in '
-                              "parts.")
+            raise DeformError(
+                "--margin fit looks at all voxels at once; give lengths for a volume that is deformed in parts."
+            )
         import numpy as np
 
         empty = Volume(np.broadcast_to(np.uint8(0), grid.shape), grid)
@@ -358,8 +437,12 @@ def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
             note(f"{name} takes more memory than there is and cannot be read in parts: it is written as Zarr first")
             unpack(options.input, given, progress=stage(f"unpack {name}"))
     stage(f"open {name}")
-    source = open_volume(given, spacing=options.spacing and tuple(options.spacing), is_labels=options.labels or None,
-                         name=None if given is options.input else name)
+    source = open_volume(
+        given,
+        spacing=options.spacing and tuple(options.spacing),
+        is_labels=options.labels or None,
+        name=None if given is options.input else name,
+    )
     note(*source.notes)
     return source
 
@@ -370,12 +453,26 @@ def _unpacked_beside(options: argparse.Namespace) -> Path:
     return target.with_name(f".{target.name}.{about.st_size}-{about.st_mtime_ns}.source.zarr")
 
 
-def _write_parts(source: LargeVolume, deformation: Deformation | AbstractField, options: argparse.Namespace,
-                 stage: Stage, output: Grid | None = None) -> tuple[str, ...]:
+def _write_parts(
+    source: LargeVolume,
+    deformation: Deformation | AbstractField,
+    options: argparse.Namespace,
+    stage: Stage,
+    output: Grid | None = None,
+) -> tuple[str, ...]:
     from deformnb.chunked import warp
 
-    made = warp(source, deformation, options.output, output=output, fill=options.fill, method=options.method,
-         memory=options.memory, overwrite=options.force, progress=stage("deform"))
+    made = warp(
+        source,
+        deformation,
+        options.output,
+        output=output,
+        fill=options.fill,
+        method=options.method,
+        memory=options.memory,
+        overwrite=options.force,
+        progress=stage("deform"),
+    )
     shutil.rmtree(_unpacked_beside(options), ignore_errors=True)
     notes: tuple[str, ...] = made.notes
     return notes
@@ -493,15 +590,21 @@ def read_input(path: str, spacing: Sequence[float] | None, stage: Stage, *, is_l
 def add_replay(commands: Any) -> None:
     """Add the command to argparse's commands."""
     p = commands.add_parser(
-        "replay", help="apply a session to many files, and go on where it was stopped",
+        "replay",
+        help="apply a session to many files, and go on where it was stopped",
         usage="deformnb replay SESSION INPUT [INPUT ...] --out FOLDER [options]",
         description="""Apply a session to many volumes, meshes and landmarks. What is done is remembered beside the
-        results: run it again after a stop or an error, and only what is missing or out of date is done.""")
+        results: run it again after a stop or an error, and only what is missing or out of date is done.""",
+    )
     p.add_argument("session", help="a document written by deformnb (.json)")
     p.add_argument("inputs", nargs="+", metavar="INPUT", help="files, or folders whose files are meant")
     p.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results; made if it is not there")
-    p.add_argument("--align", default="none", help='"none" keeps all coordinates (default); "box" maps the box of '
-                   "the session's volume to that of each input")
+    p.add_argument(
+        "--align",
+        default="none",
+        help='"none" keeps all coordinates (default); "box" maps the box of '
+        "the session's volume to that of each input",
+    )
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside a volume (default its smallest)")
@@ -528,8 +631,15 @@ def _replay(options: argparse.Namespace) -> None:
         check_json_target(options.summary, "a summary")
         check_target(options.summary, overwrite=options.force or _is_summary(Path(options.summary)))
     with stages() as stage:
-        results = replay(document, options.inputs, options.out, work=_Work(options, stage),
-                         options=_made_with(options, document), suffix=options.suffix, overwrite=options.force)
+        results = replay(
+            document,
+            options.inputs,
+            options.out,
+            work=_Work(options, stage),
+            options=_made_with(options, document),
+            suffix=options.suffix,
+            overwrite=options.force,
+        )
     print("\n".join(summary(results)))
     if options.summary:
         with atomic_write(options.summary) as file:
@@ -584,8 +694,9 @@ class _Work:
         self._options, self._stage = options, stage
         self._grid: Grid | None = None
 
-    def __call__(self, document: Deformation, path: Path, target: Path,
-                 progress: Callable[[float], None]) -> Mapping[str, Any]:
+    def __call__(
+        self, document: Deformation, path: Path, target: Path, progress: Callable[[float], None]
+    ) -> Mapping[str, Any]:
         from deformnb.document.transplant import transplanted
         from deformnb.io.landmarks import is_landmarks
         from deformnb.io.meshes import is_mesh
@@ -609,8 +720,9 @@ class _Work:
         from deformnb.io.memory import check_room
 
         check_room(volume, document.output)
-        warped = document.apply(volume, fill=self._options.fill, method=self._options.method,
-                                progress=self._stage(f"deform {target.name}"))
+        warped = document.apply(
+            volume, fill=self._options.fill, method=self._options.method, progress=self._stage(f"deform {target.name}")
+        )
         note(*(text for text in warped.notes if text not in volume.notes))
         write_volume(warped, target, progress=self._stage(f"write {target.name}"))
 

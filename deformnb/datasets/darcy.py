@@ -128,8 +128,11 @@ def thompson_grid(name: str | int) -> ThompsonGrid:
     >>> thompson_grid("antigonia").nodes.shape
     (7, 8, 2)
     """
-    found = [g for g in thompson_grids().values()
-             if g.figure == name or (isinstance(name, str) and name and g.species.lower().startswith(name.lower()))]
+    found = [
+        g
+        for g in thompson_grids().values()
+        if g.figure == name or (isinstance(name, str) and name and g.species.lower().startswith(name.lower()))
+    ]
     if len(found) != 1:
         known = ", ".join(f"{g.species} ({g.figure})" for g in thompson_grids().values())
         what = "no figure" if not found else "more than one figure"
@@ -176,8 +179,9 @@ HEADS = ("left", "right")
 """Directions in which the head of the fish on the picture points."""
 
 
-def own_grid(nodes: ArrayLike | Landmarks | str | os.PathLike[str], name: str = "own grid",
-             rows: int | None = None) -> ThompsonGrid:
+def own_grid(
+    nodes: ArrayLike | Landmarks | str | os.PathLike[str], name: str = "own grid", rows: int | None = None
+) -> ThompsonGrid:
     """A grid of your own, as those of the book.
 
     Parameters
@@ -221,10 +225,12 @@ def own_grid(nodes: ArrayLike | Landmarks | str | os.PathLike[str], name: str = 
     turned = np.argwhere(_least_corners(made) <= 0)
     if len(turned):
         row, column = turned[0]
-        raise DeformError(f"the cell below and right of node r{row} c{column} of the grid {name!r} is flat or turned "
-                          "over. Rows go from back to belly and columns from head to tail, x grows to the right and y "
-                          "down, and no lines may cross: look for two nodes that are exchanged, or a y that grows "
-                          "upwards.")
+        raise DeformError(
+            f"the cell below and right of node r{row} c{column} of the grid {name!r} is flat or turned "
+            "over. Rows go from back to belly and columns from head to tail, x grows to the right and y "
+            "down, and no lines may cross: look for two nodes that are exchanged, or a y that grows "
+            "upwards."
+        )
     made.flags.writeable = False
     return ThompsonGrid(0, name, name, "", "", made)
 
@@ -238,8 +244,10 @@ def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Nodes:
     """Landmarks as rows of nodes: by their names, or row by row."""
     places, count = np.asarray(landmarks.points, dtype=np.float64), len(landmarks.points)
     if places.shape[1] == 3 and np.ptp(places[:, 2]) > 0:
-        raise DeformError(f"the landmarks of the grid {name!r} lie in space, and a grid on a drawing: their third "
-                          "coordinate must be the same for all.")
+        raise DeformError(
+            f"the landmarks of the grid {name!r} lie in space, and a grid on a drawing: their third "
+            "coordinate must be the same for all."
+        )
     found = [re.fullmatch(r"r(\d+) c(\d+)", mark) for mark in landmarks.names]
     if rows is None and found and all(found):
         at = [(int(mark[1]), int(mark[2])) for mark in found if mark]
@@ -250,16 +258,20 @@ def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Nodes:
             raise DeformError(f"the landmarks of the grid {name!r} do not fill {high} rows of {wide} nodes: {words}.")
         return places[np.argsort([i * wide + j for i, j in at]), :2].reshape(high, wide, 2)
     if not isinstance(rows, int) or rows < 2 or count % rows:
-        raise DeformError(f"the {count} landmarks of the grid {name!r} are not named by row and column (\"r0 c3\"); "
-                          f"say how many rows they fill: own_grid(..., rows=4). Got rows={shown_value(rows)}.")
+        raise DeformError(
+            f'the {count} landmarks of the grid {name!r} are not named by row and column ("r0 c3"); '
+            f"say how many rows they fill: own_grid(..., rows=4). Got rows={shown_value(rows)}."
+        )
     return places[:, :2].reshape(rows, -1, 2)
 
 
 def _least_corners(nodes: Nodes) -> Nodes:
     """(rows - 1, columns - 1): the least of the signed areas of the four triangles at the corners of each cell."""
     p, q, r, s = nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
-    areas = [(b - a)[..., 0] * (c - a)[..., 1] - (b - a)[..., 1] * (c - a)[..., 0]
-             for a, b, c in ((p, q, s), (q, r, p), (r, s, q), (s, p, r))]
+    areas = [
+        (b - a)[..., 0] * (c - a)[..., 1] - (b - a)[..., 1] * (c - a)[..., 0]
+        for a, b, c in ((p, q, s), (q, r, p), (r, s, q), (s, p, r))
+    ]
     return np.asarray(np.min(areas, axis=0))
 
 
@@ -278,9 +290,16 @@ def _grid_of(given: GridLike, name: str) -> ThompsonGrid:
     return own_grid(given, Path(given).stem if isinstance(given, os.PathLike) else name)
 
 
-def thompson_map(source: GridLike = "Polyprion", target: GridLike = "Antigonia", *,
-                 box: Box = (0.0, 1.0, 0.0, 1.0), frame: Box | None = None, scale: str = "inside",
-                 cells: str = "fill", head: str = "left") -> ThompsonMap:
+def thompson_map(
+    source: GridLike = "Polyprion",
+    target: GridLike = "Antigonia",
+    *,
+    box: Box = (0.0, 1.0, 0.0, 1.0),
+    frame: Box | None = None,
+    scale: str = "inside",
+    cells: str = "fill",
+    head: str = "left",
+) -> ThompsonMap:
     """Lay a pair of Thompson's grids, or of your own, on a picture.
 
     Parameters
@@ -333,8 +352,10 @@ def thompson_map(source: GridLike = "Polyprion", target: GridLike = "Antigonia",
     """
     a, b = _grid_of(source, "source"), _grid_of(target, "target")
     if a.nodes.shape != b.nodes.shape:
-        raise DeformError(f"the grids of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "
-                          f"rows and columns and do not correspond; Thompson's pairs are {thompson_pairs()}.")
+        raise DeformError(
+            f"the grids of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "
+            f"rows and columns and do not correspond; Thompson's pairs are {thompson_pairs()}."
+        )
     for what, value, known in (("scale", scale, tuple(SCALES)), ("cells", cells, CELLS), ("head", head, HEADS)):
         if value not in known:
             raise DeformError(f"unknown {what} {value!r}; choose one of {', '.join(known)}.")

@@ -61,12 +61,15 @@ class GridScore:
 
     def __str__(self) -> str:
         row, column = self.worst
-        return (f"{self.percent:.0f} % of the way; {self.mean:.1f} pixels from Thompson's nodes on average, "
-                f"{self.distances[row, column]:.1f} at worst, at node r{row} c{column}")
+        return (
+            f"{self.percent:.0f} % of the way; {self.mean:.1f} pixels from Thompson's nodes on average, "
+            f"{self.distances[row, column]:.1f} at worst, at node r{row} c{column}"
+        )
 
 
-def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: ThompsonMap, *,
-                   grid: Grid | VolumeLike | None = None) -> GridScore:
+def thompson_score(
+    what: Deformation | Step | AbstractField | ArrayLike, grids: ThompsonMap, *, grid: Grid | VolumeLike | None = None
+) -> GridScore:
     """Compare a deformation with one of Thompson's pairs, node by node.
 
     Parameters
@@ -107,15 +110,21 @@ def thompson_score(what: Deformation | Step | AbstractField | ArrayLike, grids: 
     pixel = np.ptp(source.reshape(-1, 2), axis=0) / np.ptp(grids.source.nodes.reshape(-1, 2), axis=0)
     before = np.linalg.norm((target - source) / pixel, axis=-1)
     if before.mean() < 1e-9 * np.ptp(grids.source.nodes):
-        raise DeformError(f"{grids.source.species} to {grids.target.species} moves no node, so there is no way to be "
-                          "scored; choose two different animals.")
+        raise DeformError(
+            f"{grids.source.species} to {grids.target.species} moves no node, so there is no way to be "
+            "scored; choose two different animals."
+        )
     if isinstance(what, AbstractField) or hasattr(what, "plane") or hasattr(what, "steps"):
         moved, found = warp_points(source, _field(what, grids, grid))
         reached = np.where(found[..., None], moved, source)
     else:
-        reached = finite_array(what, source.shape, f"a Deformation, a Step, a field on a picture or the places of "
-                               f"{source.shape[0]} x {source.shape[1]} nodes, an array of shape {source.shape} of "
-                               "finite numbers, can be scored")
+        reached = finite_array(
+            what,
+            source.shape,
+            f"a Deformation, a Step, a field on a picture or the places of "
+            f"{source.shape[0]} x {source.shape[1]} nodes, an array of shape {source.shape} of "
+            "finite numbers, can be scored",
+        )
     missing = target - reached
     return GridScore(reached, missing, np.linalg.norm(missing / pixel, axis=-1), before)
 
@@ -132,12 +141,15 @@ def _field(what: object, grids: ThompsonMap, grid: Grid | VolumeLike | None) -> 
             raise DeformError("a field on a picture, of dimension 2, can be scored; this one is in space.")
         return what
     if not isinstance(what, Step | Deformation):
-        raise DeformError("a Deformation, a Step, a field or an array of nodes can be scored, got "
-                          f"{shown_value(what)}.")
+        raise DeformError(
+            f"a Deformation, a Step, a field or an array of nodes can be scored, got {shown_value(what)}."
+        )
     steps = (what,) if isinstance(what, Step) else tuple(step for step in what.steps if step.enabled)
     if any(step.plane is None or step.plane != steps[0].plane for step in steps):
-        raise DeformError("a step has its points in space or on another side than the first one, and Thompson's grids "
-                          "lie on one picture; switch that step off, or give the steps of one side.")
+        raise DeformError(
+            "a step has its points in space or on another side than the first one, and Thompson's grids "
+            "lie on one picture; switch that step off, or give the steps of one side."
+        )
     if grid is None:
         wide, high = np.ptp(grids.source_nodes.reshape(-1, 2), axis=0)
         grid = Grid((1, 100, 100), (wide / 100, high / 100, min(wide, high) / 100))

@@ -68,8 +68,10 @@ class Dataset:
 
 
 _MRICROGL = "https://raw.githubusercontent.com/neurolabusc/MRIcroGL/e1392fd1a260f3dfd4dc8906376b3370f5ed352e/Distro/"
-_TOTALSEGMENTATOR = ("https://raw.githubusercontent.com/wasserth/TotalSegmentator/"
-                     "0e65a448d557382b1e925276212b3bec7f5aff83/tests/reference_files/")
+_TOTALSEGMENTATOR = (
+    "https://raw.githubusercontent.com/wasserth/TotalSegmentator/"
+    "0e65a448d557382b1e925276212b3bec7f5aff83/tests/reference_files/"
+)
 _FAIR = "https://raw.githubusercontent.com/C4IR/FAIR.m/975edebd37b833ae76696792870de5c05efcb9cb/kernel/data/"
 _HORSE = "https://raw.githubusercontent.com/pyvista/vtk-data/126ee906165a8b2f984f08259a4a2d32cf3b3409/Data/horse.ply"
 _KNEE_ATLAS = "https://raw.githubusercontent.com/mhalle/spl-knee-atlas/b8cb94143b88775671737e5bcad7783120ea5066/Data/"
@@ -78,62 +80,106 @@ _KNEE_ATLAS = "https://raw.githubusercontent.com/mhalle/spl-knee-atlas/b8cb94143
 def _knee_mr(pose: str, variable: str) -> Dataset:
     """One of the two scans of a knee in the MATLAB file of the FAIR toolbox."""
     return Dataset(
-        f"MR of a knee, {pose}, 128 x 64 x 128; the same knee was scanned straight and bent", f"knee_mr_{pose}.nrrd",
+        f"MR of a knee, {pose}, 128 x 64 x 128; the same knee was scanned straight and bent",
+        f"knee_mr_{pose}.nrrd",
         _FAIR + "knee3D.mat",
-        "6a7833dcefbbeb962ebc1ec7da57e2d549b9d156eb9ff3cb1c6b2da6cce55ba9", 1050710,
-        "Thomas Netsch, Philips Medical Solutions, Hamburg", "see the licence of the FAIR toolbox",
-        "the FAIR toolbox of Jan Modersitzki", "knee", spacing=(1.0, 0.96875, 1.0), variable=variable,
-        remark="Both scans are in one MATLAB file, which is downloaded once.")
+        "6a7833dcefbbeb962ebc1ec7da57e2d549b9d156eb9ff3cb1c6b2da6cce55ba9",
+        1050710,
+        "Thomas Netsch, Philips Medical Solutions, Hamburg",
+        "see the licence of the FAIR toolbox",
+        "the FAIR toolbox of Jan Modersitzki",
+        "knee",
+        spacing=(1.0, 0.96875, 1.0),
+        variable=variable,
+        remark="Both scans are in one MATLAB file, which is downloaded once.",
+    )
 
 
 DATASETS: dict[str, Dataset] = {
     "carp": Dataset(
-        "CT of a carp, the paper's own (figure 3), 256 x 512 x 256", "carp.nii.gz", _MRICROGL + "carp.nii.gz",
-        "65c94568fcb941d888e37c8465e7fc0a7b9338b056bf3ca47209890dbac26f7a", 3036369,
-        "Michael Scheuring, Computer Graphics Group, University of Erlangen", "no licence is stated",
-        "copy in the repository of MRIcroGL", "fish",
+        "CT of a carp, the paper's own (figure 3), 256 x 512 x 256",
+        "carp.nii.gz",
+        _MRICROGL + "carp.nii.gz",
+        "65c94568fcb941d888e37c8465e7fc0a7b9338b056bf3ca47209890dbac26f7a",
+        3036369,
+        "Michael Scheuring, Computer Graphics Group, University of Erlangen",
+        "no licence is stated",
+        "copy in the repository of MRIcroGL",
+        "fish",
         remark="The header says 1, 1, 1; the reader takes the spacing of the animal's anatomy instead, with a note.",
     ),
     "head_ct": Dataset(
-        "CT of a human head, 208 x 256 x 225, scaled to 0..1", "head_ct.nii.gz", _MRICROGL + "ct.nii.gz",
-        "78dfd74fa1336a0160a74969dc3ac5148fdbdc47a5694bfb44e5d324a22e1fc4", 2784530,
-        "MRIcroGL, Chris Rorden", "the repository is under the BSD 2-clause licence", "repository of MRIcroGL", "head",
+        "CT of a human head, 208 x 256 x 225, scaled to 0..1",
+        "head_ct.nii.gz",
+        _MRICROGL + "ct.nii.gz",
+        "78dfd74fa1336a0160a74969dc3ac5148fdbdc47a5694bfb44e5d324a22e1fc4",
+        2784530,
+        "MRIcroGL, Chris Rorden",
+        "the repository is under the BSD 2-clause licence",
+        "repository of MRIcroGL",
+        "head",
     ),
     "abdomen_ct": Dataset(
-        "CT of abdomen and pelvis in Hounsfield units, 122 x 101 x 112 voxels of 3 mm", "abdomen_ct.nii.gz",
+        "CT of abdomen and pelvis in Hounsfield units, 122 x 101 x 112 voxels of 3 mm",
+        "abdomen_ct.nii.gz",
         _TOTALSEGMENTATOR + "example_ct.nii.gz",
-        "dbd3ae6d614d1d7ef3a46925c30c70038ed52da6b37fdd6afdc7b9b71387e3e1", 2206612,
+        "dbd3ae6d614d1d7ef3a46925c30c70038ed52da6b37fdd6afdc7b9b71387e3e1",
+        2206612,
         "TotalSegmentator, Jakob Wasserthal, University Hospital Basel",
         "the repository is under the Apache 2.0 licence",
-        "test data in the repository of TotalSegmentator", "abdomen",
+        "test data in the repository of TotalSegmentator",
+        "abdomen",
     ),
     "lobster": Dataset(
-        "CT of a lobster, the paper's own (figure 5), 301 x 324 x 56", "lobster.nrrd", None, None, None,
-        "VolVis distribution of SUNY Stony Brook, New York", "no licence is stated",
+        "CT of a lobster, the paper's own (figure 5), 301 x 324 x 56",
+        "lobster.nrrd",
+        None,
+        None,
+        None,
+        "VolVis distribution of SUNY Stony Brook, New York",
+        "no licence is stated",
         "the Open SciVis Datasets, by hand: save lobster_301x324x56_uint8.raw, bytes without a header; then "
         "np.fromfile('lobster_301x324x56_uint8.raw', 'uint8').reshape(56, 324, 301) is the array for "
-        "Volume.from_array, with the spacing (1, 1, 1.4), and write_volume saves it as NRRD", "lobster",
+        "Volume.from_array, with the spacing (1, 1, 1.4), and write_volume saves it as NRRD",
+        "lobster",
         spacing=(1.0, 1.0, 1.4),
     ),
     "knee_labels": Dataset(
-        "Labels of the SPL knee atlas, 512 x 512 x 119: femur 95, tibia 96, fibula 97, patella 98", "knee_labels.nrrd",
-        _KNEE_ATLAS + "seg.nrrd", "7b1eba4d06a24d8d769fe0342bf57042d6a6d3afb67da04f2749f62007670091", 466251,
-        "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston", "3D Slicer licence",
-        "the SPL knee atlas", "knee", is_labels=True,
+        "Labels of the SPL knee atlas, 512 x 512 x 119: femur 95, tibia 96, fibula 97, patella 98",
+        "knee_labels.nrrd",
+        _KNEE_ATLAS + "seg.nrrd",
+        "7b1eba4d06a24d8d769fe0342bf57042d6a6d3afb67da04f2749f62007670091",
+        466251,
+        "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston",
+        "3D Slicer licence",
+        "the SPL knee atlas",
+        "knee",
+        is_labels=True,
     ),
     "knee_mr_straight": _knee_mr("straight", "dataR"),
     "knee_mr_bent": _knee_mr("bent", "dataT"),
     "horse": Dataset(
-        "Surface of a horse, the paper's own (figure 6), 48,485 vertices", "horse.ply", _HORSE,
-        "dfadaea01775943a75f9bf0560e6ad55aab39694af3003d9976a46e58226c4d7", 2182101,
-        "Georgia Institute of Technology, Large Geometric Models Archive", "the copy's repository states no licence",
-        "example data of PyVista", "horse", is_mesh=True,
+        "Surface of a horse, the paper's own (figure 6), 48,485 vertices",
+        "horse.ply",
+        _HORSE,
+        "dfadaea01775943a75f9bf0560e6ad55aab39694af3003d9976a46e58226c4d7",
+        2182101,
+        "Georgia Institute of Technology, Large Geometric Models Archive",
+        "the copy's repository states no licence",
+        "example data of PyVista",
+        "horse",
+        is_mesh=True,
     ),
     "abdomen_labels": Dataset(
         "Labels of the SPL abdominal atlas, 256 x 256 x 113: liver 3, spleen 4, aorta 7, kidneys 51 and 52",
-        "abdomen_labels.nrrd", None, "f6ccae59157948bd790c0783ca672ba1bfb719239bb5ac1a9f023f63357ea02f", 232498,
-        "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston", "3D Slicer licence",
-        "the SPL abdominal atlas, by hand: save the labels (a 256 x 256 x 113 NRRD of the atlas's data)", "abdomen",
+        "abdomen_labels.nrrd",
+        None,
+        "f6ccae59157948bd790c0783ca672ba1bfb719239bb5ac1a9f023f63357ea02f",
+        232498,
+        "Surgical Planning Laboratory, Brigham and Women's Hospital, Boston",
+        "3D Slicer licence",
+        "the SPL abdominal atlas, by hand: save the labels (a 256 x 256 x 113 NRRD of the atlas's data)",
+        "abdomen",
         is_labels=True,
     ),
 }
@@ -181,8 +227,9 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
             _check_present(path, data)
         return path
     if data.address is None:
-        raise DeformError(f"{name} has no download: get it from {data.source}, put it at {path}, or use "
-                          f"{_alternative(data)}.")
+        raise DeformError(
+            f"{name} has no download: get it from {data.source}, put it at {path}, or use {_alternative(data)}."
+        )
     download = place / data.address.rsplit("/", 1)[-1] if data.variable else path
     if download.is_file():
         _check_present(download, data)
@@ -204,12 +251,15 @@ def _convert(data: Dataset, source: Path, path: Path) -> None:
     from deformnb.io import write_volume
 
     values = loadmat(source, variable_names=[data.variable])[data.variable]
-    write_volume(Volume.from_array(values.transpose(2, 1, 0), spacing=data.spacing or (1.0, 1.0, 1.0),
-                                   unit="mm" if data.spacing else ""), path)
+    write_volume(
+        Volume.from_array(
+            values.transpose(2, 1, 0), spacing=data.spacing or (1.0, 1.0, 1.0), unit="mm" if data.spacing else ""
+        ),
+        path,
+    )
 
 
-def load(name: str, *, progress: bool | Progress | None = None,
-         folder: str | os.PathLike[str] | None = None) -> Volume:
+def load(name: str, *, progress: bool | Progress | None = None, folder: str | os.PathLike[str] | None = None) -> Volume:
     """A real volume with its true spacing, downloaded the first time; parameters and errors as :func:`fetch`.
 
     Examples
@@ -229,8 +279,9 @@ def load(name: str, *, progress: bool | Progress | None = None,
     return replace(volume, name=name)
 
 
-def find(name: str, shape: tuple[int, int, int] | None = None, *,
-         folder: str | os.PathLike[str] | None = None) -> tuple[Volume, bool]:
+def find(
+    name: str, shape: tuple[int, int, int] | None = None, *, folder: str | os.PathLike[str] | None = None
+) -> tuple[Volume, bool]:
     """A real volume where it can be had, else its phantom, and one printed line that says which.
 
     The file in the folder is taken, else it is downloaded (with a bar in a terminal and in a notebook). Without a
@@ -270,8 +321,8 @@ def find(name: str, shape: tuple[int, int, int] | None = None, *,
     except DeformError:
         if data.is_mesh or data.address is not None:
             raise
-        print(f"no real {name}: it has to be put into the folder by hand (deformnb datasets); "  # noqa: T201
-              "the phantom is used")
+        cure = "it has to be put into the folder by hand (deformnb datasets)"
+        print(f"no real {name}: {cure}; the phantom is used")  # noqa: T201
     else:
         print(f"the real {name}: {data.title}. Credit: {data.credit}")  # noqa: T201
         return volume, True
@@ -316,8 +367,10 @@ def _check_present(path: Path, data: Dataset) -> None:
     except OSError as error:
         raise VolumeFileError(f"{path} cannot be read ({error.strerror or error}); check its permissions.") from error
     if found != data.sha256:
-        raise VolumeFileError(f"{path} is not the published file: its sha256 begins with {found[:12]}, not with "
-                              f"{data.sha256[:12]}. Move it away, and it is fetched again.")
+        raise VolumeFileError(
+            f"{path} is not the published file: its sha256 begins with {found[:12]}, not with "
+            f"{data.sha256[:12]}. Move it away, and it is fetched again."
+        )
 
 
 def _make_room(place: Path, data: Dataset) -> None:
@@ -325,11 +378,15 @@ def _make_room(place: Path, data: Dataset) -> None:
         place.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(place).free
     except OSError as error:
-        raise VolumeFileError(f"the folder {place} for downloads cannot be made ({error.strerror or error}); name "
-                              "another one in the environment variable DEFORMNB_DATA.") from error
+        raise VolumeFileError(
+            f"the folder {place} for downloads cannot be made ({error.strerror or error}); name "
+            "another one in the environment variable DEFORMNB_DATA."
+        ) from error
     if data.size is not None and free < 2 * data.size:
-        raise VolumeFileError(f"{data.file} takes {data.size:,} bytes and {place} has only {free:,} left; make room "
-                              "or name another folder in the environment variable DEFORMNB_DATA.")
+        raise VolumeFileError(
+            f"{data.file} takes {data.size:,} bytes and {place} has only {free:,} left; make room "
+            "or name another folder in the environment variable DEFORMNB_DATA."
+        )
 
 
 def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> None:
@@ -340,11 +397,16 @@ def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> No
     pooch.get_logger().setLevel("ERROR")
     meter = _Meter(data, progress)
     opened: list[Any] = []
-    downloader = pooch.HTTPDownloader(progressbar=meter, chunk_size=CHUNK, timeout=30, hooks={
-        "response": lambda response, **_: opened.append(response)})
+    downloader = pooch.HTTPDownloader(
+        progressbar=meter,
+        chunk_size=CHUNK,
+        timeout=30,
+        hooks={"response": lambda response, **_: opened.append(response)},
+    )
     try:
-        pooch.retrieve(data.address, known_hash=f"sha256:{data.sha256}", fname=path.name, path=path.parent,
-                       downloader=downloader)
+        pooch.retrieve(
+            data.address, known_hash=f"sha256:{data.sha256}", fname=path.name, path=path.parent, downloader=downloader
+        )
     except ValueError as error:  # raised by pooch where the checksum differs
         raise OSError("what came is not the published file, its checksum differs") from error
     finally:
@@ -356,8 +418,10 @@ def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> No
 def _offline_message(name: str, data: Dataset, path: Path, error: OSError) -> str:
     host = urlsplit(data.address or "").hostname
     reason = type(error).__name__ if len(str(error)) > 120 or not str(error) else str(error).rstrip(".")
-    return (f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} by hand, "
-            f"or use {_alternative(data)}.")
+    return (
+        f"{name} could not be downloaded from {host} ({reason}); save {data.address} as {path} by hand, "
+        f"or use {_alternative(data)}."
+    )
 
 
 class _Meter:

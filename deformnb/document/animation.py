@@ -65,8 +65,10 @@ class TimeMaps:
 
     def __post_init__(self) -> None:
         if self.values.ndim != 4 or not len(self.values) or self.values.shape[1:] != (*self.raster.shape, 2):
-            raise DeformError(f"maps over time have the shape (T, {self.raster.shape[0]}, {self.raster.shape[1]}, 2), "
-                              f"got {self.values.shape}.")
+            raise DeformError(
+                f"maps over time have the shape (T, {self.raster.shape[0]}, {self.raster.shape[1]}, 2), "
+                f"got {self.values.shape}."
+            )
         if not (np.isfinite(self.duration) and self.duration >= 0):
             raise DeformError(f"the duration must be seconds from 0 on, got {self.duration}.")
 
@@ -190,9 +192,12 @@ class Animation:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the settings that switch at a key frame because they cannot be interpolated."""
-        return tuple(f"at {after.time:g} s {note}: it switches there."
-                     for after, paths in zip(self.keyframes[1:], self._paths, strict=True)
-                     for path in paths for note in path.notes)
+        return tuple(
+            f"at {after.time:g} s {note}: it switches there."
+            for after, paths in zip(self.keyframes[1:], self._paths, strict=True)
+            for path in paths
+            for note in path.notes
+        )
 
     def moment(self, t: float) -> float:
         """The time between 0 and the duration that is shown at t, by the loop.
@@ -267,15 +272,27 @@ class Animation:
             return 1
         least = max(1, int(np.ceil(self.duration / step - 1e-9)))
         if least >= MOST_FRAMES:
-            raise DeformError(f"{least + 1} frames are more than {MOST_FRAMES}; let them lie further apart than "
-                              f"{degrees:g} degrees.")
+            raise DeformError(
+                f"{least + 1} frames are more than {MOST_FRAMES}; let them lie further apart than {degrees:g} degrees."
+            )
         shares = np.array([key.time for key in self.keyframes]) / self.duration
-        fits = (n for n in range(least, min(2 * least + 8, MOST_FRAMES))
-                if np.abs(shares * n - np.round(shares * n)).max() < 1e-6)
+        fits = (
+            n
+            for n in range(least, min(2 * least + 8, MOST_FRAMES))
+            if np.abs(shares * n - np.round(shares * n)).max() < 1e-6
+        )
         return next(fits, least) + 1
 
-    def stack(self, grid: Grid, frames: int | None = None, *, raster: Raster | None = None, size: int | None = None,
-              degrees: float = 10.0, output: Grid | None = None) -> TimeMaps:
+    def stack(
+        self,
+        grid: Grid,
+        frames: int | None = None,
+        *,
+        raster: Raster | None = None,
+        size: int | None = None,
+        degrees: float = 10.0,
+        output: Grid | None = None,
+    ) -> TimeMaps:
         """The maps of all moments as ONE array whose third axis is time.
 
         Parameters
@@ -310,6 +327,8 @@ class Animation:
         (plane, *planes), (weights, *others) = [s.plane for s in used], [s.weights() for s in used]
         same = all(np.array_equal(a, b) for w in others for a, b in zip(weights, w, strict=True))
         if plane is None or any(p != plane for p in planes) or not same:
-            raise DeformError("maps over time lie on one plane and go on into depth by one rule; the key frames differ "
-                              "in that. Render the frames one by one.")
+            raise DeformError(
+                "maps over time lie on one plane and go on into depth by one rule; the key frames differ "
+                "in that. Render the frames one by one."
+            )
         return plane, weights

@@ -57,8 +57,11 @@ from deformnb.warping.warper import like_given, warp_all
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
 """Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
 
-LOOPS = {"once": "from the first key frame to the last", "loop": "over and over from the beginning",
-         "swing": "there and back, over and over"}
+LOOPS = {
+    "once": "from the first key frame to the last",
+    "loop": "over and over from the beginning",
+    "swing": "there and back, over and over",
+}
 """Behaviours after the last key frame."""
 
 
@@ -149,11 +152,14 @@ class Step(AbstractFitSettings):
     def _check_kinds(self) -> None:
         for given in self.maps:
             if not isinstance(given, ControlPoints):
-                raise DeformError(f"the maps of a step are ControlPoints, got {_kind(given)}; "
-                                  "make some with ControlPoints.from_arrays(sources, targets).")
+                raise DeformError(
+                    f"the maps of a step are ControlPoints, got {_kind(given)}; "
+                    "make some with ControlPoints.from_arrays(sources, targets)."
+                )
         if not isinstance(self.plane, Plane | None):
-            raise DeformError(f"the plane of a step is a Plane or None, got {_kind(self.plane)}; "
-                              "Plane.along(volume, \"+y\") makes one.")
+            raise DeformError(
+                f'the plane of a step is a Plane or None, got {_kind(self.plane)}; Plane.along(volume, "+y") makes one.'
+            )
 
     def _check_shapes(self, dim: int) -> None:
         if self.cut_rule not in CUT_RULES:
@@ -164,8 +170,10 @@ class Step(AbstractFitSettings):
                     raise DeformError(f"the {what} of a step must be of type {kind.__name__}, got {shape!r:.60}.")
                 if shape.region.dim != dim:
                     way = "take the silhouette(plane) of a mask" if dim == 2 else "give it three coordinates"
-                    raise DeformError(f"the {what} of this step need regions of dimension {dim}, as its points have; "
-                                      f"one has {shape.region.dim}: {way}.")
+                    raise DeformError(
+                        f"the {what} of this step need regions of dimension {dim}, as its points have; "
+                        f"one has {shape.region.dim}: {way}."
+                    )
         check_stages(self.stages, self.parts)
         check_parts_of_direction(self.direction, self.parts)
         if len(self.cuts) > MOST_CUTS:
@@ -233,21 +241,29 @@ class Step(AbstractFitSettings):
         corners = grid.corners(centres=False)
         corners = corners if self.plane is None else self.plane.to_plane(corners)[:, :2]
         parts = [part.scaled(self.strength) for part in self.parts]
-        return (*self._narrow_supports(grid), *part_conflicts(parts),
-                *cuts_outside(self.cuts, corners.min(axis=0), corners.max(axis=0)))
+        return (
+            *self._narrow_supports(grid),
+            *part_conflicts(parts),
+            *cuts_outside(self.cuts, corners.min(axis=0), corners.max(axis=0)),
+        )
 
     def _narrow_supports(self, grid: Grid) -> tuple[str, ...]:
         if not kernel_named(self.kernel).compact:
             return ()
-        across = [k for k, axis in enumerate(np.asarray(grid.direction).T)
-                  if self.plane is None or abs(axis @ self.plane.frame[2]) < 1 - 1e-6]
+        across = [
+            k
+            for k, axis in enumerate(np.asarray(grid.direction).T)
+            if self.plane is None or abs(axis @ self.plane.frame[2]) < 1 - 1e-6
+        ]
         voxel = min(grid.spacing[k] for k in across)
         radii = [self.support_for(points) or lone_support(grid) for points in self.maps]
         radii += [float(r) for points in self.maps for r in points.radius[points.active] if np.isfinite(r)]
         if min(radii) >= voxel:
             return ()
-        note = (f"the support radius {min(radii):.3g} is smaller than a voxel ({voxel:.3g}): between the control "
-                "points nothing follows them. Choose a larger one.")
+        note = (
+            f"the support radius {min(radii):.3g} is smaller than a voxel ({voxel:.3g}): between the control "
+            "points nothing follows them. Choose a larger one."
+        )
         return (note,)
 
     @property
@@ -304,8 +320,10 @@ def _checked_steps(given: Any, whose: str) -> tuple[Step, ...]:
     if isinstance(wrong, Deformation):
         way = "first.then(second) joins two deformations"
     elif isinstance(wrong, AbstractField):
-        way = ("a document keeps control points and no fields; warp(volume, field) applies one, and "
-               "compose(first, second, grid=volume) joins it with a deformation")
+        way = (
+            "a document keeps control points and no fields; warp(volume, field) applies one, and "
+            "compose(first, second, grid=volume) joins it with a deformation"
+        )
     raise DeformError(f"the steps of {whose} are of type Step, got {_kind(wrong)}; {way}.")
 
 
@@ -361,8 +379,11 @@ class VolumeReference:
         """The reference of a volume; of a level of a pyramid that of the pyramid, whichever level it is."""
         volume = as_volume(volume)
         grid = volume.finest_grid
-        checksum = (voxel_checksum(volume.dtype, volume.shape, volume.values) if volume.level is None else
-                    volume.level.checksum())
+        checksum = (
+            voxel_checksum(volume.dtype, volume.shape, volume.values)
+            if volume.level is None
+            else volume.level.checksum()
+        )
         return cls(volume.name, grid.shape, grid.spacing, checksum, grid.origin, grid.direction, grid.unit)
 
     @property
@@ -480,23 +501,30 @@ class Deformation:
         keys = tuple(self.keyframes) if isinstance(self.keyframes, Iterable) else (self.keyframes,)
         for key in keys:
             if not isinstance(key, Keyframe):
-                raise DeformError(f"the key frames of a deformation are of type Keyframe, got {_kind(key)}; "
-                                  "Keyframe(seconds, steps) makes one.")
+                raise DeformError(
+                    f"the key frames of a deformation are of type Keyframe, got {_kind(key)}; "
+                    "Keyframe(seconds, steps) makes one."
+                )
         object.__setattr__(self, "keyframes", keys)
         if isinstance(self.output, Volume):
             object.__setattr__(self, "output", self.output.grid)
         check_fields(self, "name", "volume", "extra")
         longest = max(map(len, (self.steps, *(key.steps for key in self.keyframes))))
         if longest > MOST_STEPS:
-            raise DeformError(f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. "
-                              "Apply it in parts.")
+            raise DeformError(
+                f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. Apply it in parts."
+            )
         if not isinstance(self.output, Grid | None):
             raise DeformError(f"the output of a deformation is a Grid or None, got {shown_value(self.output)}.")
-        for what, value, known in (("mode", self.mode, MODES), ("easing", self.easing, EASINGS),
-                                   ("loop", self.loop, LOOPS)):
+        for what, value, known in (
+            ("mode", self.mode, MODES),
+            ("easing", self.easing, EASINGS),
+            ("loop", self.loop, LOOPS),
+        ):
             if not isinstance(value, str) or value not in known:
-                raise DeformError(f"unknown {what} {shown_value(value)} of a deformation; choose one of "
-                                  f"{', '.join(known)}.")
+                raise DeformError(
+                    f"unknown {what} {shown_value(value)} of a deformation; choose one of {', '.join(known)}."
+                )
         self._bring_to_one_unit()
         times = [key.time for key in self.keyframes]
         if any(late <= early for early, late in pairwise(times)):
@@ -515,8 +543,13 @@ class Deformation:
             object.__setattr__(self, "output", output if output.unit == unit else replace(output, unit=unit))
         object.__setattr__(self, "steps", tuple(rescaled_step(step, unit) for step in self.steps))
         if any(step.points.unit for key in self.keyframes for step in key.steps):
-            object.__setattr__(self, "keyframes", tuple(
-                replace(key, steps=tuple(rescaled_step(step, unit) for step in key.steps)) for key in self.keyframes))
+            object.__setattr__(
+                self,
+                "keyframes",
+                tuple(
+                    replace(key, steps=tuple(rescaled_step(step, unit) for step in key.steps)) for key in self.keyframes
+                ),
+            )
 
     def in_unit(self, unit: str) -> Deformation:
         """The same deformation in numbers of another unit; itself where its own or the other one is not known.
@@ -534,9 +567,14 @@ class Deformation:
         if to not in known:
             scale = Scale(ratio(self.unit, to))
             keys = tuple(Keyframe(key.time, tuple(map(scale.step, key.steps))) for key in self.keyframes)
-            known[to] = replace(self, steps=tuple(map(scale.step, self.steps)), keyframes=keys, unit=to,
-                                volume=self.volume and self.volume.in_unit(to),
-                                output=self.output and self.output.in_unit(to))
+            known[to] = replace(
+                self,
+                steps=tuple(map(scale.step, self.steps)),
+                keyframes=keys,
+                unit=to,
+                volume=self.volume and self.volume.in_unit(to),
+                output=self.output and self.output.in_unit(to),
+            )
         return known[to]
 
     def _unit_notes(self, unit: str) -> tuple[str, ...]:
@@ -556,8 +594,9 @@ class Deformation:
         return f"<Deformation{name}: {count} {'step' if count == 1 else 'steps'} ({self.mode}){keys}{made}>"
 
     @classmethod
-    def on_picture(cls, grid: Grid | VolumeLike, view: str | Plane, points: ControlPoints,
-                   **options: Any) -> Deformation:
+    def on_picture(
+        cls, grid: Grid | VolumeLike, view: str | Plane, points: ControlPoints, **options: Any
+    ) -> Deformation:
         """One step on a picture of a volume.
 
         Parameters
@@ -602,14 +641,22 @@ class Deformation:
             return replace(self, steps=(*self.steps, following))
         for one in (self, following):
             if one.keyframes:
-                raise DeformError("deformations with key frames cannot be joined; join their steps: "
-                                  "Deformation((*first.steps, *second.steps)).")
+                raise DeformError(
+                    "deformations with key frames cannot be joined; join their steps: "
+                    "Deformation((*first.steps, *second.steps))."
+                )
             if one.mode != "compose" and len(one.steps) > 1:
-                raise DeformError(f"one of these deformations adds up its {len(one.steps)} steps (mode {one.mode!r}), "
-                                  "and a document has one mode; apply one after the other: "
-                                  "second.apply(first.apply(volume)).")
-        return replace(self, steps=(*self.steps, *following.steps), mode="compose",
-                       output=self.output if following.output is None else following.output)
+                raise DeformError(
+                    f"one of these deformations adds up its {len(one.steps)} steps (mode {one.mode!r}), "
+                    "and a document has one mode; apply one after the other: "
+                    "second.apply(first.apply(volume))."
+                )
+        return replace(
+            self,
+            steps=(*self.steps, *following.steps),
+            mode="compose",
+            output=self.output if following.output is None else following.output,
+        )
 
     def with_step(self, index: int, step: Step) -> Deformation:
         """Another step in the place of an old one."""
@@ -660,8 +707,9 @@ class Deformation:
         """
         return invert(self, grid, **options)
 
-    def warp_points(self, points: ArrayLike | Landmarks, grid: Grid | VolumeLike,
-                    **options: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def warp_points(
+        self, points: ArrayLike | Landmarks, grid: Grid | VolumeLike, **options: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Points of the input in the result, and which of them have a place there.
 
         Parameters
@@ -734,17 +782,24 @@ class Deformation:
         made = made if made is None else made.in_unit(here.unit)
         if made is None:
             return ""
-        is_same = made.shape == here.shape and (isinstance(volume, Grid) or made.has_labels(volume) or made.sha256 == (
-            VolumeReference.of(volume) if reference is None else reference()).sha256)
+        is_same = made.shape == here.shape and (
+            isinstance(volume, Grid)
+            or made.has_labels(volume)
+            or made.sha256 == (VolumeReference.of(volume) if reference is None else reference()).sha256
+        )
         if not is_same:
             name = shown_value(made.name) if made.name else "without a name"
-            return (f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
-                    "voxels); its points may lie elsewhere.")
+            return (
+                f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
+                "voxels); its points may lie elsewhere."
+            )
         if (made.grid or replace(here, spacing=made.spacing)).is_like(here):  # before 1.2 it had no place
             return ""
         then, now = (" x ".join(f"{s:.6g}" for s in spacing) for spacing in (made.spacing, here.spacing))
-        return (f"This document was made on the same voxels at another place or of another size ({then} then, {now} "
-                "now); its points may lie elsewhere.")
+        return (
+            f"This document was made on the same voxels at another place or of another size ({then} then, {now} "
+            "now); its points may lie elsewhere."
+        )
 
     @overload
     def apply(self, volume: Channels, **options: Any) -> Channels: ...
@@ -775,14 +830,18 @@ class Deformation:
         here = self.in_unit(own.unit)
         if here is not self:
             notes = self._unit_notes(own.unit)
-            return [replace(done, notes=tuple(dict.fromkeys((*done.notes, *notes))))
-                    for done in here.apply_all(volumes, **options)]
+            return [
+                replace(done, notes=tuple(dict.fromkeys((*done.notes, *notes))))
+                for done in here.apply_all(volumes, **options)
+            ]
         known, grid = self.older_spacing(own), self.own_grid(own)
         output = self.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
-            raise DeformError(f"{known.older_note}, so that its result has no other grid than its own; open it in a "
-                              f"studio on this volume and save it anew, or read the volume with "
-                              f"spacing={known.header_spacing}.")
+            raise DeformError(
+                f"{known.older_note}, so that its result has no other grid than its own; open it in a "
+                f"studio on this volume and save it anew, or read the volume with "
+                f"spacing={known.header_spacing}."
+            )
         field = self.field(grid)
         notes = tuple(note for note in self._fit_notes(grid) if note != FOLDS)  # of the fits; the map is checked below
         subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
@@ -793,7 +852,6 @@ class Deformation:
         else:
             then = [replace(volume, grid=grid) for volume in volumes]
             corrected = known.corrected(output, own)
-            warped = [replace(done, grid=corrected)
-                      for done in warp_all(then, field, **{**options, "output": output})]
+            warped = [replace(done, grid=corrected) for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
         return with_cautions(volumes, warped, notes, cautions)

@@ -62,8 +62,9 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
     if kernel.order <= trend.order:
         return ""
     if "kernel" in fields and "trend" not in fields:
-        fields["trend"] = next(t.name for t in sorted(TRENDS.values(), key=lambda t: t.order)
-                               if t.order >= kernel.order)
+        fields["trend"] = next(
+            t.name for t in sorted(TRENDS.values(), key=lambda t: t.order) if t.order >= kernel.order
+        )
         return f"The kernel {kernel.title} needs the trend {trend_named(fields['trend']).title}: it is chosen now."
     if "trend" in fields and "kernel" not in fields:
         fields["kernel"] = "wendland_c2"
@@ -80,12 +81,14 @@ def points_between(maps: list[ControlPoints], knots: list[float], index: int) ->
     nearer = before if t < 0.5 else after
     if before.ids != after.ids:
         return nearer
-    return replace(nearer, source=(1 - t) * before.source + t * after.source,
-                   target=(1 - t) * before.target + t * after.target)
+    return replace(
+        nearer, source=(1 - t) * before.source + t * after.source, target=(1 - t) * before.target + t * after.target
+    )
 
 
-def turned(deformation: Deformation, index: int, new: Step, untouched: Step,
-           side_of: Callable[[Plane | None], str]) -> tuple[Deformation, int, str]:
+def turned(
+    deformation: Deformation, index: int, new: Step, untouched: Step, side_of: Callable[[Plane | None], str]
+) -> tuple[Deformation, int, str]:
     """The document and the step to edit once the picture is turned, and a notice.
 
     A side that has a step already leads back to it. Else the step being edited is turned if it is as it began, and a
@@ -110,8 +113,10 @@ def turned(deformation: Deformation, index: int, new: Step, untouched: Step,
     if not is_used:
         return deformation.with_step(index, new), index, ""
     count = len(steps)
-    notice = (f"Step {count + 1} begins, {side_of(new.plane)}. The points of step {index + 1}, "
-              f"{side_of(old.plane)}, are kept: choose that side or step again to edit them.")
+    notice = (
+        f"Step {count + 1} begins, {side_of(new.plane)}. The points of step {index + 1}, "
+        f"{side_of(old.plane)}, are kept: choose that side or step again to edit them."
+    )
     return deformation.then(new), count, notice
 
 
@@ -170,8 +175,9 @@ def move_key(deformation: Deformation, index: int, time: float) -> Deformation:
     moved = replace(keys[index], time=float(time))
     there = key_at(deformation, moved.time)
     if there not in (None, index):
-        raise DeformError(f"there is a key frame at {keys[there or 0].time:g} s already; remove it or choose another "
-                          "moment.")
+        raise DeformError(
+            f"there is a key frame at {keys[there or 0].time:g} s already; remove it or choose another moment."
+        )
     return _with_keys(deformation, (*keys[:index], moved, *keys[index + 1 :]))
 
 
@@ -192,10 +198,19 @@ def with_steps(deformation: Deformation, steps: tuple[Step, ...]) -> Deformation
     Points that are added then get ids that no key frame has: points of two key frames are the same by their ids.
     """
     every = [key.steps for key in deformation.keyframes] + [deformation.steps]
-    return replace(deformation, steps=tuple(
-        replace(step, maps=tuple(_with_fresh_ids(points, [m for others in every if k < len(others)
-                                                          for m in others[k].maps]) for points in step.maps))
-        for k, step in enumerate(steps)))
+    return replace(
+        deformation,
+        steps=tuple(
+            replace(
+                step,
+                maps=tuple(
+                    _with_fresh_ids(points, [m for others in every if k < len(others) for m in others[k].maps])
+                    for points in step.maps
+                ),
+            )
+            for k, step in enumerate(steps)
+        ),
+    )
 
 
 def _with_fresh_ids(points: ControlPoints, others: list[ControlPoints]) -> ControlPoints:

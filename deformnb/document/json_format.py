@@ -123,8 +123,14 @@ def region_to_data(region: AbstractRegion) -> dict[str, Any]:
         lattice = region.lattice
         turned = {"direction": np.asarray(lattice.direction).ravel().tolist()} if isinstance(lattice, Grid) else {}
         bits = base64.b64encode(zlib.compress(np.packbits(region.values).tobytes(), 6)).decode()
-        return {"kind": region.kind, "shape": list(lattice.shape), "spacing": list(lattice.spacing),
-                "origin": list(lattice.origin), **turned, "bits": bits}
+        return {
+            "kind": region.kind,
+            "shape": list(lattice.shape),
+            "spacing": list(lattice.spacing),
+            "origin": list(lattice.origin),
+            **turned,
+            "bits": bits,
+        }
     raise DeformError(f"a region of type {type(region).__name__} has no form in a document.")
 
 
@@ -153,8 +159,10 @@ def read_region(r: Reader) -> AbstractRegion:
 
 
 def _drawn(r: Reader, kind: str) -> AbstractRegion:
-    places = [Reader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
-              for k, v in enumerate(r.value("vertices", (list, tuple), ...))]
+    places = [
+        Reader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
+        for k, v in enumerate(r.value("vertices", (list, tuple), ...))
+    ]
     if kind == "polygon":
         return Polygon(tuple((a, b) for a, b in places))
     return Line(tuple((a, b) for a, b in places), tuple(r.value("stops", (list, tuple), (False, False))))
@@ -203,8 +211,15 @@ def part_to_data(part: RigidPart) -> dict[str, Any]:
     """A rigid part as JSON data."""
     motion = part.motion and {"matrix": [list(row) for row in part.motion.matrix], "shift": list(part.motion.shift)}
     pivot = {} if part.pivot is None else {"pivot": list(part.pivot)}
-    return {"name": part.name, "enabled": part.enabled, "weight": part.weight, "reach": part.reach, "motion": motion,
-            **pivot, "region": region_to_data(part.region)}
+    return {
+        "name": part.name,
+        "enabled": part.enabled,
+        "weight": part.weight,
+        "reach": part.reach,
+        "motion": motion,
+        **pivot,
+        "region": region_to_data(part.region),
+    }
 
 
 def part_from_data(data: Any, where: str = "part") -> RigidPart:
@@ -230,8 +245,10 @@ def motion_from_data(data: Any, where: str = "motion") -> RigidMotion:
     """The rigid motion of JSON data; DeformError naming the place if it is none."""
     r = Reader(data, where)
     shift = r.numbers("shift")
-    rows = [Reader({"row": v}, f"{where}.matrix[{k}]").numbers("row", len(shift))
-            for k, v in enumerate(r.value("matrix", (list, tuple), ...))]
+    rows = [
+        Reader({"row": v}, f"{where}.matrix[{k}]").numbers("row", len(shift))
+        for k, v in enumerate(r.value("matrix", (list, tuple), ...))
+    ]
     try:
         return RigidMotion(tuple(rows), shift)
     except DeformError as error:
@@ -261,17 +278,28 @@ _USUAL = {"mode": "compose", "easing": "linear", "loop": "once", "unit": ""}
 
 def _from_1(data: dict[str, Any]) -> dict[str, Any]:
     """Migrate from 1.x, which had other defaults: an automatic support was the box's diagonal, "affine" was exact."""
+
     def steps(given: Any) -> Any:
         if not isinstance(given, list):
             return given
-        return [step | {"support": "box_diagonal" if step.get("support") is None else step["support"],
-                        "trend": "affine_exact" if step.get("trend", "affine") == "affine" else step["trend"]}
-                if isinstance(step, dict) else step for step in given]
+        return [
+            step
+            | {
+                "support": "box_diagonal" if step.get("support") is None else step["support"],
+                "trend": "affine_exact" if step.get("trend", "affine") == "affine" else step["trend"],
+            }
+            if isinstance(step, dict)
+            else step
+            for step in given
+        ]
 
     data = data | {"steps": steps(data.get("steps"))} if "steps" in data else data
     if isinstance(data.get("keyframes"), list):
-        data = data | {"keyframes": [key | {"steps": steps(key.get("steps"))} if isinstance(key, dict) else key
-                                     for key in data["keyframes"]]}
+        data = data | {
+            "keyframes": [
+                key | {"steps": steps(key.get("steps"))} if isinstance(key, dict) else key for key in data["keyframes"]
+            ]
+        }
     return data
 
 
@@ -289,13 +317,17 @@ def to_json(deformation: Deformation) -> str:
     True
     """
     data: dict[str, Any] = {
-        "format": FORMAT, "version": f"{VERSION[0]}.{VERSION[1]}", "name": deformation.name,
-        "volume": _volume_data(deformation.volume), "steps": [_step_data(s) for s in deformation.steps],
+        "format": FORMAT,
+        "version": f"{VERSION[0]}.{VERSION[1]}",
+        "name": deformation.name,
+        "volume": _volume_data(deformation.volume),
+        "steps": [_step_data(s) for s in deformation.steps],
     }
     data |= {key: getattr(deformation, key) for key, usual in _USUAL.items() if getattr(deformation, key) != usual}
     if deformation.keyframes:
-        data["keyframes"] = [{"time": key.time, "steps": [_step_data(s) for s in key.steps]}
-                             for key in deformation.keyframes]
+        data["keyframes"] = [
+            {"time": key.time, "steps": [_step_data(s) for s in key.steps]} for key in deformation.keyframes
+        ]
     if deformation.output is not None:
         data["output"] = _grid_data(deformation.output)
     text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
@@ -340,10 +372,18 @@ def from_json(text: str | bytes) -> Deformation:
     volume = None if data.get("volume") is None else _volume(r.part("volume"))
     known = {"format", "version", "name", "volume", "steps", "keyframes", "output", *_USUAL}
     output = None if data.get("output") is None else _output(r.part("output"))
-    keys = tuple(Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps")))
-                 for k in r.items("keyframes", []))
-    return Deformation(tuple(steps), r.text("name", ""), volume, r.rest(known), keyframes=keys,
-                       output=output, **{key: r.text(key, usual) for key, usual in _USUAL.items()})
+    keys = tuple(
+        Keyframe(k.number("time"), tuple(_step(s) for s in k.items("steps"))) for k in r.items("keyframes", [])
+    )
+    return Deformation(
+        tuple(steps),
+        r.text("name", ""),
+        volume,
+        r.rest(known),
+        keyframes=keys,
+        output=output,
+        **{key: r.text(key, usual) for key, usual in _USUAL.items()},
+    )
 
 
 def _parse(text: str | bytes) -> dict[str, Any]:
@@ -387,8 +427,12 @@ def _check_depth(data: Any) -> None:
     """Refuse nesting beyond :data:`DEEPEST`: fields that are only kept must be written again, and writing recurses."""
     level = [data]
     for _ in range(DEEPEST):
-        level = [inner for value in level if isinstance(value, (dict, list))
-                 for inner in (value.values() if isinstance(value, dict) else value)]
+        level = [
+            inner
+            for value in level
+            if isinstance(value, (dict, list))
+            for inner in (value.values() if isinstance(value, dict) else value)
+        ]
         if not level:
             return
     raise DeformError(f"the document is nested too deeply; at most {DEEPEST} levels are read.")
@@ -416,8 +460,12 @@ def _volume_data(volume: VolumeReference | None) -> dict[str, Any] | None:
 
 
 def _grid_data(grid: Grid) -> dict[str, Any]:
-    return {"shape": list(grid.shape), "spacing": list(grid.spacing), "origin": list(grid.origin),
-            "direction": [list(row) for row in grid.direction]}
+    return {
+        "shape": list(grid.shape),
+        "spacing": list(grid.spacing),
+        "origin": list(grid.origin),
+        "direction": [list(row) for row in grid.direction],
+    }
 
 
 @dataclass(frozen=True)
@@ -450,16 +498,18 @@ def _own_of_points(step: Step) -> dict[str, Any]:
     if any(m.locked.any() for m in step.maps):
         data["locked"] = [[i for i, is_locked in zip(m.ids, m.locked, strict=True) if is_locked] for m in step.maps]
     if any(not np.isnan(m.radius).all() for m in step.maps):
-        data["radii"] = [[[i, float(r)] for i, r in zip(m.ids, m.radius, strict=True) if not np.isnan(r)]
-                         for m in step.maps]
+        data["radii"] = [
+            [[i, float(r)] for i, r in zip(m.ids, m.radius, strict=True) if not np.isnan(r)] for m in step.maps
+        ]
     return data
 
 
 def _points_data(points: ControlPoints) -> dict[str, Any]:
     rows = [
         {"id": i, "name": name, "source": s.tolist(), "target": t.tolist(), "active": bool(a), "weight": float(w)}
-        for i, name, s, t, a, w in zip(points.ids, points.names, points.source, points.target, points.active,
-                                       points.weight, strict=True)
+        for i, name, s, t, a, w in zip(
+            points.ids, points.names, points.source, points.target, points.active, points.weight, strict=True
+        )
     ]
     return {"dim": points.dim, "next_id": points.next_id, "points": rows}
 
@@ -515,9 +565,11 @@ def _step(r: Reader) -> Step:
 
 def _check_kernel(name: str | None) -> None:
     if name is not None and name not in KERNELS:
-        raise DeformError(f"the document was made with the kernel {name!r:.60}, which is not one of deformnb and not "
-                          "registered here; ask its author for the function, give it to deformnb.rbf.register_kernel "
-                          "under this name, and open the document again")
+        raise DeformError(
+            f"the document was made with the kernel {name!r:.60}, which is not one of deformnb and not "
+            "registered here; ask its author for the function, give it to deformnb.rbf.register_kernel "
+            "under this name, and open the document again"
+        )
 
 
 def _field(r: Reader, name: str) -> Any:
@@ -528,7 +580,11 @@ def _field(r: Reader, name: str) -> Any:
 
 
 _TYPED: dict[type, Callable[[Reader, str], Any]] = {
-    str: Reader.text, bool: Reader.flag, int: Reader.integer, float: Reader.number}
+    str: Reader.text,
+    bool: Reader.flag,
+    int: Reader.integer,
+    float: Reader.number,
+}
 
 
 def _plane(r: Reader, key: str) -> Plane:
@@ -574,8 +630,14 @@ def _is_id(item: Any) -> bool:
 
 
 def _is_radius(item: Any) -> bool:
-    return (isinstance(item, list) and len(item) == 2 and _is_id(item[0]) and isinstance(item[1], int | float)
-            and not isinstance(item[1], bool) and abs(item[1]) <= LARGEST_COORDINATE)
+    return (
+        isinstance(item, list)
+        and len(item) == 2
+        and _is_id(item[0])
+        and isinstance(item[1], int | float)
+        and not isinstance(item[1], bool)
+        and abs(item[1]) <= LARGEST_COORDINATE
+    )
 
 
 def _points(r: Reader) -> ControlPoints:
@@ -586,16 +648,30 @@ def _points(r: Reader) -> ControlPoints:
     return ControlPoints(
         np.array([p.numbers("source", dim) for p in rows], dtype=np.float64).reshape(-1, dim),
         np.array([p.numbers("target", dim) for p in rows], dtype=np.float64).reshape(-1, dim),
-        tuple(p.integer("id") for p in rows), tuple(p.text("name", "") for p in rows),
+        tuple(p.integer("id") for p in rows),
+        tuple(p.text("name", "") for p in rows),
         np.array([p.flag("active", True) for p in rows], dtype=bool),
-        np.array([p.number("weight", 1.0) for p in rows], dtype=np.float64), r.integer("next_id", 0),
+        np.array([p.number("weight", 1.0) for p in rows], dtype=np.float64),
+        r.integer("next_id", 0),
     )
 
 
 _STEP_DEFAULTS = {given.name: given.default for given in fields(Step) if given.name != "extra"}
 
-_ALWAYS = ("name", "enabled", "plane", "kernel", "support", "trend", "smoothing", "strength", "extrusion", "curve",
-           "knots", "maps")
+_ALWAYS = (
+    "name",
+    "enabled",
+    "plane",
+    "kernel",
+    "support",
+    "trend",
+    "smoothing",
+    "strength",
+    "extrusion",
+    "curve",
+    "knots",
+    "maps",
+)
 """Keys of 1.0, which every step has, in their order."""
 
 _STEP_KEYS = (*_ALWAYS, *(name for name in _STEP_DEFAULTS if name not in _ALWAYS))

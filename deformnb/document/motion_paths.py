@@ -75,8 +75,9 @@ class HandlePath:
     (np.float64(10.0), np.float64(5.0))
     """
 
-    def __init__(self, start: ArrayLike, end: ArrayLike, rest: ArrayLike | None = None,
-                 held: ArrayLike | None = None) -> None:
+    def __init__(
+        self, start: ArrayLike, end: ArrayLike, rest: ArrayLike | None = None, held: ArrayLike | None = None
+    ) -> None:
         a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
         if a.shape != b.shape or a.ndim != 2 or a.shape[1] not in (2, 3):
             raise DeformError(f"places at both ends must have the shape (N, 2) or (N, 3), got {a.shape} and {b.shape}.")
@@ -220,8 +221,9 @@ def _advanced(points: Points, t: float, middle: Points, turn: Points, shift: Poi
     return np.asarray(turned + middle + t * shift)
 
 
-def _turns(edges: NDArray[np.int_], weight: Points, a: Points, b: Points, count: int, whole: Points,
-           dim: int) -> Points:
+def _turns(
+    edges: NDArray[np.int_], weight: Points, a: Points, b: Points, count: int, whole: Points, dim: int
+) -> Points:
     """The rotation of the edges around each point, axis times angle: (N, 3)."""
     outer = (weight[:, None, None] * b[:, :, None]) * a[:, None, :]
     sums = np.zeros((count, 3, 3))
@@ -267,8 +269,7 @@ def _directions(vectors: Points, instead: Points) -> Points:
     """Vectors of length 1; where there is none, that of ``instead``."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     other = np.linalg.norm(instead, axis=1, keepdims=True)
-    return np.where(length > 0, vectors / np.where(length > 0, length, 1),
-                    instead / np.where(other > 0, other, 1))
+    return np.where(length > 0, vectors / np.where(length > 0, length, 1), instead / np.where(other > 0, other, 1))
 
 
 def _shortest_turn(a: Points, b: Points) -> Points:
@@ -330,8 +331,11 @@ class StepPath:
         """The step at t between 0 and 1."""
         a, b = self.before, self.after
         changed: dict[str, Any] = {"maps": tuple(path.at(t) for path in self._maps), "parts": self._parts.at(t)}
-        changed |= {name: (1 - t) * getattr(a, name) + t * getattr(b, name) for name in _MIXED
-                    if getattr(a, name) != getattr(b, name)}
+        changed |= {
+            name: (1 - t) * getattr(a, name) + t * getattr(b, name)
+            for name in _MIXED
+            if getattr(a, name) != getattr(b, name)
+        }
         if self._support is not None:
             changed["support"] = float((1 - t) * self._support[0] + t * self._support[1])
         if self._curve is not None:
@@ -360,15 +364,15 @@ def step_paths(before: Sequence[Step], after: Sequence[Step]) -> list[StepPath]:
 
 def _untouched(step: Step) -> Step:
     """The same step with nothing dragged."""
-    return replace(step, maps=tuple(m.reset() for m in step.maps),
-                   parts=tuple(replace(part, motion=None) for part in step.parts))
+    return replace(
+        step, maps=tuple(m.reset() for m in step.maps), parts=tuple(replace(part, motion=None) for part in step.parts)
+    )
 
 
 def _applied(step: Step) -> Step:
     """The same deformation with a strength of 1."""
     maps = tuple(scaled_points(m, step.parts, step.strength) for m in step.maps)
-    return replace(step, strength=1.0, maps=maps,
-                   parts=tuple(part.scaled(step.strength) for part in step.parts))
+    return replace(step, strength=1.0, maps=maps, parts=tuple(part.scaled(step.strength) for part in step.parts))
 
 
 def _with_one_rule(a: Step, b: Step) -> tuple[Step, Step, bool]:
@@ -379,8 +383,10 @@ def _with_one_rule(a: Step, b: Step) -> tuple[Step, Step, bool]:
         a, b = (replace(s, **ones) if s.extrusion == "replicate" else s for s in (a, b))
     elif rules == {"replicate", "interpolate"}:
         keyed = a if a.extrusion == "interpolate" else b
-        a, b = (s if s is keyed else replace(s, extrusion="interpolate", knots=keyed.knots,
-                                             maps=s.maps * len(keyed.knots)) for s in (a, b))
+        a, b = (
+            s if s is keyed else replace(s, extrusion="interpolate", knots=keyed.knots, maps=s.maps * len(keyed.knots))
+            for s in (a, b)
+        )
     return a, b, a.extrusion == b.extrusion and len(a.maps) == len(b.maps)
 
 
@@ -395,7 +401,8 @@ def _curves(a: Any, b: Any) -> tuple[Places, Places] | None:
 def _supports(a: Step, b: Step, maps: Sequence[_PointsPath]) -> tuple[float, float] | None:
     """The support radius at both ends; None where it is the same."""
     if (a.support, a.chosen_support) == (b.support, b.chosen_support) and (
-            not isinstance(a.support, str) or all(path.is_same for path in maps)):
+        not isinstance(a.support, str) or all(path.is_same for path in maps)
+    ):
         return None
     found = a.support_for(a.points), b.support_for(b.points)
     radius = found[0] or found[1]
@@ -422,8 +429,9 @@ class _PointsPath:
 
     def at(self, t: float) -> ControlPoints:
         a, b = self.first, self.last
-        source, target, weight = ((1 - t) * x + t * y for x, y in (
-            (a.source, b.source), (a.target, b.target), (a.weight, b.weight)))
+        source, target, weight = (
+            (1 - t) * x + t * y for x, y in ((a.source, b.source), (a.target, b.target), (a.weight, b.weight))
+        )
         held = None
         if (self._held >= 0).any():
             held = self._parts.moved(source[self._moving], self._held, t)
@@ -436,8 +444,9 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     off.
     """
     known = {i: k for k, i in enumerate(points.ids)}
-    missing = [k for k, i in enumerate(others.ids)
-              if i not in known or (others.active[k] and not points.active[known[i]])]
+    missing = [
+        k for k, i in enumerate(others.ids) if i not in known or (others.active[k] and not points.active[known[i]])
+    ]
     if not missing:
         return points
     some = others.take(missing)
@@ -445,10 +454,16 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     result = points.take([k for k, i in enumerate(points.ids) if i not in some.ids])
     ids = (*result.ids, *some.ids)
     return ControlPoints(
-        np.concatenate([result.source, some.source]), np.concatenate([result.target, carried]), ids,
-        (*result.names, *some.names), np.concatenate([result.active, some.active]),
-        np.concatenate([result.weight, some.weight]), max(points.next_id, others.next_id),
-        np.concatenate([result.locked, some.locked]), np.concatenate([result.radius, some.radius]))
+        np.concatenate([result.source, some.source]),
+        np.concatenate([result.target, carried]),
+        ids,
+        (*result.names, *some.names),
+        np.concatenate([result.active, some.active]),
+        np.concatenate([result.weight, some.weight]),
+        max(points.next_id, others.next_id),
+        np.concatenate([result.locked, some.locked]),
+        np.concatenate([result.radius, some.radius]),
+    )
 
 
 def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
@@ -458,8 +473,11 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     result = places.copy()
     sides = sides_of(regions, places) if regions else np.zeros((len(places), 0), dtype=bool)
     own = sides_of(regions, chosen.source) if regions else np.zeros((len(chosen), 0), dtype=bool)
-    blended = step.settings.fits(points, step.parts, regions,
-                                 lone=_extent(points, places)) if any(map(is_slit, regions)) else None
+    blended = (
+        step.settings.fits(points, step.parts, regions, lone=_extent(points, places))
+        if any(map(is_slit, regions))
+        else None
+    )
     for side in np.unique(sides, axis=0):
         here = (sides == side).all(axis=1)
         if blended is not None:
@@ -479,8 +497,13 @@ def _extent(points: ControlPoints, places: Places) -> float | None:
 
 def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
-    return fit_points(points, parts, stages=step.stages, direction=step.direction,
-                      **step.settings.arguments(points, _extent(points, places)))
+    return fit_points(
+        points,
+        parts,
+        stages=step.stages,
+        direction=step.direction,
+        **step.settings.arguments(points, _extent(points, places)),
+    )
 
 
 def _forward(field: AbstractField, places: Places, points: ControlPoints) -> Places:
@@ -516,7 +539,8 @@ class _PartPaths:
     def __init__(self, before: tuple[RigidPart, ...], after: tuple[RigidPart, ...]) -> None:
         self.is_switched = len(before) != len(after) or any(
             (p.region, p.weight, p.enabled) != (q.region, q.weight, q.enabled)
-            for p, q in zip(before, after, strict=False))
+            for p, q in zip(before, after, strict=False)
+        )
         self.before = before
         self.after = before if self.is_switched else after
         self._ways = [_way(p.motion, q.motion) for p, q in zip(before, self.after, strict=True)]
@@ -536,8 +560,10 @@ class _PartPaths:
         size = float(np.linalg.norm(np.ptp(np.concatenate([source, start, end]), axis=0))) if len(source) else 0.0
         for k, (p, q) in enumerate(zip(self.before, self.after, strict=True)):
             if p.enabled and len(source):
-                goes = [np.linalg.norm(_moved(part.motion, source) - at, axis=1) <= _SAME * size
-                        for part, at in ((p, start), (q, end))]
+                goes = [
+                    np.linalg.norm(_moved(part.motion, source) - at, axis=1) <= _SAME * size
+                    for part, at in ((p, start), (q, end))
+                ]
                 result[(p.region.signed_distance(source) <= 0) & goes[0] & goes[1]] = k
         return result
 
@@ -557,8 +583,13 @@ def _way(p: RigidMotion | None, q: RigidMotion | None) -> RigidMotion | None:
     """The motion that is done after p to make it q; None if there is nothing to do."""
     if p == q:
         return None
-    end = q if q is not None else RigidMotion.turn(0, np.zeros(2 if p is None else p.dim),
-                                                   axis=(0, 0, 1) if p is not None and p.dim == 3 else None)
+    end = (
+        q
+        if q is not None
+        else RigidMotion.turn(
+            0, np.zeros(2 if p is None else p.dim), axis=(0, 0, 1) if p is not None and p.dim == 3 else None
+        )
+    )
     return end if p is None else _then(p.inverse, end)
 
 
@@ -589,12 +620,18 @@ def one_map(steps: Sequence[Step]) -> Step | None:
         return None
     if len(used) > 1 or used[0].plane is None:
         found = f"{len(used)} steps in use" if len(used) > 1 else "a step in space"
-        raise DeformError(f"maps over time are made of one step on one plane, this animation has {found}; render its "
-                          "frames one by one.")
+        raise DeformError(
+            f"maps over time are made of one step on one plane, this animation has {found}; render its "
+            "frames one by one."
+        )
     if used[0].cut_regions:
-        raise DeformError("a displacement that jumps along a cut is no map that can be blended over time; render the "
-                          "frames one by one, or switch the cuts off.")
+        raise DeformError(
+            "a displacement that jumps along a cut is no map that can be blended over time; render the "
+            "frames one by one, or switch the cuts off."
+        )
     if used[0].extrusion == "interpolate":
-        raise DeformError("maps over time need one map for each moment, the rule 'interpolate' has several; render the "
-                          "frames one by one.")
+        raise DeformError(
+            "maps over time need one map for each moment, the rule 'interpolate' has several; render the "
+            "frames one by one."
+        )
     return used[0]

@@ -10,8 +10,9 @@ from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume
 
 
-def output_grid(document: Deformation, volume: Volume, *, spacing: ArrayLike | None = None,
-                margin: ArrayLike | str | None = None) -> FieldOfView:
+def output_grid(
+    document: Deformation, volume: Volume, *, spacing: ArrayLike | None = None, margin: ArrayLike | str | None = None
+) -> FieldOfView:
     """The grid on which a document's result lies, with the spacing and the margin that are requested.
 
     Parameters

@@ -33,8 +33,10 @@ _USUAL = {f.name: f.default for f in dataclasses.fields(Deformation) if f.name i
 _PLAIN = tuple(name for name in _DEFAULTS if name not in ("maps", "plane", "extra", "chosen_support"))
 
 
-UNKNOWN_VOLUME = ('dn.read_volume("volume.nii.gz")  # write it first: dn.write_volume(volume, "volume.nii.gz"), '
-                  "or put your own volume here")
+UNKNOWN_VOLUME = (
+    'dn.read_volume("volume.nii.gz")  # write it first: dn.write_volume(volume, "volume.nii.gz"), '
+    "or put your own volume here"
+)
 """Placeholder in a script for a volume of unknown origin; nothing may follow on the line."""
 
 VOLUME_LINE = 3
@@ -115,11 +117,13 @@ def _names(count: int) -> list[str]:
     return ["points"] if count == 1 else [f"points_{k + 1}" for k in range(count)]
 
 
-def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared,
-          own: str) -> str:
+def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared, own: str) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
-    looks = "".join(f", {key}={_text(getattr(deformation, key))}" for key, usual in _USUAL.items()
-                    if key != "unit" and getattr(deformation, key) != usual)
+    looks = "".join(
+        f", {key}={_text(getattr(deformation, key))}"
+        for key, usual in _USUAL.items()
+        if key != "unit" and getattr(deformation, key) != usual
+    )
     if deformation.output is not None:
         looks += f", output={_grid(deformation.output, grid, own)}"
     plain = not (deformation.name or deformation.keyframes or looks)
@@ -127,8 +131,9 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
         return f"dn.Deformation.on_picture(volume, {where}, {names[0]}{_options(step, shared)})"
-    lines = [f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step, shared)})"
-             for step, names in steps]
+    lines = [
+        f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step, shared)})" for step, names in steps
+    ]
     looks += f", unit={_text(deformation.unit)}" if deformation.unit else ""
     count = len(deformation.steps)
     options = f", name={_text(deformation.name)}" if deformation.name else ""
@@ -200,8 +205,10 @@ def _grid(output: Grid, grid: Grid, own: str) -> str:
     z, y, x = (int(n) for n in np.round(grid.point_to_index(output.origin))[::-1])
     if grid.crop((z, y, x), output.shape) == output:
         return f"{own}.crop(({z}, {y}, {x}), {output.shape})"
-    return (f"dn.Grid({output.shape}, spacing={output.spacing}, origin={output.origin}, "
-            f"direction={output.direction}{f', unit={output.unit!r}' if output.unit else ''})")
+    return (
+        f"dn.Grid({output.shape}, spacing={output.spacing}, origin={output.origin}, "
+        f"direction={output.direction}{f', unit={output.unit!r}' if output.unit else ''})"
+    )
 
 
 def _options(step: Step, shared: _Shared) -> str:
@@ -228,8 +235,11 @@ def _value(value: Any) -> str:
         return f"({value.radius!r}, {_text(value.kernel)})"
     if dataclasses.is_dataclass(value):
         given = [(f.name, getattr(value, f.name), f.default) for f in dataclasses.fields(value)]
-        return (f"dn.{type(value).__name__}("
-                + ", ".join(f"{name}={_value(v)}" for name, v, default in given if v != default) + ")")
+        return (
+            f"dn.{type(value).__name__}("
+            + ", ".join(f"{name}={_value(v)}" for name, v, default in given if v != default)
+            + ")"
+        )
     if isinstance(value, tuple) and value and not isinstance(value[0], float):
         return f"({''.join(f'{_value(v)}, ' for v in value).rstrip()})"
     return repr(value.item() if isinstance(value, np.generic) else value)  # NumPy's would need its name in the script

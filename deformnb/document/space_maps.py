@@ -100,8 +100,14 @@ class SpaceMap:
         chosen = step.chosen_support and step.chosen_support._replace(radius=step.chosen_support.radius * to.scale)
         cuts = tuple(replace(cut, region=to.region(cut.region)) for cut in step.cuts)
         return replace(  # type: ignore[type-var]
-            step, plane=plane, support=support, chosen_support=chosen, maps=tuple(map(to.points, step.maps)), cuts=cuts,
-            parts=tuple(map(to.part, step.parts)))
+            step,
+            plane=plane,
+            support=support,
+            chosen_support=chosen,
+            maps=tuple(map(to.points, step.maps)),
+            cuts=cuts,
+            parts=tuple(map(to.part, step.parts)),
+        )
 
     def _plane(self, plane: Plane) -> tuple[Plane, PlaneMap]:
         """The image of a plane, and the map of its coordinates."""
@@ -109,8 +115,10 @@ class SpaceMap:
         lengths = np.linalg.norm(moved, axis=1)
         u, v, n = moved / lengths[:, None]
         if max(abs(u @ v), abs(u @ n), abs(v @ n)) > SAME:
-            raise DeformError("an oblique picture would be sheared by the unequal scales of the two boxes; apply this "
-                              "document as it is.")
+            raise DeformError(
+                "an oblique picture would be sheared by the unequal scales of the two boxes; apply this "
+                "document as it is."
+            )
         v = v - (v @ u) * u
         v /= np.linalg.norm(v)
         if np.cross(u, v) @ n < 0:
@@ -137,23 +145,25 @@ class PlaneMap:
     def __init__(self, matrix: NDArray[np.float64], shift: NDArray[np.float64]) -> None:
         self.matrix, self.shift = matrix, shift
         self.scale = float(abs(np.linalg.det(matrix)) ** (1 / len(matrix)))
-        self.is_similar = np.allclose(matrix @ matrix.T, self.scale**2 * np.eye(len(matrix)),
-                                      atol=SAME * self.scale**2)
+        self.is_similar = np.allclose(matrix @ matrix.T, self.scale**2 * np.eye(len(matrix)), atol=SAME * self.scale**2)
 
     def __call__(self, places: ArrayLike) -> NDArray[np.float64]:
         return np.asarray(np.asarray(places, dtype=np.float64) @ self.matrix.T + self.shift)
 
     def points(self, points: ControlPoints) -> ControlPoints:
-        return replace(points, source=self(points.source), target=self(points.target),
-                       radius=points.radius * self.scale)
+        return replace(
+            points, source=self(points.source), target=self(points.target), radius=points.radius * self.scale
+        )
 
     def part(self, part: RigidPart) -> RigidPart:
         motion = part.motion
         if motion is not None:
             turns = not np.allclose(motion.matrix, np.eye(motion.dim), atol=SAME)
             if turns and not self.is_similar:
-                raise DeformError(f"{part.label} turns, which the unequal scales of the two boxes would bend; apply "
-                                  "this document as it is.")
+                raise DeformError(
+                    f"{part.label} turns, which the unequal scales of the two boxes would bend; apply "
+                    "this document as it is."
+                )
             way = motion(np.zeros(motion.dim))  # of the origin, which the map sends to its shift
             matrix = self.matrix @ np.asarray(motion.matrix) @ np.linalg.inv(self.matrix)
             motion = RigidMotion(matrix, self(way) - matrix @ self.shift)
@@ -169,8 +179,9 @@ class PlaneMap:
             return replace(region, vertices=tuple(map(tuple, self(region.vertices).tolist())))
         if isinstance(region, Mask):
             return replace(region, lattice=self._lattice(region.lattice))
-        raise DeformError(f"a region of the kind {region.kind!r} has no place on another volume; apply this document "
-                          "as it is.")
+        raise DeformError(
+            f"a region of the kind {region.kind!r} has no place on another volume; apply this document as it is."
+        )
 
     def _lattice(self, lattice: Raster | Grid) -> Raster | Grid:
         if isinstance(lattice, Grid):
@@ -179,5 +190,3 @@ class PlaneMap:
             return Grid.from_affine(lattice.shape, affine)  # refuses what would be sheared
         spacing = np.asarray(lattice.spacing) * np.diag(self.matrix)
         return replace(lattice, spacing=tuple(spacing.tolist()), origin=tuple(self(lattice.origin).tolist()))
-
-

@@ -67,8 +67,13 @@ def fold_lattice(step: Step, grid: Grid) -> Grid:
     gap = (back - front) / (slices - 1) if slices > 1 else max(raster.spacing)
     start = step.plane.from_plane([*raster.origin, front])
     direction = tuple(tuple(row) for row in step.plane.frame.T.tolist())
-    return Grid((slices, *raster.shape), (*raster.spacing, gap), tuple(start.tolist()), direction,  # type: ignore[arg-type]
-                grid.unit)
+    return Grid(
+        (slices, *raster.shape),
+        (*raster.spacing, gap),
+        tuple(start.tolist()),
+        direction,  # type: ignore[arg-type]
+        grid.unit,
+    )
 
 
 def picture_raster(plane: Plane, grid: Grid, most: int = _ON_PLANE) -> Raster:
@@ -179,8 +184,9 @@ def _least(stage: AbstractField, sides: Sides, step: Step, lattice: Grid) -> flo
 
 
 @check_arguments
-def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES, *,
-                  is_tissue: IsTissue | None = None) -> int:
+def stages_needed(
+    step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES, *, is_tissue: IsTissue | None = None
+) -> int:
     """The smallest of 1, 2, 4, ... stages in which a step does not fold.
 
     Parameters
@@ -212,8 +218,10 @@ def stages_needed(step: Step, grid: Grid, least: float = LEAST, most: int = MOST
         if is_fold_free(tried, grid, least, is_tissue):
             return count
         count *= 2
-    raise DeformError(f"the map folds in {most} stages too: points are pulled through one another, or through a rigid "
-                      "part, on their straight ways. Drag them less far, or one around the other in several steps.")
+    raise DeformError(
+        f"the map folds in {most} stages too: points are pulled through one another, or through a rigid "
+        "part, on their straight ways. Drag them less far, or one around the other in several steps."
+    )
 
 
 @check_arguments
@@ -228,12 +236,21 @@ def safe_strength(step: Step, grid: Grid, least: float = LEAST, *, is_tissue: Is
     True
     """
     return step.strength * largest_safe_share(
-        lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least, is_tissue))
+        lambda t: is_fold_free(replace(step, strength=t * step.strength), grid, least, is_tissue)
+    )
 
 
 @check_arguments
-def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: Grid, key: int = 0,
-                least: float = LEAST, *, is_tissue: IsTissue | None = None) -> ControlPoints:
+def safe_points(
+    step: Step,
+    before: ControlPoints,
+    after: ControlPoints,
+    grid: Grid,
+    key: int = 0,
+    least: float = LEAST,
+    *,
+    is_tissue: IsTissue | None = None,
+) -> ControlPoints:
     """The control points as far as is safe on the straight way from one state to another.
 
     Parameters
@@ -269,8 +286,10 @@ def safe_points(step: Step, before: ControlPoints, after: ControlPoints, grid: G
         return after if t == 1 else replace(after, target=start + t * (after.target - start))
 
     if not is_fold_free(step.with_points(at(0.0), key), grid, least, is_tissue):
-        raise DeformError("the map folds before this edit already, so no part of it is safe; take the strength back or "
-                          "unfold it by stages.")
+        raise DeformError(
+            "the map folds before this edit already, so no part of it is safe; take the strength back or "
+            "unfold it by stages."
+        )
     return at(largest_safe_share(lambda t: is_fold_free(step.with_points(at(t), key), grid, least, is_tissue)))
 
 
@@ -310,12 +329,23 @@ def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
         return found[0]
     ids = [i for q in found for i in q.ids]
     order = np.argsort([points.index(i) for i in ids])
-    residual, errors, disagreement = (np.concatenate([getattr(q, name) for q in found])[order]
-                                      for name in ("residual", "leave_one_out", "disagreement"))
+    residual, errors, disagreement = (
+        np.concatenate([getattr(q, name) for q in found])[order]
+        for name in ("residual", "leave_one_out", "disagreement")
+    )
     judged = points.take([points.index(ids[k]) for k in order])
     share, non_affine = affine_split(judged)
-    return FitQuality(judged.ids, residual, errors, disagreement, tuple(i for q in found for i in q.suspects),
-                      float(sum(q.energy for q in found)), _mean_scale([q.sigma for q in found]), share, non_affine)
+    return FitQuality(
+        judged.ids,
+        residual,
+        errors,
+        disagreement,
+        tuple(i for q in found for i in q.suspects),
+        float(sum(q.energy for q in found)),
+        _mean_scale([q.sigma for q in found]),
+        share,
+        non_affine,
+    )
 
 
 def _dragged(step: Step, key: int) -> ControlPoints:
@@ -334,8 +364,9 @@ def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoint
     return [(sides, points.take([k for k, s in enumerate(own) if s == sides])) for sides in sorted(set(own))]
 
 
-def _beside_parts(step: Step, points: ControlPoints, settings: dict[str, object]) -> tuple[
-        ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
+def _beside_parts(
+    step: Step, points: ControlPoints, settings: dict[str, object]
+) -> tuple[ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
     """The problem left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
     fit = fit_rigid(points, parts, **settings) if parts else None  # type: ignore[arg-type]
@@ -361,9 +392,15 @@ def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
     share, non_affine = affine_split(points.take([points.index(i) for i in plain.ids]))
     disagreement = found.disagreement * weight
     loud = {i for i, strain in zip(found.ids, disagreement, strict=True) if strain >= STRAIN}
-    return replace(found, residual=found.residual * weight[:, None], affine_share=share, non_affine=non_affine,
-                   leave_one_out=found.leave_one_out * weight[:, None], disagreement=disagreement,
-                   suspects=tuple(i for i in found.suspects if i in loud))
+    return replace(
+        found,
+        residual=found.residual * weight[:, None],
+        affine_share=share,
+        non_affine=non_affine,
+        leave_one_out=found.leave_one_out * weight[:, None],
+        disagreement=disagreement,
+        suspects=tuple(i for i in found.suspects if i in loud),
+    )
 
 
 def _mean_scale(scales: list[float]) -> float:
@@ -496,12 +533,18 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
         raise DeformError("no active control point moves freely, so nothing is estimated; add or switch on some.")
     mean = _mean_scale(scales)
     known = [None if np.isnan(mean) else mean if np.isnan(s) else s for s in scales]  # None: raises below
+
     def of_group(plain: ControlPoints, settings: dict[str, Any], sigma: float | None) -> Uncertainty | _InResult:
         found = uncertainty(plain, sigma=sigma, **settings)
         if step.direction == "backward":
             return found
         return _InResult(found, fit_forward(oriented(plain, step.direction), **settings))
 
-    return StepUncertainty(points.dim, step.cut_regions, tuple(
-        (sides, of_group(plain, settings, s), fit)
-        for (sides, plain, settings, fit), s in zip(kept, known, strict=True)))
+    return StepUncertainty(
+        points.dim,
+        step.cut_regions,
+        tuple(
+            (sides, of_group(plain, settings, s), fit)
+            for (sides, plain, settings, fit), s in zip(kept, known, strict=True)
+        ),
+    )

@@ -26,16 +26,19 @@ def _unaligned(deformation: Deformation, _grid: Grid) -> Deformation:
 def _box_aligned(deformation: Deformation, grid: Grid) -> Deformation:
     made = deformation.volume
     if made is None or made.grid is None:
-        raise DeformError("this document has no place of the volume that it was made on, so its box cannot be "
-                          "aligned with another; open it on that volume and save it again.")
+        raise DeformError(
+            "this document has no place of the volume that it was made on, so its box cannot be "
+            "aligned with another; open it on that volume and save it again."
+        )
     if replace(made.grid, unit=grid.unit) == grid:
         return deformation
     box = _Box(made.grid, grid)
     keys = tuple(Keyframe(key.time, tuple(map(box.step, key.steps))) for key in deformation.keyframes)
     # Its box is this grid's now, and not the one that it was made on: it must not be aligned a second time.
     output = None if deformation.output is None else box.grid(deformation.output)
-    return replace(deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys, volume=None,
-                   output=output)
+    return replace(
+        deformation, steps=tuple(map(box.step, deformation.steps)), keyframes=keys, volume=None, output=output
+    )
 
 
 ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _unaligned, "box": _box_aligned}
@@ -98,12 +101,15 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
     try:
         moved = transplanted(replace(deformation, volume=was), grid, "box")
     except DeformError as error:
-        raise OtherVolumeError(f"{known.older_note}, and cannot be moved to the true one: {error} To go on, read "
-                               f"the volume with spacing={known.header_spacing}.") from None
+        raise OtherVolumeError(
+            f"{known.older_note}, and cannot be moved to the true one: {error} To go on, read "
+            f"the volume with spacing={known.header_spacing}."
+        ) from None
     now = replace(made, spacing=grid.spacing, origin=grid.origin, direction=grid.direction, unit=grid.unit)
     return replace(moved, volume=now), (
         f"{known.older_note}. Its points were moved to the same voxels; between them the map differs a little. "
-        "Deformation.apply and deformnb warp still give the voxels of then, from the document as it was saved.")
+        "Deformation.apply and deformnb warp still give the voxels of then, from the document as it was saved."
+    )
 
 
 class _Box(SpaceMap):

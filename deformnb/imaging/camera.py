@@ -31,8 +31,10 @@ class Camera:
     def __post_init__(self) -> None:
         check_fields(self)
         if not (self.height > 0 and (self.distance is None or self.distance > 0)):
-            raise DeformError(f"a camera needs a positive height, and a positive distance or None, got {self.height} "
-                              f"and {self.distance}.")
+            raise DeformError(
+                f"a camera needs a positive height, and a positive distance or None, got {self.height} "
+                f"and {self.distance}."
+            )
 
     def sample_distance(self, grid: Grid, rows: int) -> float:
         """Distance of samples along a ray: half a voxel (a whole one makes surfaces grainy), or a pixel if larger."""

@@ -19,9 +19,18 @@ from deformnb.volume.volume import Volume
 Color = tuple[float, float, float]
 
 
-def draw_core(volume: Volume, camera: Camera, size: tuple[int, int], transfer: TransferFunction, background: Color, *,
-              projection: str = "shaded", part: Part | None = None, ambience: Volume | None = None,
-              progress: Progress | None = None) -> Image:
+def draw_core(
+    volume: Volume,
+    camera: Camera,
+    size: tuple[int, int],
+    transfer: TransferFunction,
+    background: Color,
+    *,
+    projection: str = "shaded",
+    part: Part | None = None,
+    ambience: Volume | None = None,
+    progress: Progress | None = None,
+) -> Image:
     """A picture of a volume by light that passes through it.
 
     Parameters
@@ -38,16 +47,38 @@ def draw_core(volume: Volume, camera: Camera, size: tuple[int, int], transfer: T
     """
     from PIL import Image as Pillow
 
-    picture = project(volume, camera.plane, projection, transfer=transfer, part=part, eye=_eye(camera, size),
-                      spacing=camera.sample_distance(volume.grid, size[1]), ambience=ambience, progress=progress)
+    picture = project(
+        volume,
+        camera.plane,
+        projection,
+        transfer=transfer,
+        part=part,
+        eye=_eye(camera, size),
+        spacing=camera.sample_distance(volume.grid, size[1]),
+        ambience=ambience,
+        progress=progress,
+    )
     drawn = Pillow.fromarray(picture.rgb8(background)).transform(
-        size, Pillow.Transform.AFFINE, _places(picture, camera, size), Pillow.Resampling.BICUBIC,
-        fillcolor=bytes_of(background))
+        size,
+        Pillow.Transform.AFFINE,
+        _places(picture, camera, size),
+        Pillow.Resampling.BICUBIC,
+        fillcolor=bytes_of(background),
+    )
     return np.asarray(drawn)
 
 
-def draw_core_mip(volume: Volume, camera: Camera, size: tuple[int, int], white: float, ink: Color, background: Color, *,
-                  part: Part | None = None, progress: Progress | None = None) -> Image:
+def draw_core_mip(
+    volume: Volume,
+    camera: Camera,
+    size: tuple[int, int],
+    white: float,
+    ink: Color,
+    background: Color,
+    *,
+    part: Part | None = None,
+    progress: Progress | None = None,
+) -> Image:
     """A picture of the largest value along each ray, from the background colour to that of the ink.
 
     Parameters
@@ -58,12 +89,14 @@ def draw_core_mip(volume: Volume, camera: Camera, size: tuple[int, int], white: 
     from PIL import Image as Pillow
 
     spacing = max(min(volume.grid.spacing), camera.height / size[1])
-    picture = project(volume, camera.plane, "mip", spacing=spacing, part=part, eye=_eye(camera, size),
-                      progress=progress)
+    picture = project(
+        volume, camera.plane, "mip", spacing=spacing, part=part, eye=_eye(camera, size), progress=progress
+    )
     low = volume.background
     share = np.clip((picture.values.astype(np.float64) - low) / max(white - low, 1e-12), 0, 1)
     drawn = Pillow.fromarray(share.astype(np.float32)).transform(
-        size, Pillow.Transform.AFFINE, _places(picture, camera, size), Pillow.Resampling.BILINEAR, fillcolor=0)
+        size, Pillow.Transform.AFFINE, _places(picture, camera, size), Pillow.Resampling.BILINEAR, fillcolor=0
+    )
     v = np.asarray(drawn)[..., None]
     color: NDArray[np.float64] = np.asarray(ink) * v + np.asarray(background) * (1 - v)
     return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)

@@ -51,7 +51,6 @@ class Transformation:
     grid_before: list[NDArray[np.float64]]
     grid_after: list[NDArray[np.float64]]
 
-
     @property
     def margin(self) -> Float3:
         """Length (x, y, z) that the field of view grew at most on a side: what ``deformnb warp --margin`` takes."""
@@ -148,8 +147,15 @@ def source_of(species: str) -> str:
     return partners.get(name, "Polyprion")
 
 
-def transform(volume: Volume, *, species: str = "Antigonia", source: str | None = None, view: str = "-x",
-              head: str = "left", stage: Stage) -> Transformation:
+def transform(
+    volume: Volume,
+    *,
+    species: str = "Antigonia",
+    source: str | None = None,
+    view: str = "-x",
+    head: str = "left",
+    stage: Stage,
+) -> Transformation:
     """Turn what a volume shows into another of Thompson's species.
 
     Parameters
@@ -184,8 +190,9 @@ def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
     return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(2)], axis=-1)
 
 
-def deformed_grid(lines: list[NDArray[np.float64]], deformation: Deformation,
-                  volume: Volume) -> list[NDArray[np.float64]]:
+def deformed_grid(
+    lines: list[NDArray[np.float64]], deformation: Deformation, volume: Volume
+) -> list[NDArray[np.float64]]:
     """Lines of a grid on the picture after the deformation: forward, by inverting the backward map."""
     (fit,) = deformation.steps[0].fits(volume.grid)
     moved, _ = warp_points(np.concatenate(lines), fit)
@@ -204,8 +211,10 @@ def write_pictures(result: Transformation, folder: Path) -> list[Path]:
     """The picture before and after, each with its grid, and both on one page."""
     grids = (result.grid_before, result.grid_after)
     pictures = (result.before, result.after)
-    titles = (f"{result.volume.name or 'volume'}, on the grid of {result.grids.source.species}",
-              f"the same, on the grid of {result.grids.target.species}")
+    titles = (
+        f"{result.volume.name or 'volume'}, on the grid of {result.grids.source.species}",
+        f"the same, on the grid of {result.grids.target.species}",
+    )
     before, after, both = paths = [folder / name for name in FILES[:3]]
     for k, path in enumerate((before, after)):
         draw_pictures([pictures[k]], grids=[grids[k]], titles=[titles[k]], path=path)
@@ -222,8 +231,16 @@ def check_demo(species: str, view: str, renderer: str) -> None:
     renderer_named(renderer)
 
 
-def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Antigonia", view: str = "-x",
-             head: str = "left", renderer: str = "auto", stage: Stage) -> Demonstration:
+def run_demo(
+    folder: Path,
+    *,
+    volume: Volume | None = None,
+    species: str = "Antigonia",
+    view: str = "-x",
+    head: str = "left",
+    renderer: str = "auto",
+    stage: Stage,
+) -> Demonstration:
     """Make everything that ``deformnb demo`` shows.
 
     Parameters
@@ -252,15 +269,27 @@ def run_demo(folder: Path, *, volume: Volume | None = None, species: str = "Anti
     render, carp, session, warped = (folder / name for name in FILES[3:])
     captions = (volume.name or "before", f"on the grid of {result.grids.target.species}")
     direction, up = _quarter_view(result)
-    render_pair(result.volume, result.warped, path=render, direction=direction, up=up, backend=renderer,
-                captions=captions, progress=stage("render both volumes"))
+    render_pair(
+        result.volume,
+        result.warped,
+        path=render,
+        direction=direction,
+        up=up,
+        backend=renderer,
+        captions=captions,
+        progress=stage("render both volumes"),
+    )
     write_deformation(result.deformation, session, overwrite=True)  # who calls it has looked at what is there
     if own:
         write_volume(volume, carp, progress=stage("write the carp"))
     write_volume(result.warped, warped, progress=stage("write the deformed volume"))
     written = [
-        ("picture before, with its grid", before), ("picture after, with its grid", after), ("both pictures", both),
-        ("volume before and after", render), ("deformed volume", warped), ("session: what was done", session),
+        ("picture before, with its grid", before),
+        ("picture after, with its grid", after),
+        ("both pictures", both),
+        ("volume before and after", render),
+        ("deformed volume", warped),
+        ("session: what was done", session),
     ]
     return Demonstration(result, [*written, ("the carp itself", carp)] if own else written)
 

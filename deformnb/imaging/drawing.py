@@ -58,10 +58,15 @@ STYLES = {
 """Looks by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
 
 
-def draw_pictures(pictures: Picture | Sequence[Picture], *,
-                  grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
-                  points: Sequence[ControlPoints | None] | None = None, titles: Sequence[str] | None = None,
-                  style: str = "paper", path: str | PathLike[str] | None = None) -> Figure:
+def draw_pictures(
+    pictures: Picture | Sequence[Picture],
+    *,
+    grids: Sequence[Sequence[NDArray[np.float64]]] | None = None,
+    points: Sequence[ControlPoints | None] | None = None,
+    titles: Sequence[str] | None = None,
+    style: str = "paper",
+    path: str | PathLike[str] | None = None,
+) -> Figure:
     """Pictures side by side (one above the other if they are wide), all to the same scale.
 
     Parameters
@@ -176,8 +181,14 @@ def _box(picture: Picture, grid: Sequence[NDArray[np.float64]]) -> Box:
     return a0 - air, a1 + air, b0 - air, b1 + air
 
 
-def _draw(axes: Axes, picture: Picture, box: Box, colours: Style,
-          grid: Sequence[NDArray[np.float64]], points: ControlPoints | None) -> None:
+def _draw(
+    axes: Axes,
+    picture: Picture,
+    box: Box,
+    colours: Style,
+    grid: Sequence[NDArray[np.float64]],
+    points: ControlPoints | None,
+) -> None:
     show_picture(axes, picture, colours)
     for line in grid:
         axes.plot(line[:, 0], line[:, 1], color=colours.grid, linewidth=0.8, alpha=0.9, solid_joinstyle="round")
@@ -195,8 +206,9 @@ def show_picture(axes: Axes, picture: Picture, colours: Style) -> None:
         axes.imshow(picture.rgb8(to_rgb(colours.dark)), extent=picture.extent, interpolation="bilinear")
         return
     inks = LinearSegmentedColormap.from_list("inks", [colours.dark, colours.bright])
-    axes.imshow(picture.grey() ** colours.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent,
-                interpolation="bilinear")
+    axes.imshow(
+        picture.grey() ** colours.gamma, cmap=inks, vmin=0, vmax=1, extent=picture.extent, interpolation="bilinear"
+    )
 
 
 def _draw_points(axes: Axes, points: ControlPoints, colours: Style) -> None:

@@ -79,8 +79,10 @@ class Panel:
             raise DeformError(f"points are shown at {', '.join(WHERE)}, not at {self.at!r}.")
         if isinstance(self.picture, np.ndarray):
             if self.picture.ndim != 3 or self.picture.shape[2] != 3 or self.picture.dtype != np.uint8:
-                raise DeformError("an image for a panel is an array (height, width, 3) of uint8, got "
-                                  f"{self.picture.shape} of {self.picture.dtype}.")
+                raise DeformError(
+                    "an image for a panel is an array (height, width, 3) of uint8, got "
+                    f"{self.picture.shape} of {self.picture.dtype}."
+                )
         elif self.picture is None and self.box is None and len(self.grid) == 0:
             raise DeformError("a panel without a picture needs a box or a grid, else it has no size.")
 
@@ -102,8 +104,15 @@ def _range(values: NDArray[np.float64]) -> tuple[float, float]:
     return float(values.min()), float(values.max())
 
 
-def draw_figure(rows: Sequence[Sequence[Panel]], *, style: str = "paper", width: float = 7.5, tallest: float = 4.0,
-                lettered: bool = True, path: str | PathLike[str] | None = None) -> Figure:
+def draw_figure(
+    rows: Sequence[Sequence[Panel]],
+    *,
+    style: str = "paper",
+    width: float = 7.5,
+    tallest: float = 4.0,
+    lettered: bool = True,
+    path: str | PathLike[str] | None = None,
+) -> Figure:
     """Panels in rows, those of a row equally high, with the letters (a), (b) ... and captions below.
 
     Parameters
@@ -210,8 +219,19 @@ def _points(axes: Axes, points: ControlPoints, panel: Panel, colours: Style) -> 
 
 def _caption(axes: Axes, text: str, colours: Style, room: float) -> None:
     size = min(_LETTERS, max(5.0, room / (0.5 * max(1, len(text)))))
-    axes.annotate(text, (0.5, 0), (0, -4), xycoords="axes fraction", textcoords="offset points", ha="center", va="top",
-                  color=colours.ink, fontsize=size, family="serif", parse_math=False)
+    axes.annotate(
+        text,
+        (0.5, 0),
+        (0, -4),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        ha="center",
+        va="top",
+        color=colours.ink,
+        fontsize=size,
+        family="serif",
+        parse_math=False,
+    )
 
 
 # ---- grids -----------------------------------------------------------------------------------------------------------
@@ -241,8 +261,14 @@ def picture_field(step: Step, grid: Grid, key: int = 0) -> AbstractField:
     """
     if step.plane is None:
         raise DeformError("this step has its control points in space and deforms no picture; use step.field(grid).")
-    return step.settings.fit(step.maps[key], step.parts, step.cut_regions, cut_rule=step.cut_rule,
-                             softness=min(grid.spacing), lone=lone_support(grid))
+    return step.settings.fit(
+        step.maps[key],
+        step.parts,
+        step.cut_regions,
+        cut_rule=step.cut_rule,
+        softness=min(grid.spacing),
+        lone=lone_support(grid),
+    )
 
 
 def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:
@@ -338,5 +364,7 @@ def trimmed(images: Sequence[NDArray[np.uint8]], margin: float = 0.03) -> list[N
     air = round(margin * images[0].shape[0])
     top, bottom = max(0, rows[0] - air), rows[-1] + air + 1
     sides = [np.flatnonzero(mask.any(axis=0)) for mask in seen]
-    return [image[top:bottom, max(0, columns[0] - air) : columns[-1] + air + 1]
-            for image, columns in zip(images, sides, strict=True)]
+    return [
+        image[top:bottom, max(0, columns[0] - air) : columns[-1] + air + 1]
+        for image, columns in zip(images, sides, strict=True)
+    ]

@@ -50,8 +50,9 @@ def swing(count: int, *, to: float = 1.0) -> tuple[float, ...]:
     return tuple((to * (0.5 - 0.5 * np.cos(turn)).round(12)).tolist())
 
 
-def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLike = (0.0, 0.0, 1.0),
-          degrees: float = 360.0) -> tuple[tuple[float, float, float], ...]:
+def orbit(
+    count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLike = (0.0, 0.0, 1.0), degrees: float = 360.0
+) -> tuple[tuple[float, float, float], ...]:
     """Directions of a camera that goes around a volume in ``count`` equal steps.
 
     Parameters
@@ -70,7 +71,8 @@ def orbit(count: int, direction: ArrayLike = (0.4, 1.0, -0.3), *, axis: ArrayLik
     swing(count)  # refuses what is no number of frames
     _, _, up = Plane.through((0, 0, 0), axis).frame  # refuses what is no direction
     turned = Rotation.from_rotvec(np.radians(degrees * np.arange(count) / count)[:, None] * up).apply(
-        np.asarray(direction, dtype=float))
+        np.asarray(direction, dtype=float)
+    )
     return tuple((x, y, z) for x, y, z in turned.tolist())
 
 
@@ -95,11 +97,20 @@ class Frames(Iterator[Image]):
             close()
 
 
-def deformation_frames(volume: VolumeLike, deformation: Deformation | Step, *, strengths: int | Sequence[float] = 48,
-                       directions: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
-                       size: tuple[int, int] = (640, 480), transfer: TransferFunction | str | None = None,
-                       shows: str = "after", output: Grid | VolumeLike | None = None,
-                       background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
+def deformation_frames(
+    volume: VolumeLike,
+    deformation: Deformation | Step,
+    *,
+    strengths: int | Sequence[float] = 48,
+    directions: ArrayLike = (0.4, 1.0, -0.3),
+    up: ArrayLike | None = None,
+    size: tuple[int, int] = (640, 480),
+    transfer: TransferFunction | str | None = None,
+    shows: str = "after",
+    output: Grid | VolumeLike | None = None,
+    background: tuple[float, float, float] = _BACKGROUND,
+    backend: str = "auto",
+) -> Frames:
     """Pictures of a volume whose control points are dragged all the way and back.
 
     Each frame solves for the points as far as they are dragged then: halfway is no mixture of two pictures.
@@ -144,16 +155,26 @@ def deformation_frames(volume: VolumeLike, deformation: Deformation | Step, *, s
         deformation = Deformation((deformation,))
     if not isinstance(deformation, Deformation):
         raise DeformError(f"a Deformation is needed, got {shown_value(deformation)}.")
-    return _frames(volume, deformation.scaled, 0.0, chosen, directions, up, size, transfer, shows, output, background,
-                   backend)
+    return _frames(
+        volume, deformation.scaled, 0.0, chosen, directions, up, size, transfer, shows, output, background, backend
+    )
 
 
-def animation_frames(volume: VolumeLike, animation: Animation | Deformation, *, fps: float = 24.0,
-                     times: Sequence[float] | None = None, directions: ArrayLike = (0.4, 1.0, -0.3),
-                     up: ArrayLike | None = None, size: tuple[int, int] = (640, 480),
-                     transfer: TransferFunction | str | None = None,
-                     shows: str = "after", output: Grid | VolumeLike | None = None,
-                     background: tuple[float, float, float] = _BACKGROUND, backend: str = "auto") -> Frames:
+def animation_frames(
+    volume: VolumeLike,
+    animation: Animation | Deformation,
+    *,
+    fps: float = 24.0,
+    times: Sequence[float] | None = None,
+    directions: ArrayLike = (0.4, 1.0, -0.3),
+    up: ArrayLike | None = None,
+    size: tuple[int, int] = (640, 480),
+    transfer: TransferFunction | str | None = None,
+    shows: str = "after",
+    output: Grid | VolumeLike | None = None,
+    background: tuple[float, float, float] = _BACKGROUND,
+    backend: str = "auto",
+) -> Frames:
     """Pictures of the animation of a document's key frames; each frame solves for the points of its moment.
 
     Parameters
@@ -183,14 +204,25 @@ def animation_frames(volume: VolumeLike, animation: Animation | Deformation, *, 
     def document(moment: float) -> Deformation:
         return Deformation() if moment == _BEFORE else animation.at(moment)
 
-    return _frames(volume, document, _BEFORE, moments, directions, up, size, transfer, shows, output, background,
-                   backend)
+    return _frames(
+        volume, document, _BEFORE, moments, directions, up, size, transfer, shows, output, background, backend
+    )
 
 
-def _frames(volume: VolumeLike, document: Callable[[float], Deformation], before: float, moments: Sequence[float],
-            directions: ArrayLike, up: ArrayLike | None, size: tuple[int, int], transfer: TransferFunction | str | None,
-            shows: str, output: Grid | VolumeLike | None, background: tuple[float, float, float],
-            backend: str) -> Frames:
+def _frames(
+    volume: VolumeLike,
+    document: Callable[[float], Deformation],
+    before: float,
+    moments: Sequence[float],
+    directions: ArrayLike,
+    up: ArrayLike | None,
+    size: tuple[int, int],
+    transfer: TransferFunction | str | None,
+    shows: str,
+    output: Grid | VolumeLike | None,
+    background: tuple[float, float, float],
+    backend: str,
+) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
     if not isinstance(shows, str) or shows not in SHOWS:
         raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(SHOWS)}.")
@@ -220,14 +252,22 @@ def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int)
     if looks is None:
         raise DeformError(f"directions are numbers, got {shown_value(directions)}.")
     if looks.shape not in ((3,), (count, 3)):
-        raise DeformError(f"directions are one direction, or one for each of the {count} frames, got an array of shape "
-                          f"{looks.shape}.")
+        raise DeformError(
+            f"directions are one direction, or one for each of the {count} frames, got an array of shape {looks.shape}."
+        )
     return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
 
 
-def _images(volume: Volume, document: Callable[[float], Deformation], views: list[tuple[float, Plane]], grid: Grid,
-            renderer: CoreRenderer | VtkRenderer, size: tuple[int, int], before: float,
-            is_pair: bool) -> Iterator[Image]:
+def _images(
+    volume: Volume,
+    document: Callable[[float], Deformation],
+    views: list[tuple[float, Plane]],
+    grid: Grid,
+    renderer: CoreRenderer | VtkRenderer,
+    size: tuple[int, int],
+    before: float,
+    is_pair: bool,
+) -> Iterator[Image]:
     height = max(fitting_height(grid, plane, size) for _, plane in views)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
     # On the way back the same pictures come again, as long as the camera stands still.

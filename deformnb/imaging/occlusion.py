@@ -63,14 +63,17 @@ def ambient_light(volume: Volume, transfer: TransferFunction) -> Volume:
     near = _mean(opacity, AMBIENT_NEAR[0])
     far = _mean(_mean(near, AMBIENT_FAR[0]), AMBIENT_FAR[0])
     open_side = _ahead(near)
-    stopped = [strength * ndimage.map_coordinates(mean, open_side, order=1, mode="grid-constant")
-               for mean, (_, strength) in ((near, AMBIENT_NEAR), (far, AMBIENT_FAR))]
+    stopped = [
+        strength * ndimage.map_coordinates(mean, open_side, order=1, mode="grid-constant")
+        for mean, (_, strength) in ((near, AMBIENT_NEAR), (far, AMBIENT_FAR))
+    ]
     light = np.exp(-sum(stopped)).astype(np.float32)
     return Volume(light, coarser(volume.grid, factors), "ambient light")
 
 
 def _opacities(volume: Volume, transfer: TransferFunction, thickness: float) -> NDArray[np.float32]:
     """Opacity of so thick a layer at each voxel."""
+
     def of(values: NDArray[np.generic]) -> NDArray[np.float32]:
         alphas = np.minimum(transfer(values)[..., 3], _MOST_ALPHA)
         return np.asarray(1 - (1 - alphas) ** thickness, np.float32)

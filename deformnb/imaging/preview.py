@@ -78,8 +78,9 @@ def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: 
 
     (left, top), (right, bottom) = at([[a0, b0], [a1, b1]])
     extent = max(1, round(right - left)), max(1, round(bottom - top))
-    canvas.paste(Images.fromarray(_inked(picture)).resize(extent, Images.Resampling.BILINEAR),
-                 (round(left), round(top)))
+    canvas.paste(
+        Images.fromarray(_inked(picture)).resize(extent, Images.Resampling.BILINEAR), (round(left), round(top))
+    )
     draw = ImageDraw.Draw(canvas)
     for line in lines:
         draw.line(at(line), fill=_bytes(colours.grid), width=_FINE, joint="curve")
@@ -107,8 +108,16 @@ def _bytes(colour: str) -> tuple[int, int, int]:
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-def draw_slices(volume: Volume, camera: Camera, size: tuple[int, int], transfer: TransferFunction, background: Color, *,
-                is_lit: bool = True, part: Part | None = None) -> Image:
+def draw_slices(
+    volume: Volume,
+    camera: Camera,
+    size: tuple[int, int],
+    transfer: TransferFunction,
+    background: Color,
+    *,
+    is_lit: bool = True,
+    part: Part | None = None,
+) -> Image:
     """A picture of a volume of bytes by light that passes through it, slice by slice.
 
     Parameters
@@ -156,8 +165,16 @@ def draw_slices(volume: Volume, camera: Camera, size: tuple[int, int], transfer:
     return np.asarray(canvas)[..., :3]
 
 
-def draw_slices_mip(volume: Volume, camera: Camera, size: tuple[int, int], white: float, ink: Color, background: Color,
-                    *, part: Part | None = None) -> Image:
+def draw_slices_mip(
+    volume: Volume,
+    camera: Camera,
+    size: tuple[int, int],
+    white: float,
+    ink: Color,
+    background: Color,
+    *,
+    part: Part | None = None,
+) -> Image:
     """A picture of the largest byte along each ray of a volume, from the background colour to that of the ink.
 
     Parameters
@@ -223,8 +240,10 @@ class _Stack:
         """The slope of the values at some voxels of a slice (voxels, 3), along the picture's u, v and n."""
         values = self._padded.ravel()
         at = np.ravel_multi_index((k + 1, rows + 1, columns + 1), self._padded.shape)
-        parts = [(values[at + stride].astype(np.float32) - values[at - stride]) / np.float32(2 * step)
-                 for stride, step in zip(self._padded.strides, self._spacing, strict=True)]
+        parts = [
+            (values[at + stride].astype(np.float32) - values[at - stride]) / np.float32(2 * step)
+            for stride, step in zip(self._padded.strides, self._spacing, strict=True)
+        ]
         return np.stack(parts, axis=-1) @ self._normals.T.astype(np.float32)
 
     @cached_property
@@ -248,8 +267,9 @@ class _Stack:
             return
         back = np.linalg.inv(to_picture) @ np.array([[1, 0, x0], [0, 1, y0], [0, 0, 1]])
         back = (back / back[2, 2]).ravel()[:8]
-        drawn = pixels.transform((int(x1 - x0), int(y1 - y0)), Images.Transform.PERSPECTIVE, tuple(back),
-                                 Images.Resampling.BILINEAR)
+        drawn = pixels.transform(
+            (int(x1 - x0), int(y1 - y0)), Images.Transform.PERSPECTIVE, tuple(back), Images.Resampling.BILINEAR
+        )
         add(drawn, (int(x0), int(y0)))
 
     def _map(self, k: int) -> NDArray[np.float64]:

@@ -101,10 +101,19 @@ def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str,
         layers, outside = (np.clip((v - low) / width, -_LARGEST, _LARGEST) for v in (layers, outside))
         layers, width = layers.astype(np.float32), 1.0
     ambience = settings["ambience"]
-    return composite(state, np.ascontiguousarray(layers), count, settings["knots"], _f32(outside, width),
-                     settings["spacing"], settings["light"], np.float32(settings["start"]), settings["faces"],
-                     None if ambience is None else ambience_beside(ambience, settings["start"], layers),
-                     shaded=settings["shaded"])
+    return composite(
+        state,
+        np.ascontiguousarray(layers),
+        count,
+        settings["knots"],
+        _f32(outside, width),
+        settings["spacing"],
+        settings["light"],
+        np.float32(settings["start"]),
+        settings["faces"],
+        None if ambience is None else ambience_beside(ambience, settings["start"], layers),
+        shaded=settings["shaded"],
+    )
 
 
 PROJECTIONS: dict[str, Projection] = {
@@ -124,10 +133,19 @@ OF_CHANNELS = ("mip", "slice", "mean")
 """Projections that channels have in their colours; the others have colours and opacities of a transfer function."""
 
 
-def project(volume: VolumeLike, view: str | Plane = "+y", method: str = "mip", *,
-            transfer: TransferFunction | str | None = None, depth: float | None = None, spacing: float | None = None,
-            part: Part | None = None, eye: PerspectiveCamera | None = None, ambience: VolumeLike | None = None,
-            progress: Progress | None = None) -> Picture:
+def project(
+    volume: VolumeLike,
+    view: str | Plane = "+y",
+    method: str = "mip",
+    *,
+    transfer: TransferFunction | str | None = None,
+    depth: float | None = None,
+    spacing: float | None = None,
+    part: Part | None = None,
+    eye: PerspectiveCamera | None = None,
+    ambience: VolumeLike | None = None,
+    progress: Progress | None = None,
+) -> Picture:
     """A picture of a volume.
 
     Parameters
@@ -160,8 +178,12 @@ def project(volume: VolumeLike, view: str | Plane = "+y", method: str = "mip", *
     volume = as_volume(volume)
     light = None if ambience is None else as_volume(ambience)
     plane = Plane.along(volume, view) if isinstance(view, str) else view
-    for name, given, kind in (("view", plane, Plane), ("part", part, Part), ("eye", eye, PerspectiveCamera),
-                              ("ambience", light, Volume)):
+    for name, given, kind in (
+        ("view", plane, Plane),
+        ("part", part, Part),
+        ("eye", eye, PerspectiveCamera),
+        ("ambience", light, Volume),
+    ):
         if not isinstance(given, kind) and (given is not None or kind is Plane):
             raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
@@ -178,9 +200,15 @@ def project(volume: VolumeLike, view: str | Plane = "+y", method: str = "mip", *
     return replace(picture, window=_window(picture.values, volume), unit="HU" if is_hounsfield(volume) else "")
 
 
-def project_channels(channels: ChannelsLike, view: str | Plane = "+y", method: str = "mip", *,
-                     displays: Sequence[ChannelDisplay] | None = None, depth: float | None = None,
-                     progress: Progress | None = None) -> Picture:
+def project_channels(
+    channels: ChannelsLike,
+    view: str | Plane = "+y",
+    method: str = "mip",
+    *,
+    displays: Sequence[ChannelDisplay] | None = None,
+    depth: float | None = None,
+    progress: Progress | None = None,
+) -> Picture:
     """A picture of channels in their colours, added up.
 
     Parameters
@@ -250,8 +278,14 @@ def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> di
         return settings
     low, width, _ = settings["range"]
     scaling = (low, 1 / width) if settings["is_scaled"] else (0.0, 1.0)
-    return {**settings, "knots": knots(settings["transfer"], dn, *scaling), "spacing": _f32(dn, dv, du),
-            "light": LAMP, "faces": None, "ambience": None}
+    return {
+        **settings,
+        "knots": knots(settings["transfer"], dn, *scaling),
+        "spacing": _f32(dn, dv, du),
+        "light": LAMP,
+        "faces": None,
+        "ambience": None,
+    }
 
 
 def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
@@ -267,8 +301,14 @@ def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
     return [(2 - int(k), 1 if cosines[row, k] > 0 else -1) for row, k in enumerate(best)]
 
 
-def _project_voxels(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
-                    progress: Progress | None) -> Picture:
+def _project_voxels(
+    volume: Volume,
+    plane: Plane,
+    how: Projection,
+    settings: dict[str, Any],
+    depth: float | None,
+    progress: Progress | None,
+) -> Picture:
     order = voxel_order(volume.grid, plane)
     assert order is not None
     turned = volume.finite_values.transpose([axis for axis, _ in order])
@@ -309,8 +349,9 @@ def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> Block
         yield block, count
 
 
-def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layers: int,
-                progress: Progress | None) -> NDArray[Any]:
+def _accumulate(
+    how: Projection, pieces: Blocks, settings: dict[str, Any], layers: int, progress: Progress | None
+) -> NDArray[Any]:
     state, done = None, 0
     for block, count in pieces:
         state = how.add(state, block, count, {**settings, "start": done})
@@ -320,9 +361,18 @@ def _accumulate(how: Projection, pieces: Blocks, settings: dict[str, Any], layer
     return how.finish(state)
 
 
-def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: dict[str, Any], depth: float | None,
-                     spacing: float | None, part: Part | None, eye: PerspectiveCamera | None,
-                     ambience: Volume | None, progress: Progress | None) -> Picture:
+def _project_lattice(
+    volume: Volume,
+    plane: Plane,
+    how: Projection,
+    settings: dict[str, Any],
+    depth: float | None,
+    spacing: float | None,
+    part: Part | None,
+    eye: PerspectiveCamera | None,
+    ambience: Volume | None,
+    progress: Progress | None,
+) -> Picture:
     """An oblique view, through a lattice parallel to the picture."""
     lattice = plane_lattice(volume.grid, plane, spacing)
     if eye is not None and how.name != "slice":
@@ -355,8 +405,12 @@ def _project_lattice(volume: Volume, plane: Plane, how: Projection, settings: di
 def _smooth(volume: Volume, how: Projection) -> Volume:
     """The volume with numbers between its values, where light would show the steps between a few whole numbers."""
     low, high = volume.value_range
-    if how.margin == 0 or volume.dtype.kind == "f" or high - low > _FEW or (
-            volume.is_labels and volume.dtype != np.bool_):
+    if (
+        how.margin == 0
+        or volume.dtype.kind == "f"
+        or high - low > _FEW
+        or (volume.is_labels and volume.dtype != np.bool_)
+    ):
         return volume
     return replace(volume, values=volume.values.astype(np.float32), is_labels=False)
 

@@ -83,9 +83,13 @@ def knots(transfer: TransferFunction, thickness: float, low: float = 0.0, scale:
     short = ends & (np.where(ends, length, 0) * inverse < 1)
     inverse[short] = np.nextafter(inverse[short], np.float32(np.inf))  # a segment is whole at its end
     spare = -len(values) % _EACH
-    return Knots(np.pad(values, (0, spare), mode="edge"), np.pad(inverse, (0, spare)), rgba[0].astype(np.float32),
-                 np.pad(np.diff(rgba, axis=0, append=rgba[-1:]), ((0, spare), (0, 0))).astype(np.float32),
-                 np.float32(thickness / transfer.unit))
+    return Knots(
+        np.pad(values, (0, spare), mode="edge"),
+        np.pad(inverse, (0, spare)),
+        rgba[0].astype(np.float32),
+        np.pad(np.diff(rgba, axis=0, append=rgba[-1:]), ((0, spare), (0, 0))).astype(np.float32),
+        np.float32(thickness / transfer.unit),
+    )
 
 
 def _rounded_up(values: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -96,6 +100,7 @@ def _rounded_up(values: NDArray[np.float64]) -> NDArray[np.float32]:
 
 def _colour(v: Any, transfer: Any) -> tuple[Any, Any, Any, Any]:
     """Red, green, blue and alpha of values (v, u), each as a plane."""
+
     def within(start: Any, inverse: Any) -> Any:
         return jnp.clip((v - start) * inverse, 0, 1)
 
@@ -114,14 +119,27 @@ def _colour(v: Any, transfer: Any) -> tuple[Any, Any, Any, Any]:
     return red, green, blue, -jnp.expm1(transfer.power * jnp.log1p(-jnp.clip(alpha, 0, 1)))
 
 
-def _light_layers(state: Any, layers: Any, count: Any, transfer: Any, limits: Any, spacing: Any, light: Any, start: Any,
-                  faces: Any, ambience: Any, *, shaded: bool) -> Any:
+def _light_layers(
+    state: Any,
+    layers: Any,
+    count: Any,
+    transfer: Any,
+    limits: Any,
+    spacing: Any,
+    light: Any,
+    start: Any,
+    faces: Any,
+    ambience: Any,
+    *,
+    shaded: bool,
+) -> Any:
     """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [1 + n, v, u] of values.
 
     ``limits`` are the value beyond the sides and the width of the range of values; ``start`` is the number of the first
     layer; ``faces`` (see :func:`deformnb.imaging.raycast.faces_of`, or None) cut off; ``ambience`` (see
     :func:`deformnb.imaging.raycast.ambience_beside`, or None) is the light that reaches each place.
     """
+
     def add(k: Any, total: Any) -> Any:
         here = layers[k + 1].astype(jnp.float32)
         *colors, alpha = _colour(here, transfer)
@@ -145,16 +163,23 @@ def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any, ambient: 
     """
     before, after = layers[k].astype(jnp.float32), layers[k + 2].astype(jnp.float32)
     here = jnp.pad(layers[k + 1].astype(jnp.float32), 1, constant_values=limits[0])
-    g = jnp.stack([(after - before) / spacing[0], (here[2:, 1:-1] - here[:-2, 1:-1]) / spacing[1],
-                   (here[1:-1, 2:] - here[1:-1, :-2]) / spacing[2]], axis=-1)
+    g = jnp.stack(
+        [
+            (after - before) / spacing[0],
+            (here[2:, 1:-1] - here[:-2, 1:-1]) / spacing[1],
+            (here[1:-1, 2:] - here[1:-1, :-2]) / spacing[2],
+        ],
+        axis=-1,
+    )
     size = jnp.sqrt(jnp.sum(g * g, axis=-1))
     lamp = jnp.stack([light[2], light[1], light[0]])
     half = lamp + jnp.array([-1.0, 0.0, 0.0])
     half = half / jnp.sqrt(jnp.sum(half * half))
     n = g / jnp.maximum(size, 1e-6)[..., None]
     # What ambient light does not reach the lamp reaches less, for it is no point; shares as in the live view's shader.
-    lit = (ambient * (_AMBIENT + _GLOSS * jnp.abs(n @ half) ** _POWER)
-           + (0.42 + 0.58 * ambient) * _DIFFUSE * jnp.abs(n @ lamp))
+    lit = ambient * (_AMBIENT + _GLOSS * jnp.abs(n @ half) ** _POWER) + (0.42 + 0.58 * ambient) * _DIFFUSE * jnp.abs(
+        n @ lamp
+    )
     # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range per voxel.
     sure = jnp.clip(size * jnp.min(spacing) / (0.02 * limits[1]), 0, 1)
     return sure * lit + (1 - sure) * 0.8 * (0.3 + 0.7 * ambient)
@@ -229,24 +254,41 @@ class PerspectiveCamera:
         """Samples along a plane's axes as wide as what is seen of it, and as deep as ``grid`` before the eye."""
         depths = plane.to_plane(grid.corners())[:, 2]
         near, far = max(float(depths.min()), (_NEAREST - 1) * self.distance), float(depths.max())
-        wide, tall, deep = (max(1, int(np.ceil(length / spacing - 1e-9)))
-                            for length in (self.width, self.height, far - near))
+        wide, tall, deep = (
+            max(1, int(np.ceil(length / spacing - 1e-9))) for length in (self.width, self.height, far - near)
+        )
         first = [-(wide - 1) / 2 * spacing, -(tall - 1) / 2 * spacing, (near + far - (deep - 1) * spacing) / 2]
         axes = tuple(map(tuple, plane.frame.T))
-        return Grid((deep, tall, wide), (spacing,) * 3, tuple(plane.from_plane(first)), axes,  # type: ignore[arg-type]
-                    grid.unit)
+        return Grid(
+            (deep, tall, wide),
+            (spacing,) * 3,
+            tuple(plane.from_plane(first)),
+            axes,  # type: ignore[arg-type]
+            grid.unit,
+        )
 
     def layer(self, lattice: Grid, plane: Plane, k: int) -> Grid:
         """The places of a layer of the lattice: wider the farther it is."""
         a, b, depth = plane.to_plane(lattice.index_to_point([0, 0, k]))
         share = max(_NEAREST, 1 + depth / self.distance)
         d = lattice.spacing[0]
-        return replace(lattice, shape=(1, *lattice.shape[1:]), spacing=(d * share, d * share, d),
-                       origin=tuple(plane.from_plane([a * share, b * share, depth])))
+        return replace(
+            lattice,
+            shape=(1, *lattice.shape[1:]),
+            spacing=(d * share, d * share, d),
+            origin=tuple(plane.from_plane([a * share, b * share, depth])),
+        )
 
 
-def blocks(volume: Volume, lattice: Grid, layers: int, margin: int, plane: Plane, part: Part | None = None,
-           eye: PerspectiveCamera | None = None) -> Blocks:
+def blocks(
+    volume: Volume,
+    lattice: Grid,
+    layers: int,
+    margin: int,
+    plane: Plane,
+    part: Part | None = None,
+    eye: PerspectiveCamera | None = None,
+) -> Blocks:
     """Blocks of layers, the last one as large as the others: one compiled function resamples all of them.
 
     Parameters
@@ -281,7 +323,8 @@ def ambience_of(light: Volume, lattice: Grid, plane: Plane, eye: PerspectiveCame
         return np.asarray(warp(light, Identity(3), output=few, fill=1.0).values, np.float32)
     layers = [eye.layer(few, plane, k) for k in range(deep)]
     return np.concatenate([warp(light, Identity(3), output=layer, fill=1.0).values for layer in layers]).astype(
-        np.float32)
+        np.float32
+    )
 
 
 def ambience_beside(ambience: NDArray[np.float32], start: int, layers: NDArray[Any]) -> NDArray[np.float32]:
@@ -304,8 +347,9 @@ def ambience_beside(ambience: NDArray[np.float32], start: int, layers: NDArray[A
     return np.ascontiguousarray(made)
 
 
-def faces_of(part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None,
-             light: NDArray[Any]) -> dict[str, Any]:
+def faces_of(
+    part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None, light: NDArray[Any]
+) -> dict[str, Any]:
     """The faces of a part for :func:`deformnb.imaging.raycast.composite`, in coordinates of the plane.
 
     Returns
@@ -322,16 +366,23 @@ def faces_of(part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | N
     # Depth within a face that is 1 deep along n is its slope deep: seen at all only if it looks to the viewer.
     slope = np.maximum(normals[:, 2], 0.0)
     first = plane.to_plane(lattice.origin)
-    return {"planes": np.column_stack([normals, offsets]).astype(np.float32),
-            "nearness": np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0).astype(np.float32),
-            "glow": glow_of(normals, light), "first": tuple(np.float32(c) for c in first), "step": np.float32(d),
-            "bend": np.float32(0.0 if eye is None else 1 / eye.distance)}
+    return {
+        "planes": np.column_stack([normals, offsets]).astype(np.float32),
+        "nearness": np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0).astype(np.float32),
+        "glow": glow_of(normals, light),
+        "first": tuple(np.float32(c) for c in first),
+        "step": np.float32(d),
+        "bend": np.float32(0.0 if eye is None else 1 / eye.distance),
+    }
 
 
 def _seen(volume: Volume, lattice: Grid, part: Part | None) -> NDArray[Any]:
     seen = warp(volume, Identity(3), output=lattice)
-    return seen.values if part is None else np.where(part.holds(lattice), seen.values,
-                                                     volume.dtype.type(volume.background))
+    return (
+        seen.values
+        if part is None
+        else np.where(part.holds(lattice), seen.values, volume.dtype.type(volume.background))
+    )
 
 
 def _aligned(volume: Volume) -> Volume:

@@ -34,10 +34,18 @@ from deformnb.warping.points import Landmarks, checked_points
 _SMALLEST = 8  # letters that can still be read, in pixels
 
 
-def render_volume(volume: VolumeLike, *, transfer: TransferFunction | str | None = None,
-                  direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None, height: float | None = None,
-                  size: tuple[int, int] = (800, 600), background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-                  backend: str = "auto", progress: Progress | None = None) -> Image:
+def render_volume(
+    volume: VolumeLike,
+    *,
+    transfer: TransferFunction | str | None = None,
+    direction: ArrayLike = (0.4, 1.0, -0.3),
+    up: ArrayLike | None = None,
+    height: float | None = None,
+    size: tuple[int, int] = (800, 600),
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    backend: str = "auto",
+    progress: Progress | None = None,
+) -> Image:
     """A shaded picture of the whole volume, in parallel projection.
 
     Parameters
@@ -74,8 +82,9 @@ def render_volume(volume: VolumeLike, *, transfer: TransferFunction | str | None
         renderer.close()
 
 
-def _camera(grid: Grid, direction: ArrayLike, up: ArrayLike | None, height: float | None,
-            size: tuple[int, int]) -> Camera:
+def _camera(
+    grid: Grid, direction: ArrayLike, up: ArrayLike | None, height: float | None, size: tuple[int, int]
+) -> Camera:
     plane = Plane.through(grid.center, direction, up)
     if height is None:
         return Camera(plane, fitting_height(grid, plane, checked_size(size)))
@@ -86,9 +95,15 @@ def _camera(grid: Grid, direction: ArrayLike, up: ArrayLike | None, height: floa
     return Camera(plane, length)
 
 
-def image_places(points: ArrayLike | Landmarks, grid: Grid | VolumeLike, *, direction: ArrayLike = (0.4, 1.0, -0.3),
-                 up: ArrayLike | None = None, height: float | None = None,
-                 size: tuple[int, int] = (800, 600)) -> NDArray[np.float64]:
+def image_places(
+    points: ArrayLike | Landmarks,
+    grid: Grid | VolumeLike,
+    *,
+    direction: ArrayLike = (0.4, 1.0, -0.3),
+    up: ArrayLike | None = None,
+    height: float | None = None,
+    size: tuple[int, int] = (800, 600),
+) -> NDArray[np.float64]:
     """Project places (..., 3) in space, or landmarks, to :func:`render_volume`'s picture of a volume on this grid.
 
     Parameters
@@ -116,8 +131,12 @@ class CoreRenderer:
     transfer, size, background : as for :func:`render_volume`.
     """
 
-    def __init__(self, transfer: TransferFunction, size: tuple[int, int],
-                 background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        transfer: TransferFunction,
+        size: tuple[int, int],
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
         self._transfer, self._size, self._background = transfer, checked_size(size), checked_color(background)
 
     def __call__(self, volume: Volume, camera: Camera, progress: Progress | None = None) -> Image:
@@ -139,8 +158,12 @@ class VtkRenderer:
     transfer, size, background : as for :func:`render_volume`.
     """
 
-    def __init__(self, transfer: TransferFunction, size: tuple[int, int],
-                 background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        transfer: TransferFunction,
+        size: tuple[int, int],
+        background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> None:
         self._transfer, self._size, self._background = transfer, checked_size(size), checked_color(background)
         self._window: VolumeWindow | None = None
         self._values: NDArray[Any] | None = None  # of the volume that is shown
@@ -192,12 +215,20 @@ def renderer_named(name: str) -> str:
     return name
 
 
-def render_pair(before: VolumeLike, after: VolumeLike, *, path: str | PathLike[str] | None = None,
-                captions: tuple[str, str] = ("before", "after"), transfer: TransferFunction | str | None = None,
-                direction: ArrayLike = (0.4, 1.0, -0.3), up: ArrayLike | None = None,
-                size: tuple[int, int] = (900, 640), backend: str = "auto",
-                background: tuple[float, float, float] = (0.06, 0.065, 0.08),
-                progress: Progress | None = None) -> Image:
+def render_pair(
+    before: VolumeLike,
+    after: VolumeLike,
+    *,
+    path: str | PathLike[str] | None = None,
+    captions: tuple[str, str] = ("before", "after"),
+    transfer: TransferFunction | str | None = None,
+    direction: ArrayLike = (0.4, 1.0, -0.3),
+    up: ArrayLike | None = None,
+    size: tuple[int, int] = (900, 640),
+    backend: str = "auto",
+    background: tuple[float, float, float] = (0.06, 0.065, 0.08),
+    progress: Progress | None = None,
+) -> Image:
     """Two volumes side by side, from the same side and to the same scale.
 
     ``size`` is that of one half; ``path`` writes a PNG, whole or not at all. The transfer function is made for the
@@ -220,8 +251,19 @@ def render_pair(before: VolumeLike, after: VolumeLike, *, path: str | PathLike[s
     halves = []
     for k, volume in enumerate((before, after)):
         part = None if progress is None else (lambda share, k=k: progress((k + share) / 2))
-        halves.append(render_volume(volume, transfer=function, direction=direction, up=up, height=height,
-                                    size=size, background=background, backend=backend, progress=part))
+        halves.append(
+            render_volume(
+                volume,
+                transfer=function,
+                direction=direction,
+                up=up,
+                height=height,
+                size=size,
+                background=background,
+                backend=backend,
+                progress=part,
+            )
+        )
     halves = _trimmed(halves, background)
     image = np.concatenate([_captioned(h, c, background) for h, c in zip(halves, captions, strict=True)], axis=1)
     if path is not None:

@@ -44,6 +44,7 @@ MOST_LINES = 64
 
 _FINE = 300  # places along the longer side where areas are evaluated
 
+
 @dataclass(frozen=True, eq=False)
 class Grids:
     """Contents of :func:`deformnb.imaging.thompson.draw_grids`, in picture coordinates.
@@ -82,13 +83,16 @@ def steps_of(what: Any, picture: Picture, magnify: float) -> tuple[Step, ...]:
     for number, step in enumerate(given, 1):
         if step.plane != picture.plane:
             where = "in space" if step.plane is None else "on another plane"
-            raise DeformError(f"step {number} has its control points {where}, and deforms no picture like this one; "
-                              "give a step on the picture's plane, with a picture of the volume before it.")
+            raise DeformError(
+                f"step {number} has its control points {where}, and deforms no picture like this one; "
+                "give a step on the picture's plane, with a picture of the volume before it."
+            )
     return tuple(replace(step, strength=step.strength * magnify) for step in given)
 
 
-def field_of(what: Any, steps: tuple[Step, ...], picture: Picture, magnify: float, grid: Grid | None,
-             key: int) -> AbstractField:
+def field_of(
+    what: Any, steps: tuple[Step, ...], picture: Picture, magnify: float, grid: Grid | None, key: int
+) -> AbstractField:
     """The displacement of the picture by these steps, or by the field that was given instead."""
     if isinstance(what, AbstractField):
         return magnified(what, magnify)
@@ -177,8 +181,10 @@ def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
     at = raster.points()[np.ix_(rows, columns)]
     shrunk = np.linalg.det(np.eye(2) + field.jacobian(at))  # it has a value where the map folds, its inverse has none
     if step > 1:
-        v, u = (np.interp(np.arange(n), lines, np.arange(len(lines)))
-                for n, lines in zip(raster.shape, (rows, columns), strict=True))
+        v, u = (
+            np.interp(np.arange(n), lines, np.arange(len(lines)))
+            for n, lines in zip(raster.shape, (rows, columns), strict=True)
+        )
         shrunk = ndimage.map_coordinates(shrunk, np.meshgrid(v, u, indexing="ij"), order=1)
     return np.asarray(np.where(shrunk > 0, 1 / np.where(shrunk > 0, shrunk, 1.0), np.nan))
 
@@ -190,8 +196,10 @@ FOLDS = "#d32f2f"
 """Colour of the places where the map folds."""
 
 _INKS = {False: ("#762a83", "#1b7837"), True: ("#c9a3d6", "#7fd08a")}  # shrinks, grows; on light and on dark paper
-_AREAS = {False: ("#762a83", "#af8dc3", "#ffffff", "#7fbf7b", "#1b7837"),  # multiplied with what is below
-          True: ("#b25fd0", "#7d4a90", "#000000", "#3f8a48", "#46c45a")}  # added to it
+_AREAS = {
+    False: ("#762a83", "#af8dc3", "#ffffff", "#7fbf7b", "#1b7837"),  # multiplied with what is below
+    True: ("#b25fd0", "#7d4a90", "#000000", "#3f8a48", "#46c45a"),
+}  # added to it
 _FOLD_SHARE = 0.45
 
 _TALLEST = 9.0  # inches
@@ -290,19 +298,26 @@ class Sheet:
         self.figure.set_size_inches(self.width, height)
         left = (self.width - (inches[0, 0] if stacked else inches[:, 0].sum() + _GAP)) / 2
         top = height - _MARGIN - _HEAD
-        starts = [(left, top), (left, top - inches[0, 1] - _FOOT - _GAP) if stacked
-                  else (left + inches[0, 0] + _GAP, top)]
+        starts = [
+            (left, top),
+            (left, top - inches[0, 1] - _FOOT - _GAP) if stacked else (left + inches[0, 0] + _GAP, top),
+        ]
         one, two = (self._panel(box, size, start) for box, size, start in zip(boxes, inches, starts, strict=True))
         return one, two
 
     def _around(self, box: Box, places: list[NDArray[np.float64]]) -> Box:
         """The box of the picture and of what is drawn on it, which may leave it, but not by far."""
-        (a0, b0), (a1, b1) = (reach(np.concatenate([*places, np.reshape(box, (2, 2)).T]), axis=0)
-                              for reach in (np.min, np.max))
+        (a0, b0), (a1, b1) = (
+            reach(np.concatenate([*places, np.reshape(box, (2, 2)).T]), axis=0) for reach in (np.min, np.max)
+        )
         far_a, far_b = _FARTHEST * (box[1] - box[0]), _FARTHEST * (box[3] - box[2])
         air = _AIR * self.grids.cell
-        return (max(float(a0), box[0] - far_a) - air, min(float(a1), box[1] + far_a) + air,
-                max(float(b0), box[2] - far_b) - air, min(float(b1), box[3] + far_b) + air)
+        return (
+            max(float(a0), box[0] - far_a) - air,
+            min(float(a1), box[1] + far_a) + air,
+            max(float(b0), box[2] - far_b) - air,
+            min(float(b1), box[3] + far_b) + air,
+        )
 
     def _panel(self, box: Box, size: NDArray[np.float64], start: tuple[float, float]) -> _Place:
         (w, h), (left, top) = size, start
@@ -329,8 +344,15 @@ class Sheet:
         from matplotlib.collections import LineCollection
 
         color = self.colours.grid if self.overlay != "area" else self.colours.ink
-        drawn = LineCollection(lines, colors=color, linewidths=0.6, alpha=0.9 if self.overlay != "area" else 0.65,
-                             capstyle="round", joinstyle="round", zorder=2)
+        drawn = LineCollection(
+            lines,
+            colors=color,
+            linewidths=0.6,
+            alpha=0.9 if self.overlay != "area" else 0.65,
+            capstyle="round",
+            joinstyle="round",
+            zorder=2,
+        )
         drawn.set_gid("grid")
         place.axes.add_collection(drawn, autolim=False)
 
@@ -371,8 +393,13 @@ class Sheet:
             mask = shown & ((lengths > 0) == grows)
             arms = list(np.stack([at[mask] - half[mask], at[mask] + half[mask]], axis=1))
             case = LineCollection(arms, colors=self.colours.paper, linewidths=2.8, alpha=0.75, zorder=3)
-            ink = LineCollection(arms, colors=self.inks[grows], linewidths=1.4, zorder=4,
-                                 linestyles="solid" if grows else [(0, (2.0, 1.2))])
+            ink = LineCollection(
+                arms,
+                colors=self.inks[grows],
+                linewidths=1.4,
+                zorder=4,
+                linestyles="solid" if grows else [(0, (2.0, 1.2))],
+            )
             ink.set_gid("stretched" if grows else "pressed")
             for drawn in (case, ink):
                 place.axes.add_collection(drawn, autolim=False)
@@ -395,8 +422,19 @@ class Sheet:
         for source, target in zip(points.source, points.target, strict=True):
             if np.linalg.norm(target - source) < 0.06 * size:
                 continue
-            after.axes.add_patch(FancyArrowPatch(source, target, arrowstyle="-|>", mutation_scale=5.5, shrinkA=0,
-                                                 shrinkB=2.4, lw=0.8, color=self.colours.ink, zorder=5))
+            after.axes.add_patch(
+                FancyArrowPatch(
+                    source,
+                    target,
+                    arrowstyle="-|>",
+                    mutation_scale=5.5,
+                    shrinkA=0,
+                    shrinkB=2.4,
+                    lw=0.8,
+                    color=self.colours.ink,
+                    zorder=5,
+                )
+            )
             after.axes.plot(*source, "o", mfc="none", mec=SOURCE, mew=0.9, ms=2.8, ls="none", zorder=5)
 
     # -- words ---
@@ -449,12 +487,27 @@ class Sheet:
         shown = 1 - (1 - paper) * (1 - shown) if self.is_dark else paper * shown
         for k, color in enumerate(shown):  # a touch too wide each, or viewers show seams
             wide = long / cells * (1.6 if k + 1 < cells else 1)
-            self.figure.add_artist(Rectangle(((left + k * long / cells) / self.width, y / self.height),
-                                             wide / self.width, high / self.height, color=color, linewidth=0,
-                                             transform=self.figure.transFigure))
-        self.figure.add_artist(Rectangle((left / self.width, y / self.height), long / self.width, high / self.height,
-                                         fill=False, edgecolor=self.colours.ink, linewidth=0.5,
-                                         transform=self.figure.transFigure))
+            self.figure.add_artist(
+                Rectangle(
+                    ((left + k * long / cells) / self.width, y / self.height),
+                    wide / self.width,
+                    high / self.height,
+                    color=color,
+                    linewidth=0,
+                    transform=self.figure.transFigure,
+                )
+            )
+        self.figure.add_artist(
+            Rectangle(
+                (left / self.width, y / self.height),
+                long / self.width,
+                high / self.height,
+                fill=False,
+                edgecolor=self.colours.ink,
+                linewidth=0.5,
+                transform=self.figure.transFigure,
+            )
+        )
         for power in (-self.range, 0.0, self.range) if self.range < 2 else np.arange(-self.range, self.range + 1):
             self._text(left + long * (power / self.range + 1) / 2, y - 0.09, _factor(float(power)), ha="center")
         self._text(left - 0.1, y + high / 2, "area shrinks", ha="right", color=self.inks[0])
@@ -553,10 +606,22 @@ WIDTH = 7.2
 """Inches of a figure: two columns of a journal."""
 
 
-def draw_grids(what: Step | Deformation | AbstractField, picture: Picture, *, lines: int = 12, overlay: str = "none",
-               magnify: float = 1.0, grid: Grid | VolumeLike | None = None, key: int = 0, landmarks: bool = True,
-               title: str | None = None, unit: str | None = None, style: str = "paper", width: float = WIDTH,
-               path: str | PathLike[str] | None = None) -> Figure:
+def draw_grids(
+    what: Step | Deformation | AbstractField,
+    picture: Picture,
+    *,
+    lines: int = 12,
+    overlay: str = "none",
+    magnify: float = 1.0,
+    grid: Grid | VolumeLike | None = None,
+    key: int = 0,
+    landmarks: bool = True,
+    title: str | None = None,
+    unit: str | None = None,
+    style: str = "paper",
+    width: float = WIDTH,
+    path: str | PathLike[str] | None = None,
+) -> Figure:
     """The picture on a regular grid, and the deformed picture on the deformed grid.
 
     Parameters

@@ -24,8 +24,9 @@ _FLAT = 0.02  # of the range per voxel: a slope below is noise
 _SEEN, _MARGIN = 0.02, 0.04  # what is cut out around the subject is empty, but for a margin
 
 
-def preset_thumbnails(volume: Volume, view: str = "+y", size: int = 112,
-                      names: Iterable[str] = tuple(PRESETS)) -> dict[str, NDArray[np.uint8]]:
+def preset_thumbnails(
+    volume: Volume, view: str = "+y", size: int = 112, names: Iterable[str] = tuple(PRESETS)
+) -> dict[str, NDArray[np.uint8]]:
     """Pictures of a volume in the colours of presets, by their names: all show the same part, that of the subject.
 
     Parameters
@@ -73,8 +74,10 @@ def _coarse_layers(volume: Volume, view: str, low: float, high: float) -> tuple[
     for axis, part in enumerate(parts):
         share = share.take(range(share.shape[axis] // part * part), axis)
         share = share.reshape(*share.shape[:axis], -1, part, *share.shape[axis + 1 :]).mean(axis=axis + 1)
-    dn, dv, du = (volume.grid.spacing[2 - axis] * stride * part
-                  for (axis, _), stride, part in zip(order, strides, parts, strict=True))
+    dn, dv, du = (
+        volume.grid.spacing[2 - axis] * stride * part
+        for (axis, _), stride, part in zip(order, strides, parts, strict=True)
+    )
     return share, (dn, dv, du)
 
 
@@ -89,8 +92,13 @@ def _light(share: NDArray[np.float32], steps: Float3) -> NDArray[np.float32]:
     return np.asarray(1 - sure * (1 - lit), np.float32)
 
 
-def _composite(codes: NDArray[np.uint8], light: NDArray[np.float32], function: TransferFunction,
-               values: NDArray[np.float64], thickness: float) -> NDArray[np.float32]:
+def _composite(
+    codes: NDArray[np.uint8],
+    light: NDArray[np.float32],
+    function: TransferFunction,
+    values: NDArray[np.float64],
+    thickness: float,
+) -> NDArray[np.float32]:
     """Front to back, over layers [depth, v, u] of levels: red, green, blue times opacity, and opacity."""
     table = function(values).astype(np.float32)
     alpha = (-np.expm1(thickness / function.unit * np.log1p(-np.minimum(table[:, 3], 0.9999))))[codes]
@@ -100,18 +108,21 @@ def _composite(codes: NDArray[np.uint8], light: NDArray[np.float32], function: T
     return np.stack([*colors, 1 - through[-1]], axis=-1)
 
 
-def _fitted(picture: NDArray[np.float32], seen: NDArray[np.bool_], steps: tuple[float, ...],
-            size: int) -> NDArray[np.uint8]:
+def _fitted(
+    picture: NDArray[np.float32], seen: NDArray[np.bool_], steps: tuple[float, ...], size: int
+) -> NDArray[np.uint8]:
     """The part that is seen, in the middle of a square."""
     from PIL import Image
 
-    rows, columns = (np.flatnonzero(seen.any(axis=axis)) if seen.any() else np.arange(seen.shape[1 - axis])
-                     for axis in (1, 0))
+    rows, columns = (
+        np.flatnonzero(seen.any(axis=axis)) if seen.any() else np.arange(seen.shape[1 - axis]) for axis in (1, 0)
+    )
     part = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     lengths = np.array(part.shape[:2]) * steps
     height, width = np.maximum(1, np.round(lengths / lengths.max() * size * (1 - 2 * _MARGIN))).astype(int)
-    planes = [np.asarray(Image.fromarray(part[..., c]).resize((width, height), Image.Resampling.BICUBIC))
-              for c in range(4)]
+    planes = [
+        np.asarray(Image.fromarray(part[..., c]).resize((width, height), Image.Resampling.BICUBIC)) for c in range(4)
+    ]
     large = np.clip(np.stack(planes, axis=-1), 0, 1)
     large[..., :3] = np.minimum(1, large[..., :3] / np.maximum(large[..., 3:], 1e-6))
     canvas = np.zeros((size, size, 4), np.uint8)

@@ -43,8 +43,9 @@ def gl_status() -> tuple[bool, str, str]:
     for name in _WINDOWS:
         environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": name}
         try:
-            run = subprocess.run([sys.executable, "-c", _PROBE], env=environment, capture_output=True, timeout=60,
-                                 check=False, text=True)
+            run = subprocess.run(
+                [sys.executable, "-c", _PROBE], env=environment, capture_output=True, timeout=60, check=False, text=True
+            )
         except (OSError, subprocess.TimeoutExpired):
             continue
         if run.returncode == 0:
@@ -108,9 +109,17 @@ class VolumeWindow:
         """
         self.unload()
         # The transfer function and its unit replace these choices, but pyvista makes them in any case.
-        self.actor = self.plotter.add_volume(image, mapper="gpu", shade=True, show_scalar_bar=False, cmap="gray",
-                                             opacity="linear", opacity_unit_distance=1.0, reset_camera=False,
-                                             render=False)
+        self.actor = self.plotter.add_volume(
+            image,
+            mapper="gpu",
+            shade=True,
+            show_scalar_bar=False,
+            cmap="gray",
+            opacity="linear",
+            opacity_unit_distance=1.0,
+            reset_camera=False,
+            render=False,
+        )
         self.actor.user_matrix = placement(grid)
         self.actor.mapper.SetAutoAdjustSampleDistances(False)
         self._grid, self._range = grid, None
@@ -121,8 +130,7 @@ class VolumeWindow:
             self.plotter.remove_actor(self.actor, render=False)
             self.actor = None
 
-    def set_transfer(self, transfer: TransferFunction, values: tuple[float, float],
-                     projection: str = "shaded") -> None:
+    def set_transfer(self, transfer: TransferFunction, values: tuple[float, float], projection: str = "shaded") -> None:
         """Set colours and opacities.
 
         Parameters
@@ -147,9 +155,17 @@ class VolumeWindow:
         for plane in planes:
             self.actor.mapper.AddClippingPlane(plane)
 
-    def draw(self, camera: Camera, size: tuple[int, int], sample_distance: float, *, bands: int = 1,
-             before: Callable[[int], None] | None = None, interrupted: Callable[[], bool] | None = None,
-             progress: Callable[[float], None] | None = None) -> Image | None:
+    def draw(
+        self,
+        camera: Camera,
+        size: tuple[int, int],
+        sample_distance: float,
+        *,
+        bands: int = 1,
+        before: Callable[[int], None] | None = None,
+        interrupted: Callable[[], bool] | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Image | None:
         """The picture, (height, width, 3) uint8.
 
         Parameters
@@ -203,8 +219,11 @@ class VolumeWindow:
         """Check whether something lies on the picture instead of in space: it would be drawn once in every part."""
         if self.plotter.render_window.GetRenderers().GetNumberOfItems() > self._renderers:
             return True  # the corner with axes has one of its own
-        return any(not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
-                   for renderer in self.plotter.renderers for prop in renderer.GetViewProps())
+        return any(
+            not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
+            for renderer in self.plotter.renderers
+            for prop in renderer.GetViewProps()
+        )
 
     def close(self) -> None:
         """Give back the window and all that is on the GPU."""

@@ -64,19 +64,28 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     if isinstance(given, Channels):
         if KINDS[given.kind]:
             return [(given.values, _attributes(given.grid, given.name, to) | {"rgb": True}, "image")]
-        return [(volume.values, _attributes(volume.grid, volume.name, to) | {
-            "colormap": np.array([[0, 0, 0, 1], [*colour, 1]], dtype=np.float32), "blending": "additive"}, "image")
-                for volume, colour in zip(given.volumes, given.colours, strict=True)]
+        return [
+            (
+                volume.values,
+                _attributes(volume.grid, volume.name, to)
+                | {"colormap": np.array([[0, 0, 0, 1], [*colour, 1]], dtype=np.float32), "blending": "additive"},
+                "image",
+            )
+            for volume, colour in zip(given.volumes, given.colours, strict=True)
+        ]
     if isinstance(given, Landmarks):
         given = given.in_unit(to)
         return [_points(given.points, given.names, "landmarks", given.unit or to)]
     if isinstance(given, ControlPoints):
         given = given.in_unit(to)
-        return [_points(places, given.names, name, given.unit or to)
-                for name, places in (("sources", given.source), ("targets", given.target))]
+        return [
+            _points(places, given.names, name, given.unit or to)
+            for name, places in (("sources", given.source), ("targets", given.target))
+        ]
     if isinstance(given, list | tuple) and not is_layer(given):
-        raise DeformError("layers are made of a Volume, Channels, Landmarks or ControlPoints, got "
-                          f"{shown_value(given)}.")
+        raise DeformError(
+            f"layers are made of a Volume, Channels, Landmarks or ControlPoints, got {shown_value(given)}."
+        )
     return to_napari(converted(given), unit=unit)
 
 
@@ -128,8 +137,11 @@ def _attributes(grid: Grid, name: str, unit: str) -> dict[str, Any]:
 def _points(points: NDArray[np.float64], names: tuple[str, ...], name: str, unit: str) -> LayerData:
     dims = points.shape[1]
     units = {"units": (unit,) * dims} if unit else {}
-    return points[:, ::-1].copy(), {"name": name, "features": {"name": list(names)}, **units,
-                                    "axis_labels": _AXES[3 - dims:]}, "points"
+    return (
+        points[:, ::-1].copy(),
+        {"name": name, "features": {"name": list(names)}, **units, "axis_labels": _AXES[3 - dims :]},
+        "points",
+    )
 
 
 def _landmarks(data: Any, attributes: dict[str, Any]) -> Landmarks:

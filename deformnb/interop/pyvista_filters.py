@@ -14,8 +14,13 @@ from deformnb.warping.points import Landmarks, warp_points
 from deformnb.warping.warper import deformed
 
 
-def warp_pyvista(data: Any, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None, *,
-                 progress: Progress | None = None) -> Any:
+def warp_pyvista(
+    data: Any,
+    field: AbstractField | HasField,
+    grid: Grid | VolumeLike | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Any:
     """A pyvista data set deformed: an ImageData on its own points, any data set with points of its own moved.
 
     Parameters
@@ -56,8 +61,10 @@ def warp_pyvista(data: Any, field: AbstractField | HasField, grid: Grid | Volume
     if isinstance(data, pyvista.ImageData):
         return _image(data, field, progress)
     if not isinstance(data, pyvista.DataSet) or isinstance(data, pyvista.RectilinearGrid):
-        raise DeformError(f"a {type(data).__name__} has no points that could move; cast it: "
-                          "data.cast_to_structured_grid(), or deform the data sets of a MultiBlock one by one.")
+        raise DeformError(
+            f"a {type(data).__name__} has no points that could move; cast it: "
+            "data.cast_to_structured_grid(), or deform the data sets of a MultiBlock one by one."
+        )
     moved = data.copy()
     places = np.asarray(data.points, dtype=np.float64)
     # As landmarks in the millimetres that VTK's lengths are taken to be.
@@ -86,8 +93,9 @@ def _image(image: Any, field: AbstractField | HasField, progress: Progress | Non
     made = results[0].to_pyvista()
     made.clear_data()
     for name in names:
-        columns = [result.values.reshape(-1)
-                   for (owner, _), result in zip(parts, results, strict=True) if owner == name]
+        columns = [
+            result.values.reshape(-1) for (owner, _), result in zip(parts, results, strict=True) if owner == name
+        ]
         made.point_data[name] = columns[0] if image.point_data[name].ndim == 1 else np.stack(columns, axis=1)
     made.point_data.active_scalars_name = image.point_data.active_scalars_name
     return made

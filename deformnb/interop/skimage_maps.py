@@ -18,8 +18,9 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 
-def skimage_map(field: AbstractField | HasField,
-                lattice: Grid | Raster | VolumeLike) -> Callable[[ArrayLike], NDArray[np.float64]]:
+def skimage_map(
+    field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike
+) -> Callable[[ArrayLike], NDArray[np.float64]]:
     """The ``inverse_map`` of ``skimage.transform.warp`` for a picture.
 
     Parameters
@@ -51,12 +52,13 @@ def skimage_map(field: AbstractField | HasField,
     if isinstance(lattice, Raster):
         on_plane = _of_dimension(as_field(field), 2)
         spacing, origin = np.asarray(lattice.spacing), np.asarray(lattice.origin)
-        return lambda places: _pixels(places) + on_plane.displacement(
-            _pixels(places) * spacing + origin) / spacing
+        return lambda places: _pixels(places) + on_plane.displacement(_pixels(places) * spacing + origin) / spacing
     grid = as_grid(lattice)
     if grid.shape[0] != 1:
-        raise DeformError(f"a callable map is for pictures, and this volume has {grid.shape[0]} slices; "
-                          "skimage_coordinates(field, volume) makes an array of coordinates for it.")
+        raise DeformError(
+            f"a callable map is for pictures, and this volume has {grid.shape[0]} slices; "
+            "skimage_coordinates(field, volume) makes an array of coordinates for it."
+        )
     in_space = _of_dimension(as_field(field, grid), 3)
 
     def look_up(places: ArrayLike) -> NDArray[np.float64]:
@@ -105,12 +107,16 @@ def skimage_coordinates(field: AbstractField | HasField, lattice: Grid | Raster 
 
 def _of_dimension(field: AbstractField, dim: int) -> AbstractField:
     if field.dim != dim:
-        raise DeformError(f"this needs a field {'over a plane' if dim == 2 else 'in space'}, and the one given is "
-                          f"{'over a plane' if field.dim == 2 else 'in space'}; a Raster goes with the first, a volume "
-                          "with the second.")
+        raise DeformError(
+            f"this needs a field {'over a plane' if dim == 2 else 'in space'}, and the one given is "
+            f"{'over a plane' if field.dim == 2 else 'in space'}; a Raster goes with the first, a volume "
+            "with the second."
+        )
     if field.has_cuts:
-        raise DeformError("this deformation has cuts, which hide tissue, and a map alone cannot say what is hidden; "
-                          "dn.warp applies it.")
+        raise DeformError(
+            "this deformation has cuts, which hide tissue, and a map alone cannot say what is hidden; "
+            "dn.warp applies it."
+        )
     return field
 
 

@@ -186,8 +186,9 @@ def writing_held_by(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterat
         _last_doubts.reset(token)
 
 
-def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0,
-                 folder_marks: Sequence[str] = ()) -> Path:
+def check_target(
+    path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0, folder_marks: Sequence[str] = ()
+) -> Path:
     """The real path to write to, checked before any work: folder, permissions, free space.
 
     Parameters
@@ -208,7 +209,8 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
         exists = target.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, a loop of links
         raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({shown(error)}).") from (
-            error)
+            error
+        )
     folder = target.parent
     if not folder.is_dir():
         raise fail(target, f"cannot be written: there is no folder {shown(folder)}. Create it first.")
@@ -233,8 +235,13 @@ def check_target(path: str | os.PathLike[str], *, overwrite: bool = True, needed
 
 
 @contextmanager
-def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed: int = 0,
-                 replacing: Callable[[Path], AbstractContextManager[Any]] = nullcontext) -> Iterator[BinaryIO]:
+def atomic_write(
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = True,
+    needed: int = 0,
+    replacing: Callable[[Path], AbstractContextManager[Any]] = nullcontext,
+) -> Iterator[BinaryIO]:
     """A binary file that takes the place of ``path`` at the end of the block, whole, or not at all.
 
     It is written next to its target, so that the final rename stays on one disk, and flushed to the disk before: after
@@ -292,8 +299,9 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = True, needed
 
 
 @contextmanager
-def atomic_folder(path: str | os.PathLike[str], *, overwrite: bool = True,
-                  folder_marks: Sequence[str]) -> Iterator[Path]:
+def atomic_folder(
+    path: str | os.PathLike[str], *, overwrite: bool = True, folder_marks: Sequence[str]
+) -> Iterator[Path]:
     """A new folder that takes the place of ``path`` at the end of the block, whole, or not at all.
 
     As :func:`atomic_write`. Where an older folder is replaced, the two are renamed one after the other.
@@ -477,10 +485,14 @@ class KnownFiles:
         with suppress(OSError):  # what cannot be read may hold anything
             if known is not None and _digest(place) == known:
                 return
-        what = ("was there before, and was neither opened nor saved here" if known is None else
-                "has been changed by someone else since it was opened or saved here")
-        raise FileChangedError(f"{shown(Path(path).name)} {what}. Save under another name, or with overwrite=True to "
-                               "replace it.")
+        what = (
+            "was there before, and was neither opened nor saved here"
+            if known is None
+            else "has been changed by someone else since it was opened or saved here"
+        )
+        raise FileChangedError(
+            f"{shown(Path(path).name)} {what}. Save under another name, or with overwrite=True to replace it."
+        )
 
     @contextmanager
     def writing(self, path: str | PathLike[str], *, overwrite: bool = False) -> Iterator[None]:

@@ -109,7 +109,7 @@ def _jpeg_size(data: bytes) -> tuple[int, int, int]:
 def _jpeg2000_size(data: bytes) -> tuple[int, int, int]:
     """Rows, columns and components of a JPEG 2000 picture, of the first segment of its codestream."""
     at = 0
-    while data[at:at + 2] != b"\xff\x4f":  # in the boxes of a JP2 file
+    while data[at : at + 2] != b"\xff\x4f":  # in the boxes of a JP2 file
         length, kind = struct.unpack_from(">I4s", data, at)
         head = 16 if length == 1 else 8
         if length == 1:
@@ -122,12 +122,16 @@ def _jpeg2000_size(data: bytes) -> tuple[int, int, int]:
 
 
 _SIZES: dict[str, Callable[[bytes], tuple[int, int, int]]] = {
-    "jpeg8": _jpeg_size, "jpegls": _jpeg_size, "jpeg2k": _jpeg2000_size,
-    "htj2k": _jpeg2000_size}
+    "jpeg8": _jpeg_size,
+    "jpegls": _jpeg_size,
+    "jpeg2k": _jpeg2000_size,
+    "htj2k": _jpeg2000_size,
+}
 
 
-def unpack_picture(name: str, data: bytes, shape: tuple[int, ...], dtype: np.dtype[Any],
-                   **options: Any) -> NDArray[Any]:
+def unpack_picture(
+    name: str, data: bytes, shape: tuple[int, ...], dtype: np.dtype[Any], **options: Any
+) -> NDArray[Any]:
     """A coded picture of a known shape and type.
 
     Parameters

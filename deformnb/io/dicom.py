@@ -30,19 +30,51 @@ from deformnb.volume.volume import Matrix3
 SUFFIXES = (".dcm", ".dicom", ".ima")
 
 _TAGS = [
-    "SOPClassUID", "SOPInstanceUID", "SeriesInstanceUID", "SeriesNumber", "SeriesDescription", "Rows", "Columns",
-    "SamplesPerPixel", "PhotometricInterpretation", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation",
-    "NumberOfFrames", "PixelSpacing", "ImageOrientationPatient", "ImagePositionPatient", "RescaleSlope",
-    "RescaleIntercept", "SliceThickness", "SpacingBetweenSlices", "ImagerPixelSpacing", "FrameIncrementPointer",
-    "GridFrameOffsetVector", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence",
+    "SOPClassUID",
+    "SOPInstanceUID",
+    "SeriesInstanceUID",
+    "SeriesNumber",
+    "SeriesDescription",
+    "Rows",
+    "Columns",
+    "SamplesPerPixel",
+    "PhotometricInterpretation",
+    "BitsAllocated",
+    "BitsStored",
+    "HighBit",
+    "PixelRepresentation",
+    "NumberOfFrames",
+    "PixelSpacing",
+    "ImageOrientationPatient",
+    "ImagePositionPatient",
+    "RescaleSlope",
+    "RescaleIntercept",
+    "SliceThickness",
+    "SpacingBetweenSlices",
+    "ImagerPixelSpacing",
+    "FrameIncrementPointer",
+    "GridFrameOffsetVector",
+    "SharedFunctionalGroupsSequence",
+    "PerFrameFunctionalGroupsSequence",
 ]
 
 UNEVEN = ("refuse", "resample")
 """What is done where slices are missing, unevenly spaced or shifted against each other by a tilted gantry."""
 
 # Transfer syntaxes whose pixels are pictures, by the end of their UID 1.2.840.10008.1.2.4, and their codecs.
-_PICTURES = {"50": "jpeg8", "51": "jpeg8", "57": "jpeg8", "70": "jpeg8", "80": "jpegls", "81": "jpegls",
-             "90": "jpeg2k", "91": "jpeg2k", "201": "htj2k", "202": "htj2k", "203": "htj2k"}
+_PICTURES = {
+    "50": "jpeg8",
+    "51": "jpeg8",
+    "57": "jpeg8",
+    "70": "jpeg8",
+    "80": "jpegls",
+    "81": "jpegls",
+    "90": "jpeg2k",
+    "91": "jpeg2k",
+    "201": "htj2k",
+    "202": "htj2k",
+    "203": "htj2k",
+}
 _PICTURE_UID = "1.2.840.10008.1.2.4."
 
 # A file without the mark begins with a field of the groups 2 or 8, whose first ones are these.
@@ -96,8 +128,11 @@ class _Slice:
         return np.cross(self.cosines[:3], self.cosines[3:])
 
     def alike(self, other: _Slice) -> bool:
-        return (self.shape == other.shape and np.allclose(self.cosines, other.cosines, rtol=0, atol=_COSINES)
-                and np.allclose(self.pixel, other.pixel, rtol=1e-3))
+        return (
+            self.shape == other.shape
+            and np.allclose(self.cosines, other.cosines, rtol=0, atol=_COSINES)
+            and np.allclose(self.pixel, other.pixel, rtol=1e-3)
+        )
 
 
 def _pydicom() -> Any:
@@ -173,12 +208,14 @@ def _read(path: Path, *, pixels: bool) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # odd values are checked here, one by one
-            data = pydicom.dcmread(path, force=True, **({} if pixels else {
-                "stop_before_pixels": True, "specific_tags": _TAGS}))
+            data = pydicom.dcmread(
+                path, force=True, **({} if pixels else {"stop_before_pixels": True, "specific_tags": _TAGS})
+            )
             if "TransferSyntaxUID" not in data.file_meta:  # of a file without the mark: as pydicom found its fields
                 uid = pydicom.uid
                 data.file_meta.TransferSyntaxUID = (
-                    uid.ImplicitVRLittleEndian if data.original_encoding[0] else uid.ExplicitVRLittleEndian)
+                    uid.ImplicitVRLittleEndian if data.original_encoding[0] else uid.ExplicitVRLittleEndian
+                )
             return data
     except Exception as error:  # pydicom raises some dozen types on damaged files
         why = shown(error) or type(error).__name__
@@ -232,21 +269,34 @@ def _slice(path: Path, data: Any) -> _Slice:
     row_step, column_step = _numbers(path, data, spacing, 2)  # between rows first: along y, then along x
     thickness = _number(path, data, "SpacingBetweenSlices", 0) or _number(path, data, "SliceThickness", 0)
     return _Slice(
-        path, str(data.get("SOPInstanceUID", "")), str(data.get("SeriesInstanceUID", "")),
-        str(data.get("SeriesNumber", "") or ""), str(data.get("SeriesDescription", "") or ""), shape,
-        (float(column_step), float(row_step)), _numbers(path, data, "ImageOrientationPatient", 6),
+        path,
+        str(data.get("SOPInstanceUID", "")),
+        str(data.get("SeriesInstanceUID", "")),
+        str(data.get("SeriesNumber", "") or ""),
+        str(data.get("SeriesDescription", "") or ""),
+        shape,
+        (float(column_step), float(row_step)),
+        _numbers(path, data, "ImageOrientationPatient", 6),
         _numbers(path, data, "ImagePositionPatient", 3),
         np.dtype(f"{'i' if _number(path, data, 'PixelRepresentation', 0) else 'u'}{bits // 8}"),
-        (_number(path, data, "RescaleSlope", 1), _number(path, data, "RescaleIntercept", 0)), abs(thickness),
-        photometric == "MONOCHROME1", stored, on_detector=spacing != "PixelSpacing",
+        (_number(path, data, "RescaleSlope", 1), _number(path, data, "RescaleIntercept", 0)),
+        abs(thickness),
+        photometric == "MONOCHROME1",
+        stored,
+        on_detector=spacing != "PixelSpacing",
     )
 
 
 # The fields of a frame and the functional group that holds each, of its own or shared by all.
-_GROUPS = {"ImagePositionPatient": "PlanePositionSequence", "ImageOrientationPatient": "PlaneOrientationSequence",
-           "PixelSpacing": "PixelMeasuresSequence", "SliceThickness": "PixelMeasuresSequence",
-           "SpacingBetweenSlices": "PixelMeasuresSequence", "RescaleSlope": "PixelValueTransformationSequence",
-           "RescaleIntercept": "PixelValueTransformationSequence"}
+_GROUPS = {
+    "ImagePositionPatient": "PlanePositionSequence",
+    "ImageOrientationPatient": "PlaneOrientationSequence",
+    "PixelSpacing": "PixelMeasuresSequence",
+    "SliceThickness": "PixelMeasuresSequence",
+    "SpacingBetweenSlices": "PixelMeasuresSequence",
+    "RescaleSlope": "PixelValueTransformationSequence",
+    "RescaleIntercept": "PixelValueTransformationSequence",
+}
 
 
 class _Frame:
@@ -287,8 +337,17 @@ def _frames(path: Path, data: Any, count: int) -> list[_Slice]:
         places = first.thickness * np.arange(count, dtype=np.float64)
     else:
         raise fail(path, f"its {count} frames have no places and no distance, so they are no slices of a volume.")
-    return [replace(first, uid="", position=first.position + place * first.normal, frames=count, frame=k,
-                    is_assumed=offsets is None) for k, place in enumerate(places)]
+    return [
+        replace(
+            first,
+            uid="",
+            position=first.position + place * first.normal,
+            frames=count,
+            frame=k,
+            is_assumed=offsets is None,
+        )
+        for k, place in enumerate(places)
+    ]
 
 
 def _groups(path: Path, slices: list[_Slice]) -> dict[str, list[_Slice]]:
@@ -321,8 +380,11 @@ def _select(path: Path, groups: dict[str, list[_Slice]], series: str | int | Non
     matches = matches or [part for part in groups.values() if chosen == part[0].description and chosen]
     if series is not None and len(matches) == 1:
         return matches[0]
-    kinds = "; ".join(f"series={shown(label)!r}: {len(part)} slices of {part[0].shape[1]} x {part[0].shape[0]}, "
-                      f"'{shown(part[0].description, 40)}'" for label, part in list(groups.items())[:20])
+    kinds = "; ".join(
+        f"series={shown(label)!r}: {len(part)} slices of {part[0].shape[1]} x {part[0].shape[0]}, "
+        f"'{shown(part[0].description, 40)}'"
+        for label, part in list(groups.items())[:20]
+    )
     why = "it holds several series or geometries" if series is None else f"there is no one series {shown(chosen)!r}"
     raise fail(path, f"{why}; choose one: {kinds}.")
 
@@ -336,8 +398,11 @@ def _unique(path: Path, slices: list[_Slice]) -> tuple[list[_Slice], tuple[str, 
         if float((one.position - kept[-1].position) @ normal) > 1e-4:  # positions are printed to 0.001 mm at best
             kept.append(one)
         elif not one.uid or one.uid != kept[-1].uid:
-            raise fail(path, f"{_called(kept[-1])} and {_called(one)} lie at the same place ({_place(one)}): several "
-                             "times, echoes or reconstructions are mixed. Keep one of them.")
+            raise fail(
+                path,
+                f"{_called(kept[-1])} and {_called(one)} lie at the same place ({_place(one)}): several "
+                "times, echoes or reconstructions are mixed. Keep one of them.",
+            )
     dropped = len(slices) - len(kept)
     return kept, (f"{dropped} files that repeat another were left out",) if dropped else ()
 
@@ -370,8 +435,18 @@ def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], une
     def blocks() -> Iterator[NDArray[Any]]:
         return _resampled(slices, dtype, depths, step, count) if why else _blocks(slices, dtype)
 
-    return Header(path, shape, dtype, blocks, spacing, triple(first.position.tolist()), rows, notes=notes, unit="mm",
-                  working_bytes=max(2 * one.path.stat().st_size for one in slices) if first.frames > 1 else 0)
+    return Header(
+        path,
+        shape,
+        dtype,
+        blocks,
+        spacing,
+        triple(first.position.tolist()),
+        rows,
+        notes=notes,
+        unit="mm",
+        working_bytes=max(2 * one.path.stat().st_size for one in slices) if first.frames > 1 else 0,
+    )
 
 
 def _remarks(slices: list[_Slice]) -> tuple[str, ...]:
@@ -404,27 +479,43 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
     if uneven.size:
         index = int(uneven[0])
         missing = f", {round(gaps[index] / middle) - 1} missing" if gaps[index] > 1.5 * middle else ""
-        return float(depths[-1] / max(1, round(depths[-1] / middle))), depths, (
-            f"its slices are unevenly spaced: {uneven.size} of {gaps.size} gaps differ from {middle:g}; the first, "
-            f"after {_called(slices[index])}, is {gaps[index]:g}{missing}. Add the missing files or take out the extra "
-            "ones.")
+        return (
+            float(depths[-1] / max(1, round(depths[-1] / middle))),
+            depths,
+            (
+                f"its slices are unevenly spaced: {uneven.size} of {gaps.size} gaps differ from {middle:g}; the first, "
+                f"after {_called(slices[index])}, is {gaps[index]:g}{missing}. Add the missing files or "
+                "take out the extra ones."
+            ),
+        )
     line = positions[-1] - positions[0]
     lean = float(np.linalg.norm(line - (line @ normal) * normal) / depths[-1])
     step = float(depths[-1] / gaps.size)
     if lean > _TILT:
-        return step, depths, (
-            f"its slices lean by {np.degrees(np.arctan(lean)):.1f} degrees (tilted gantry): its voxels form no "
-            "straight grid. Resample it first, for example with dcm2niix.")
+        return (
+            step,
+            depths,
+            (
+                f"its slices lean by {np.degrees(np.arctan(lean)):.1f} degrees (tilted gantry): its voxels form no "
+                "straight grid. Resample it first, for example with dcm2niix."
+            ),
+        )
     aside = np.linalg.norm(positions - positions[0] - np.outer(depths / depths[-1], line), axis=1)
     if aside.max() > max(_ASIDE, _UNEVEN * max(slices[0].pixel)):
-        return step, depths, (
-            f"its slices lie on no straight line: {_called(slices[int(aside.argmax())])} is {aside.max():g} beside "
-            "that of the first and the last.")
+        return (
+            step,
+            depths,
+            (
+                f"its slices lie on no straight line: {_called(slices[int(aside.argmax())])} is {aside.max():g} beside "
+                "that of the first and the last."
+            ),
+        )
     return step, depths, ""
 
 
-def _resampled(slices: list[_Slice], dtype: np.dtype[Any], depths: NDArray[np.float64], step: float,
-               count: int) -> Iterator[NDArray[Any]]:
+def _resampled(
+    slices: list[_Slice], dtype: np.dtype[Any], depths: NDArray[np.float64], step: float, count: int
+) -> Iterator[NDArray[Any]]:
     """Slices of a straight, even grid: between two neighbours linearly in depth, and within each plane by its shift."""
     planes = _straightened(slices, dtype, depths)
     below, above, at = next(planes), next(planes, None), 0
@@ -466,8 +557,11 @@ def _result_type(slices: list[_Slice]) -> np.dtype[Any]:
     if any(value != int(value) for one in slices for value in one.scaling):
         return np.dtype(np.float32) if stored.itemsize < 4 else np.dtype(np.float64)
     limits = np.iinfo(stored)
-    ends = [slope * end + intercept for slope, intercept in (one.scaling for one in slices)
-            for end in (limits.min, limits.max)]
+    ends = [
+        slope * end + intercept
+        for slope, intercept in (one.scaling for one in slices)
+        for end in (limits.min, limits.max)
+    ]
     for name in ("int16", "int32"):
         if np.iinfo(name).min <= min(ends) and max(ends) <= np.iinfo(name).max:
             return np.dtype(name)
@@ -484,7 +578,7 @@ def _blocks(slices: list[_Slice], dtype: np.dtype[Any]) -> Iterator[NDArray[Any]
             raise fail(one.path, f"its pixels should be {one.shape} but are {pixels.shape} of {pixels.dtype}.")
         slope, intercept = one.scaling
         if (slope, intercept) != (1.0, 0.0):
-            pixels = (pixels.astype(np.float64) * slope + intercept)
+            pixels = pixels.astype(np.float64) * slope + intercept
         yield pixels.astype(dtype, copy=False)[None]
 
 
@@ -498,11 +592,13 @@ def _pixels(one: _Slice) -> Callable[[int], NDArray[Any]]:
     except Exception as error:  # as above: anything may be missing
         raise fail(one.path, f"it has no pixels, or does not state how they are packed ({shown(error)}).") from error
     if not compressed and present not in (expected, expected + expected % 2):  # an odd length is padded to even
-        raise fail(one.path, f"the header needs {expected} bytes of pixels but the file has {present}: it is cut "
-                             "short or damaged.")
+        raise fail(
+            one.path,
+            f"the header needs {expected} bytes of pixels but the file has {present}: it is cut short or damaged.",
+        )
     with _unpacking(one, syntax):
-        if syntax.startswith(_PICTURE_UID) and syntax[len(_PICTURE_UID):] in _PICTURES:
-            return _pictures(one, data, _PICTURES[syntax[len(_PICTURE_UID):]])
+        if syntax.startswith(_PICTURE_UID) and syntax[len(_PICTURE_UID) :] in _PICTURES:
+            return _pictures(one, data, _PICTURES[syntax[len(_PICTURE_UID) :]])
         whole = None if compressed else np.asarray(data.pixel_array).reshape(one.frames, *one.shape)
 
     def frame(number: int) -> NDArray[Any]:

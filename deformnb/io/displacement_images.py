@@ -34,8 +34,13 @@ _NOTE = 79  # characters of the description in a NIfTI header
 
 
 _READERS: dict[str, Callable[[Path], Header]] = {
-    ".nrrd": nrrd.read_header, ".nhdr": nrrd.read_header, ".mha": metaimage.read_header, ".mhd": metaimage.read_header,
-    ".nii": nifti.read_header, ".gz": nifti.read_header}
+    ".nrrd": nrrd.read_header,
+    ".nhdr": nrrd.read_header,
+    ".mha": metaimage.read_header,
+    ".mhd": metaimage.read_header,
+    ".nii": nifti.read_header,
+    ".gz": nifti.read_header,
+}
 """Readers of headers by the last suffix of a file."""
 
 
@@ -54,13 +59,15 @@ def read_displacement_image(path: Path) -> DisplacementField:
     header = read(path)
     layout = header.layout
     if layout.frames != 1 or layout.channels != _COMPONENTS or layout.kind != "channels" or header.transposed:
-        raise fail(path, "a displacement field has three axes and three components, and this image holds "
-                         f"{layout}.")
+        raise fail(path, f"a displacement field has three axes and three components, and this image holds {layout}.")
     grid, _ = header.grid()
     need = grid.size * _COMPONENTS * 8
     if need > available_memory() // 2:
-        raise fail(path, f"its {' x '.join(map(str, grid.shape[::-1]))} vectors take {human_bytes(need)}, more than "
-                         "half of the memory that is free.")
+        raise fail(
+            path,
+            f"its {' x '.join(map(str, grid.shape[::-1]))} vectors take {human_bytes(need)}, more than "
+            "half of the memory that is free.",
+        )
     values = _vectors(header)
     if path.suffix.lower() in (".nii", ".gz") and nifti.has_ras_vectors(path):
         values[..., :2] *= -1
@@ -74,8 +81,9 @@ def checked_displacements(path: Path, values: NDArray[Any], grid: Grid) -> Displ
     if not math.isfinite(longest):
         raise fail(path, "it holds displacements that are not finite.")
     if longest > LARGEST_COORDINATE:
-        raise fail(path, f"it holds a displacement of {longest:g}, and places are below {LARGEST_COORDINATE:g}; it is "
-                         "damaged.")
+        raise fail(
+            path, f"it holds a displacement of {longest:g}, and places are below {LARGEST_COORDINATE:g}; it is damaged."
+        )
     return DisplacementField(values, grid)
 
 
@@ -88,7 +96,7 @@ def _vectors(header: Header) -> NDArray[Any]:
         for block in blocks:
             part = header.scaled(block)
             if header.layout.interleaved:
-                out[done:done + len(part)] = part
+                out[done : done + len(part)] = part
             else:
                 for k, one in enumerate(part, done):
                     out[k % nz, :, :, k // nz] = one
@@ -107,8 +115,9 @@ def read_displacements(path: Path, _grid: Grid | None) -> AbstractField:
     return read_displacement_image(path)
 
 
-def write_displacements(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,
-                        _progress: Progress | None) -> None:
+def write_displacements(
+    field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool, _progress: Progress | None
+) -> None:
     """Write the displacements at the voxels of a grid, float32; the remark is in the header (of NIfTI its start)."""
     sitk = optional_package("SimpleITK")
     if path.suffix.lower() in (".nhdr", ".mhd"):
@@ -120,8 +129,14 @@ def write_displacements(field: AbstractField, path: Path, grid: Grid, remark: st
     write_by_name(path, lambda file: sitk.WriteImage(image, file, True), overwrite=overwrite)
 
 
-def write_by_name(path: Path, write: Callable[[str], None], *, overwrite: bool,
-                  head: Callable[[bytes], bytes] | None = None, longest: int | None = None) -> None:
+def write_by_name(
+    path: Path,
+    write: Callable[[str], None],
+    *,
+    overwrite: bool,
+    head: Callable[[bytes], bytes] | None = None,
+    longest: int | None = None,
+) -> None:
     """Write by a program that takes the name of a file, and take its place as a whole.
 
     Parameters
@@ -138,8 +153,10 @@ def write_by_name(path: Path, write: Callable[[str], None], *, overwrite: bool,
             raise fail(path, f"ITK cannot write it ({reason(error)}).") from None
         size = made.stat().st_size
         if longest is not None and size > longest:
-            raise fail(path, f"a text of {human_bytes(size)} is too long for a transform; write it as .h5, or on a "
-                             "coarser grid.")
+            raise fail(
+                path,
+                f"a text of {human_bytes(size)} is too long for a transform; write it as .h5, or on a coarser grid.",
+            )
         with atomic_write(path, overwrite=overwrite) as stream, made.open("rb") as source:
             if head is not None:
                 stream.write(head(source.read(_HEAD)))

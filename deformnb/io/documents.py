@@ -63,8 +63,9 @@ def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
         raise DeformError(f"{shown(file.name)}: {error}") from None
 
 
-def write_deformation(deformation: Deformation, path: str | PathLike[str], *, known: KnownFiles | None = None,
-                      overwrite: bool = True) -> None:
+def write_deformation(
+    deformation: Deformation, path: str | PathLike[str], *, known: KnownFiles | None = None, overwrite: bool = True
+) -> None:
     """Write a deformation to a file, whole or not at all.
 
     Parameters
@@ -91,8 +92,10 @@ def write_deformation(deformation: Deformation, path: str | PathLike[str], *, kn
     name it drag.json (write_transform(deformation, path, volume) writes a transform of ITK).
     """
     if not isinstance(deformation, Deformation):
-        raise DeformError(f"a Deformation is needed to be written, got {shown_value(deformation)}; a field is written "
-                          "by write_transform(field, path, grid).")
+        raise DeformError(
+            f"a Deformation is needed to be written, got {shown_value(deformation)}; a field is written "
+            "by write_transform(field, path, grid)."
+        )
     check_json_target(path, "a deformation")
     data = to_json(deformation).encode("utf-8")
     files = _HERE if known is None else known
@@ -119,13 +122,17 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     if place.suffix.lower() in ("", ".json") and suffix not in _OTHER_JSON:
         return
     ending = suffix if suffix in _OTHER_JSON or suffix == ".nii.gz" else place.suffix
-    stem = name[:len(name) - len(ending)].removesuffix(".json")
-    volume = (" (write_volume(deformation.apply(volume), path) writes the deformed volume)"
-              if any(name.lower().endswith(row.suffixes) for row in FORMATS.values()) else "")
+    stem = name[: len(name) - len(ending)].removesuffix(".json")
+    volume = (
+        " (write_volume(deformation.apply(volume), path) writes the deformed volume)"
+        if any(name.lower().endswith(row.suffixes) for row in FORMATS.values())
+        else ""
+    )
     if place.suffix.lower() in (".tfm", ".h5", ".zarr"):
         volume = " (write_transform(deformation, path, volume) writes a transform of ITK)"
-    raise fail(place, f"{what} is written as JSON, and {ending} is another kind of file; "
-                      f"name it {shown(stem)}.json{volume}.")
+    raise fail(
+        place, f"{what} is written as JSON, and {ending} is another kind of file; name it {shown(stem)}.json{volume}."
+    )
 
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:
@@ -136,8 +143,9 @@ def describe_document(path: str | PathLike[str]) -> dict[str, str]:
         v = deformation.volume
         voxels = " x ".join(str(n) for n in v.shape[::-1])
         spacing = " x ".join(f"{s:.6g}" for s in v.spacing)
-        rows["made on"] = (f"{shown(v.name) or '(unnamed)'}, {voxels} voxels (x, y, z) of {spacing}, "
-                           f"sha256 {v.sha256[:12]}...")
+        rows["made on"] = (
+            f"{shown(v.name) or '(unnamed)'}, {voxels} voxels (x, y, z) of {spacing}, sha256 {v.sha256[:12]}..."
+        )
     for k, step in enumerate(deformation.steps):
         rows[f"step {k + 1}"] = _describe_step(step)
     if deformation.mode != "compose":
@@ -155,16 +163,22 @@ def _describe_step(step: Step) -> str:
     support = f"{radius:g}" if isinstance(radius, float) else "automatic"
     curve, knots = shown(step.curve) if isinstance(step.curve, str) else "a table", [f"{k:g}" for k in step.knots]
     rule = {"modulate": f"modulate by {curve}", "interpolate": f"interpolate at depths {', '.join(knots)}"}.get(
-        step.extrusion, step.extrusion)
+        step.extrusion, step.extrusion
+    )
     count = " + ".join(str(len(m)) for m in step.maps)
-    shapes = "".join(f", {_describe_shapes(what, given)}" for what, given in (
-        ("rigid part(s)", step.parts), (f"cut(s) by the rule {step.cut_rule}", step.cuts)) if given)
+    shapes = "".join(
+        f", {_describe_shapes(what, given)}"
+        for what, given in (("rigid part(s)", step.parts), (f"cut(s) by the rule {step.cut_rule}", step.cuts))
+        if given
+    )
     state = "" if step.enabled else ", switched off"
     stages = "" if step.stages == 1 else f", in {step.stages} stages"
     name = f"{shown(step.name)}: " if step.name else ""
     points = "control point" if count == "1" else "control points"
-    return (f"{name}{count} {points} {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
-            f"strength {step.strength:g}{stages}{shapes}{state}")
+    return (
+        f"{name}{count} {points} {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
+        f"strength {step.strength:g}{stages}{shapes}{state}"
+    )
 
 
 def _describe_shapes(what: str, shapes: Sequence[RigidPart] | Sequence[Cut]) -> str:

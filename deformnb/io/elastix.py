@@ -20,8 +20,12 @@ _MOST_INITIAL = 10  # transforms of a chain; a registration has three or four st
 _LINE = re.compile(r"^[ \t]*\((\w+)[ \t]+([^\r\n]*?)\)[ \t]*(?://[^\r\n]*)?\r?$", re.MULTILINE)
 
 # elastix's linear transforms, and the class of ITK with the same parameters in the same order.
-_LINEAR = {"TranslationTransform": "TranslationTransform", "EulerTransform": "Euler3DTransform",
-           "SimilarityTransform": "Similarity3DTransform", "AffineTransform": "AffineTransform"}
+_LINEAR = {
+    "TranslationTransform": "TranslationTransform",
+    "EulerTransform": "Euler3DTransform",
+    "SimilarityTransform": "Similarity3DTransform",
+    "AffineTransform": "AffineTransform",
+}
 _ORDERS = ("1", "2", "3")
 
 
@@ -63,8 +67,11 @@ def _field(path: Path, values: dict[str, str]) -> AbstractField:
     if kind == "BSplineTransform":
         return field_of(path, _spline(path, values))
     if kind not in _LINEAR:
-        raise fail(path, f"elastix's {shown(kind, 60)} is not read; {', '.join(_LINEAR)}, BSplineTransform and "
-                         "DeformationFieldTransform are. Of others transformix writes the field: -def all.")
+        raise fail(
+            path,
+            f"elastix's {shown(kind, 60)} is not read; {', '.join(_LINEAR)}, BSplineTransform and "
+            "DeformationFieldTransform are. Of others transformix writes the field: -def all.",
+        )
     numbers = _numbers(path, values, "TransformParameters")
     fixed = _numbers(path, values, "CenterOfRotationPoint", [0.0, 0.0, 0.0])
     if kind == "TranslationTransform":
@@ -83,8 +90,11 @@ def _spline(path: Path, values: dict[str, str]) -> ItkTransform:
     # elastix writes the columns of a direction one after the other, ITK its rows.
     direction = _numbers(path, values, "GridDirection", np.eye(3).ravel().tolist())
     if [len(size), len(origin), len(spacing), len(direction)] != [3, 3, 3, 9]:
-        raise fail(path, "its grid must have three numbers each of (GridSize ...), (GridOrigin ...) and (GridSpacing "
-                         "...), and nine of (GridDirection ...).")
+        raise fail(
+            path,
+            "its grid must have three numbers each of (GridSize ...), (GridOrigin ...) and (GridSpacing "
+            "...), and nine of (GridDirection ...).",
+        )
     if (wanted := 3 * math.prod(size.tolist())) != len(numbers):
         raise fail(path, f"its grid has {wanted:.15g} parameters, and {len(numbers)} are given.")
     fixed = np.concatenate([size, origin, spacing, direction.reshape(3, 3).T.ravel()])

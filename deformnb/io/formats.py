@@ -76,28 +76,43 @@ class Format:
 
 
 FORMATS: dict[str, Format] = {
-    "nifti": Format((".nii.gz", ".nii"), nifti.read_header, nifti.write, "NIfTI-1 and NIfTI-2 in one file",
-                    units=tuple(NIFTI_UNITS)),
+    "nifti": Format(
+        (".nii.gz", ".nii"), nifti.read_header, nifti.write, "NIfTI-1 and NIfTI-2 in one file", units=tuple(NIFTI_UNITS)
+    ),
     "nrrd": Format((".nrrd", ".nhdr"), nrrd.read_header, nrrd.write, "NRRD, attached or detached"),
     "metaimage": Format((".mha", ".mhd"), metaimage.read_header, metaimage.write, "MetaImage, attached or detached"),
     "vti": Format((".vti",), vti.read_header, vti.write, "VTK image data (XML)"),
-    "numpy": Format((".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json",
-                    units=None),
-    "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json",
-                  units=None),
-    "zarr": Format((ome_zarr.SUFFIX,), ome_zarr.read_header, ome_zarr.write, "OME-Zarr pyramid, a folder",
-                   ome_zarr.MARKS, None),
-    "tiff": Format(tiff.SUFFIXES, tiff.read_header, tiff.write,
-                   "TIFF stack (written as OME-TIFF), or a folder of slices", units=None),
-    "image": Format(images.SUFFIXES, images.read_header, images.write,
-                    "picture, as a volume of one slice"),
+    "numpy": Format(
+        (".npy",), raw.read_npy_header, raw.write_npy, "NumPy array, with a side file .npy.json", units=None
+    ),
+    "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json", units=None),
+    "zarr": Format(
+        (ome_zarr.SUFFIX,), ome_zarr.read_header, ome_zarr.write, "OME-Zarr pyramid, a folder", ome_zarr.MARKS, None
+    ),
+    "tiff": Format(
+        tiff.SUFFIXES,
+        tiff.read_header,
+        tiff.write,
+        "TIFF stack (written as OME-TIFF), or a folder of slices",
+        units=None,
+    ),
+    "image": Format(images.SUFFIXES, images.read_header, images.write, "picture, as a volume of one slice"),
     "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
 }
 """All formats by name. A new one is one row: suffixes, a header reader, a writer or None."""
 
 # First bytes of formats, to recognise a file with another suffix.
-_MARKS = {b"NRRD000": "nrrd", b"\x93NUMPY": "numpy", b"II*\0": "tiff", b"MM\0*": "tiff", b"ObjectType": "metaimage",
-          b"<VTKFile": "vti", b"\x1f\x8b": "nifti", b"\x89PNG": "image", b"\xff\xd8\xff": "image"}
+_MARKS = {
+    b"NRRD000": "nrrd",
+    b"\x93NUMPY": "numpy",
+    b"II*\0": "tiff",
+    b"MM\0*": "tiff",
+    b"ObjectType": "metaimage",
+    b"<VTKFile": "vti",
+    b"\x1f\x8b": "nifti",
+    b"\x89PNG": "image",
+    b"\xff\xd8\xff": "image",
+}
 
 _LESS = "read fewer voxels with stride=2"
 
@@ -141,9 +156,13 @@ class FileDescription:
         """The same for people, as a table of texts."""
         z, y, x = self.grid.shape
         table = {
-            "file": self.name, "kind": self.format, "voxels (x, y, z)": f"{x} x {y} x {z}", "type": str(self.dtype),
+            "file": self.name,
+            "kind": self.format,
+            "voxels (x, y, z)": f"{x} x {y} x {z}",
+            "type": str(self.dtype),
             "spacing": " x ".join(f"{s:.6g}" for s in self.grid.spacing) + (self.grid.unit and f" {self.grid.unit}"),
-            "origin": ", ".join(f"{o:.6g}" for o in self.grid.origin), "axes point to": self.grid.orientation,
+            "origin": ", ".join(f"{o:.6g}" for o in self.grid.origin),
+            "axes point to": self.grid.orientation,
             "labels": "yes" if self.is_labels else "no",
             "size": f"{human_bytes(self.file_bytes)} on disk, {human_bytes(self.memory_bytes)} in memory",
         }
@@ -200,8 +219,7 @@ def located(path: str | os.PathLike[str]) -> Path:
     return place
 
 
-def read_any_header(path: Path, series: str | int | None = None,
-                    uneven_slices: str = "refuse") -> tuple[str, Header]:
+def read_any_header(path: Path, series: str | int | None = None, uneven_slices: str = "refuse") -> tuple[str, Header]:
     """Name of the format, and the header, of a file or a folder that is there."""
     if path.is_dir():
         if dicom.dicom_files(path):
@@ -216,10 +234,20 @@ def read_any_header(path: Path, series: str | int | None = None,
     return name, dicom.read_header(path, series, uneven_slices) if name == "dicom" else entry.header(path)
 
 
-def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series: str | int | None = None,
-                spacing: Spacing | None = None, is_labels: bool | None = None, stride: int = 1,
-                max_bytes: int | None = None, level: int | None = None, uneven_slices: str = "refuse",
-                progress: Progress | None = None, unit: str | None = None) -> Volume:
+def read_volume(
+    path: str | os.PathLike[str],
+    *,
+    name: str | None = None,
+    series: str | int | None = None,
+    spacing: Spacing | None = None,
+    is_labels: bool | None = None,
+    stride: int = 1,
+    max_bytes: int | None = None,
+    level: int | None = None,
+    uneven_slices: str = "refuse",
+    progress: Progress | None = None,
+    unit: str | None = None,
+) -> Volume:
     """Read a volume file or a folder of slices.
 
     Parameters
@@ -267,8 +295,11 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         if header.layout.frames == 1 and header.layout.kind != "channels":
             header = grey_header(header)
         if not header.layout.is_single:
-            raise fail(place, f"a volume is one channel at one moment, and this file holds {header.layout}. "
-                              "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.")
+            raise fail(
+                place,
+                f"a volume is one channel at one moment, and this file holds {header.layout}. "
+                "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.",
+            )
         number = _chosen_level(header, level, step, max_bytes)
         pyramid, header = header.levels, _of_level(header, number, level is None)
         grid, notes = header.grid(spacing)
@@ -282,14 +313,22 @@ def read_volume(path: str | os.PathLike[str], *, name: str | None = None, series
         notes += (f"every {step}. voxel along each axis was read",)
     found = None
     if len(pyramid) > 1 and spacing is None:  # with strides the grid is that of no level
-        found = PyramidLevel(place, number, tuple(one.grid()[0] for one in pyramid),
-                             partial(ome_zarr.checksum, place), id(loaded.values))
-    return Volume(loaded.values, grid, plain_name(place, kind) if name is None else name, loaded.is_labels,
-                  header.notes + notes + loaded.notes, found)
+        found = PyramidLevel(
+            place, number, tuple(one.grid()[0] for one in pyramid), partial(ome_zarr.checksum, place), id(loaded.values)
+        )
+    return Volume(
+        loaded.values,
+        grid,
+        plain_name(place, kind) if name is None else name,
+        loaded.is_labels,
+        header.notes + notes + loaded.notes,
+        found,
+    )
 
 
-def write_volume(volume: VolumeLike, path: str | os.PathLike[str], *, overwrite: bool = True,
-                 progress: Progress | None = None) -> None:
+def write_volume(
+    volume: VolumeLike, path: str | os.PathLike[str], *, overwrite: bool = True, progress: Progress | None = None
+) -> None:
     """Write a volume; the suffix chooses the format. The file is complete at once or untouched.
 
     Parameters
@@ -320,8 +359,13 @@ def write_volume(volume: VolumeLike, path: str | os.PathLike[str], *, overwrite:
     entry.write(volume.in_unit(entry.written_unit(volume.grid.unit)), place, overwrite, progress)
 
 
-def describe_file(path: str | os.PathLike[str], *, series: str | int | None = None,
-                  voxels: bool = False, progress: Progress | None = None) -> FileDescription:
+def describe_file(
+    path: str | os.PathLike[str],
+    *,
+    series: str | int | None = None,
+    voxels: bool = False,
+    progress: Progress | None = None,
+) -> FileDescription:
     """Describe a volume file; reads its header alone unless the range of values is requested with ``voxels``.
 
     (The voxels are read too where the header is that of a volume in :mod:`deformnb.volume.known_spacings`.)
@@ -350,8 +394,14 @@ def describe_file(path: str | os.PathLike[str], *, series: str | int | None = No
     notes += () if layout.is_single else (f"the file holds {layout}, each as large as stated here",)
     dtype = volume.dtype if volume else header.loaded_dtype
     return FileDescription(
-        shown(place.name), FORMATS[kind].description, grid, dtype, bool(header.is_labels), sum(sizes),
-        grid.size * dtype.itemsize * layout.frames * layout.channels, volume.notes if volume else header.notes + notes,
+        shown(place.name),
+        FORMATS[kind].description,
+        grid,
+        dtype,
+        bool(header.is_labels),
+        sum(sizes),
+        grid.size * dtype.itemsize * layout.frames * layout.channels,
+        volume.notes if volume else header.notes + notes,
         volume.value_range if volume else None,
     )
 
@@ -363,6 +413,7 @@ def in_given_unit(header: Header, unit: str) -> Header:
 
 def grey_header(header: Header) -> Header:
     """The header of colours as that of grey values, with a note."""
+
     def blocks() -> Iterator[NDArray[Any]]:
         with closing(header.blocks()) as found:  # type: ignore[type-var]  # generators can be closed
             for block in found:
@@ -371,14 +422,16 @@ def grey_header(header: Header) -> Header:
     return replace(header, layout=SINGLE, blocks=blocks, notes=(*header.notes, "its colours became grey values"))
 
 
-def _right_spacing(grid: Grid, notes: tuple[str, ...], header: Header,
-                   voxels: NDArray[Any] | None = None) -> tuple[Grid, tuple[str, ...]]:
+def _right_spacing(
+    grid: Grid, notes: tuple[str, ...], header: Header, voxels: NDArray[Any] | None = None
+) -> tuple[Grid, tuple[str, ...]]:
     """The grid of a file with its true spacing and a note, if its header is known to be wrong.
 
     Parameters
     ----------
     voxels : all of them, if they have been read.
     """
+
     def checksum() -> str:
         whole = _load(header, 1, None) if voxels is None else voxels
         return voxel_checksum(header.loaded_dtype, header.shape, whole)
@@ -390,7 +443,7 @@ def _right_spacing(grid: Grid, notes: tuple[str, ...], header: Header,
 def plain_name(path: Path, kind: str) -> str:
     """The name of a file without the suffix of its format."""
     suffix = next((s for s in FORMATS[kind].suffixes if path.name.lower().endswith(s)), "")
-    return path.name[:len(path.name) - len(suffix)] or path.name
+    return path.name[: len(path.name) - len(suffix)] or path.name
 
 
 def _checked_stride(stride: int) -> int:
@@ -434,9 +487,11 @@ def _of_level(header: Header, number: int, is_noted: bool) -> Header:
         return chosen
     last = len(header.levels) - 1
     nz, ny, nx = header.shape
-    note = (f"level {number} of {last} of the pyramid was read: the finest of {nx} x {ny} x {nz} voxels takes more "
-            "memory than allowed; deformnb.chunked.warp, deformnb warp and the studio's export at full resolution "
-            "deform that one in parts")
+    note = (
+        f"level {number} of {last} of the pyramid was read: the finest of {nx} x {ny} x {nz} voxels takes more "
+        "memory than allowed; deformnb.chunked.warp, deformnb warp and the studio's export at full resolution "
+        "deform that one in parts"
+    )
     return replace(chosen, notes=(*chosen.notes, note))
 
 
@@ -454,8 +509,9 @@ def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
     fitting = next((n for n in range(stride + 1, max(header.shape) + 1) if _memory(header, n) <= limit), None)
     advice = f"read it with stride={fitting}, or raise max_bytes." if fitting else "raise max_bytes."
     whose = "60 % of the free memory" if max_bytes is None else "max_bytes"
-    raise fail(header.path, f"needs {human_bytes(needed)} of memory but the limit is {human_bytes(limit)} ({whose}); "
-                            f"{advice}")
+    raise fail(
+        header.path, f"needs {human_bytes(needed)} of memory but the limit is {human_bytes(limit)} ({whose}); {advice}"
+    )
 
 
 def _load(header: Header, stride: int, progress: Progress | None) -> NDArray[Any]:
@@ -468,7 +524,7 @@ def _load(header: Header, stride: int, progress: Progress | None) -> NDArray[Any
             first = -start % stride
             part = header.scaled(block[first::stride, ::stride, ::stride])
             at = (start + first) // stride
-            out[at:at + len(part)] = part
+            out[at : at + len(part)] = part
             start += len(block)
             if progress is not None:
                 progress(start / shape[0])

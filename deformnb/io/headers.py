@@ -100,20 +100,27 @@ def described_layout(layout: Layout, text: str) -> Layout:
         found = json.loads(text) if text else {}
         colours = tuple(triple([min(1.0, max(0.0, float(part))) for part in colour]) for colour in found["colours"])
         names = tuple(shown(name) for name in found["names"])
-        if layout.channels == {"rgb": 3, "rgba": 4}.get(found["kind"], layout.channels if found["kind"] == "channels"
-                                                        else 0):
+        if layout.channels == {"rgb": 3, "rgba": 4}.get(
+            found["kind"], layout.channels if found["kind"] == "channels" else 0
+        ):
             layout = replace(layout, kind=found["kind"], is_vector=False)
     except (ValueError, TypeError, KeyError, IndexError, RecursionError):
         return layout
-    return replace(layout, names=names if len(names) == layout.channels else (),
-                   colours=colours if len(colours) == layout.channels else ())
+    return replace(
+        layout,
+        names=names if len(names) == layout.channels else (),
+        colours=colours if len(colours) == layout.channels else (),
+    )
 
 
 def checked_layout(path: Path, layout: Layout) -> Layout:
     """The layout, if its numbers can be; VolumeFileError else."""
     if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= MOST_FRAMES):
-        raise fail(path, f"it has {layout.frames} moments and {layout.channels} channels, more than can be; the header "
-                         "is damaged, or it holds something else than channels or times.")
+        raise fail(
+            path,
+            f"it has {layout.frames} moments and {layout.channels} channels, more than can be; the header "
+            "is damaged, or it holds something else than channels or times.",
+        )
     return layout
 
 
@@ -220,8 +227,18 @@ def fail(path: Path, why: str) -> VolumeFileError:
 
 
 # What damaged files and failing disks raise below this level; anything else is a case that nobody has foreseen.
-_DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError, struct.error, csv.Error, MemoryError, OverflowError,
-           ValueError, RecursionError)
+_DAMAGE = (
+    OSError,
+    EOFError,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    csv.Error,
+    MemoryError,
+    OverflowError,
+    ValueError,
+    RecursionError,
+)
 
 
 UNFORESEEN = "for a reason that deformnb does not know"
@@ -247,14 +264,20 @@ class Damage:
         if isinstance(error, MemoryError):
             raise fail(self._path, f"there is not enough memory for it; {self._advice}.") from error
         if isinstance(error, _DAMAGE) and not isinstance(error, DeformError):
-            why = ("its text is not UTF-8" if isinstance(error, UnicodeError) else
-                   shown(error).rstrip(".") or type(error).__name__)
+            why = (
+                "its text is not UTF-8"
+                if isinstance(error, UnicodeError)
+                else shown(error).rstrip(".") or type(error).__name__
+            )
             raise fail(self._path, f"it cannot be read: {why}.") from error
         if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
             raise fail(self._path, str(error)) from error
         if isinstance(error, Exception) and not isinstance(error, (DeformError, Cancelled, Warning)):
-            raise fail(self._path, f"it cannot be read, {UNFORESEEN} ({type(error).__name__}: {shown(error)}); please "
-                                   "report it with the file.") from error
+            raise fail(
+                self._path,
+                f"it cannot be read, {UNFORESEEN} ({type(error).__name__}: {shown(error)}); please "
+                "report it with the file.",
+            ) from error
 
 
 @contextmanager
@@ -327,8 +350,11 @@ def volume_shape(path: Path, sizes: list[int], itemsize: int) -> tuple[tuple[int
     if len(real) > 3:
         names = ("x", "y", "z", "t", "5th", "6th", "7th")
         axes = ", ".join(f"{name}: {size}" for name, size in zip(names, real, strict=False))
-        raise fail(path, f"a volume has three axes but this file has {len(real)} ({axes}). Save one time point or one "
-                         "channel as a file of its own and read that.")
+        raise fail(
+            path,
+            f"a volume has three axes but this file has {len(real)} ({axes}). Save one time point or one "
+            "channel as a file of its own and read that.",
+        )
     notes = ("a 2-D image was taken as a volume of one slice",) if len(sizes) < 3 else ()
     nx, ny, nz = (*real, 1, 1)[:3]
     if math.prod(real) * itemsize >= _TOO_MANY_BYTES:
@@ -352,8 +378,9 @@ def regular_file(path: Path) -> Path:
         exists = path.exists()
     except (OSError, ValueError) as error:
         raise VolumeFileError(f"{shown(path)!r} is not a usable path ({shown(error)}).") from error
-    raise fail(path, "this is not a plain file." if exists else
-               f"there is no such file in {shown(path.absolute().parent)}.")
+    raise fail(
+        path, "this is not a plain file." if exists else f"there is no such file in {shown(path.absolute().parent)}."
+    )
 
 
 def detached_file(header: Path, name: str) -> Path:
@@ -364,8 +391,11 @@ def detached_file(header: Path, name: str) -> Path:
     plain = name.strip()
     parts = re.split(r"[/\\]", plain)
     if not plain or "\0" in plain or ".." in parts or not parts[0] or os.path.isabs(plain) or ":" in parts[0]:
-        raise fail(header, f"its data file '{shown(plain)}' is not in the header's own folder, so it is not read. "
-                           "Put both files into one folder and name it without a path.")
+        raise fail(
+            header,
+            f"its data file '{shown(plain)}' is not in the header's own folder, so it is not read. "
+            "Put both files into one folder and name it without a path.",
+        )
     target = header.parent.joinpath(*parts)
     try:
         inside = target.resolve().is_relative_to(header.parent.resolve())
@@ -406,13 +436,18 @@ def numbered_names(header: Path, pattern: str) -> tuple[list[str], int | None]:
     found = _PATTERN.fullmatch(pattern.strip())
     name = found[1] if found else ""
     if found is None or name.count("%") != 1:
-        raise fail(header, f"its data file '{shown(pattern)}' should be a name, or a pattern of names with the first "
-                           "and the last number and a step, such as slice%03d.raw 1 20 1.")
+        raise fail(
+            header,
+            f"its data file '{shown(pattern)}' should be a name, or a pattern of names with the first "
+            "and the last number and a step, such as slice%03d.raw 1 20 1.",
+        )
     first, last, step = int(found[2]), int(found[3]), int(found[4] or 1)
     numbers = range(first, last + (1 if step > 0 else -1), step) if step else range(0)
     if not 1 <= len(numbers) <= _MOST_FILES:
-        raise fail(header, f"its data files from {first} to {last} by {step} are {len(numbers)}; 1 to {_MOST_FILES} "
-                           "can be read.")
+        raise fail(
+            header,
+            f"its data files from {first} to {last} by {step} are {len(numbers)}; 1 to {_MOST_FILES} can be read.",
+        )
     return [name % number for number in numbers], int(found[5]) if found[5] else None
 
 
@@ -455,8 +490,11 @@ def detached_name(header: Path, crc: int) -> str:
     """
     name = f"{header.name}.{crc:08x}.raw"
     if not name.isprintable() or "%" in name or name != name.strip():
-        raise fail(header, "a header with a detached data file cannot have this name; leave out '%', line ends and "
-                           "spaces at the ends, or write everything into one file (.nrrd, .mha).")
+        raise fail(
+            header,
+            "a header with a detached data file cannot have this name; leave out '%', line ends and "
+            "spaces at the ends, or write everything into one file (.nrrd, .mha).",
+        )
     return name
 
 

@@ -38,8 +38,14 @@ def read_header(path: Path) -> Header:
         if getattr(picture, "n_frames", 1) > 1:
             notes.append("the first of its frames was read")
     dtype = np.dtype(np.uint16 if deep else np.uint8)
-    return Header(path, (1, height, width), dtype, partial(_blocks, path, dtype), notes=tuple(notes),
-                  working_bytes=5 * width * height)
+    return Header(
+        path,
+        (1, height, width),
+        dtype,
+        partial(_blocks, path, dtype),
+        notes=tuple(notes),
+        working_bytes=5 * width * height,
+    )
 
 
 def read_colour_header(path: Path) -> Header:
@@ -73,12 +79,18 @@ def _save(values: NDArray[Any], path: Path, overwrite: bool) -> None:
 
     kind = {".png": "PNG", ".webp": "WEBP"}.get(path.suffix.lower(), "JPEG")
     if values.shape[0] != 1:
-        raise fail(path, f"a picture is one slice, and this volume has {values.shape[0]}; write .nrrd or .nii.gz, or "
-                         "one slice of it: Volume.from_array(volume.values[k]).")
+        raise fail(
+            path,
+            f"a picture is one slice, and this volume has {values.shape[0]}; write .nrrd or .nii.gz, or "
+            "one slice of it: Volume.from_array(volume.values[k]).",
+        )
     deep = kind == "PNG" and values.ndim == 3
     if values.dtype != np.uint8 and not (deep and values.dtype == np.uint16):
-        raise fail(path, f"pixels of {kind} are whole numbers of 8 bits{', or grey ones of 16' * (kind == 'PNG')}, and "
-                         f"these are {values.dtype}; scale them, or write .nrrd.")
+        raise fail(
+            path,
+            f"pixels of {kind} are whole numbers of 8 bits{', or grey ones of 16' * (kind == 'PNG')}, and "
+            f"these are {values.dtype}; scale them, or write .nrrd.",
+        )
     settings: dict[str, dict[str, Any]] = {"WEBP": {"lossless": True}, "JPEG": {"quality": 95, "subsampling": 0}}
     with atomic_write(path, overwrite=overwrite) as file:
         Image.fromarray(np.ascontiguousarray(values[0])).save(file, kind, **settings.get(kind, {}))

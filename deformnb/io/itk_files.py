@@ -83,15 +83,21 @@ def transforms_of_text(path: Path, text: str) -> list[ItkTransform]:
         if not line.strip() or key.startswith("#"):
             continue
         if not colon or key not in ("Transform", "Parameters", "FixedParameters"):
-            raise fail(path, f"its line '{shown(line.strip(), 60)}' is none of 'Transform:', 'Parameters:' and "
-                             "'FixedParameters:'; it is damaged, or not of ITK.")
+            raise fail(
+                path,
+                f"its line '{shown(line.strip(), 60)}' is none of 'Transform:', 'Parameters:' and "
+                "'FixedParameters:'; it is damaged, or not of ITK.",
+            )
         if key == "Transform":
             entries.append({})
             if len(entries) > _MOST_TRANSFORMS:
                 raise fail(path, f"it holds more than {_MOST_TRANSFORMS} transforms.")
         if not entries or key in entries[-1]:
-            raise fail(path, f"its line '{key}:' " + ("appears twice in one transform." if entries else
-                                                      "comes before the first 'Transform:'."))
+            raise fail(
+                path,
+                f"its line '{key}:' "
+                + ("appears twice in one transform." if entries else "comes before the first 'Transform:'."),
+            )
         entries[-1][key] = value
     return [_of_lines(path, rows) for rows in entries]
 
@@ -102,8 +108,10 @@ def _of_lines(path: Path, rows: dict[str, str]) -> ItkTransform:
     for key in ("Parameters", "FixedParameters"):
         if key not in rows and kind != COMPOSITE:
             raise fail(path, f"its {shown(name, 80)} has no line '{key}:'; it is cut short or damaged.")
-    numbers = [finite_numbers(path, rows.get(key, ""), f"the {key} of its {shown(name, 80)}")
-               for key in ("Parameters", "FixedParameters")]
+    numbers = [
+        finite_numbers(path, rows.get(key, ""), f"the {key} of its {shown(name, 80)}")
+        for key in ("Parameters", "FixedParameters")
+    ]
     return checked_transform(path, name, numbers[0], numbers[1])
 
 
@@ -127,10 +135,13 @@ def transforms_of_matrices(path: Path) -> list[ItkTransform]:
         if len(found) > 2 * _MOST_TRANSFORMS:
             raise fail(path, f"it holds more than {_MOST_TRANSFORMS} transforms.")
     if not found or len(found) % 2 or any(name != "fixed" for name, _ in found[1::2]):
-        raise fail(path, "it is no matrix file of ITK or ANTs: a transform is a matrix named by its class and one "
-                         "named fixed.")
-    return [checked_transform(path, name, numbers, fixed)
-            for (name, numbers), (_, fixed) in zip(found[::2], found[1::2], strict=True)]
+        raise fail(
+            path, "it is no matrix file of ITK or ANTs: a transform is a matrix named by its class and one named fixed."
+        )
+    return [
+        checked_transform(path, name, numbers, fixed)
+        for (name, numbers), (_, fixed) in zip(found[::2], found[1::2], strict=True)
+    ]
 
 
 def _matrix(path: Path, data: bytes, at: int) -> tuple[str, NDArray[np.float64], int]:
@@ -149,7 +160,7 @@ def _matrix(path: Path, data: bytes, at: int) -> tuple[str, NDArray[np.float64],
     end = at + 20 + length + count * int(dtype[2])
     if imaginary or rows < 0 or columns < 0 or not 0 < length <= _LONGEST_NAME or end > len(data):
         raise wrong
-    name = data[at + 20:at + 20 + length].split(b"\0")[0].decode("ascii", "replace")
+    name = data[at + 20 : at + 20 + length].split(b"\0")[0].decode("ascii", "replace")
     return name, np.frombuffer(data, dtype, count, at + 20 + length).astype(np.float64), end
 
 
@@ -175,8 +186,9 @@ def _member(path: Path, group: Any, name: str, kind: type) -> Any:
     link = group.get(name, getlink=True)
     found = group[name] if isinstance(link, h5py.HardLink) else None
     if not isinstance(found, kind):
-        raise fail(path, f"it is no HDF5 file of ITK's transforms: '{shown(name, 40)}' is missing, or is something "
-                         "else.")
+        raise fail(
+            path, f"it is no HDF5 file of ITK's transforms: '{shown(name, 40)}' is missing, or is something else."
+        )
     return found
 
 
@@ -212,8 +224,9 @@ def _text(path: Path, dataset: Any) -> str:
 def _numbers(path: Path, dataset: Any, what: str) -> NDArray[np.float64]:
     """The numbers of a dataset, after checks of type, count, memory and of what is stored."""
     if dataset.dtype.kind != "f" or dataset.dtype.itemsize not in (4, 8) or len(dataset.shape or ()) > 1:
-        raise fail(path, f"its {what} are of the type {shown(dataset.dtype, 40)}, and must be a list of float32 or "
-                         "float64.")
+        raise fail(
+            path, f"its {what} are of the type {shown(dataset.dtype, 40)}, and must be a list of float32 or float64."
+        )
     if dataset.shape is None or dataset.size == 0:
         return np.zeros(0)
     need = dataset.size * 16 + math.prod(dataset.chunks or (0,)) * dataset.dtype.itemsize
@@ -234,7 +247,10 @@ def _check_stored(path: Path, dataset: Any, what: str) -> None:
     if dataset.chunks is None:
         short = stored < whole
     else:
-        short = (dataset.id.get_num_chunks() < math.prod(-(-n // c) for n, c in zip(
-            dataset.shape, dataset.chunks, strict=True)) or stored * _PACKED < whole)
+        short = (
+            dataset.id.get_num_chunks()
+            < math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
+            or stored * _PACKED < whole
+        )
     if short or stored > path.stat().st_size:
         raise fail(path, f"its {what} should be {whole} bytes, and {stored} are stored; it is cut short or damaged.")

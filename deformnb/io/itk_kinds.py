@@ -72,16 +72,23 @@ def class_of(path: Path, name: str) -> tuple[str, int, int]:
     kind = found[1] if found else name
     if found is None or (kind not in LINEAR and kind not in OTHERS and kind != COMPOSITE):
         known = ", ".join(sorted({COMPOSITE, *LINEAR, *OTHERS}))
-        raise fail(path, f"the transform {shown(name, 80)} is not read here; those of the classes {known} are. Save it "
-                         "as a displacement field: TransformToDisplacementField.")
+        raise fail(
+            path,
+            f"the transform {shown(name, 80)} is not read here; those of the classes {known} are. Save it "
+            "as a displacement field: TransformToDisplacementField.",
+        )
     dim = int(found[2])
     if found[2] != found[3] or dim not in (2, 3):
-        raise fail(path, f"its {kind} maps {found[2]} dimensions to {found[3]}; transforms of a plane and of space are "
-                         "read.")
+        raise fail(
+            path, f"its {kind} maps {found[2]} dimensions to {found[3]}; transforms of a plane and of space are read."
+        )
     order = int(found[4] or 3)
     if found[4] and (kind != "BSplineTransform" or order > max(ORDERS)):
-        raise fail(path, f"its {shown(name, 80)} has the order {order}; of B-splines the orders up to {max(ORDERS)} "
-                         "are read, and other classes have none.")
+        raise fail(
+            path,
+            f"its {shown(name, 80)} has the order {order}; of B-splines the orders up to {max(ORDERS)} "
+            "are read, and other classes have none.",
+        )
     return kind, dim, order
 
 
@@ -117,11 +124,16 @@ def field_of_list(path: Path, transforms: list[ItkTransform]) -> AbstractField:
         parts = transforms[1:]
     elif len(transforms) > 1:
         names = ", ".join(one.kind for one in transforms[:4])
-        raise fail(path, f"it holds {len(transforms)} transforms ({names}, ...), and does not say that they follow one "
-                         "another; save one, or a CompositeTransform of them.")
+        raise fail(
+            path,
+            f"it holds {len(transforms)} transforms ({names}, ...), and does not say that they follow one "
+            "another; save one, or a CompositeTransform of them.",
+        )
     if any(one.kind == COMPOSITE for one in parts):
-        raise fail(path, "it holds a composite within a composite, whose parts cannot be told apart; flatten it: "
-                         "FlattenTransform.")
+        raise fail(
+            path,
+            "it holds a composite within a composite, whose parts cannot be told apart; flatten it: FlattenTransform.",
+        )
     if len({one.dim for one in transforms}) > 1:
         raise fail(path, "its transforms are of different dimensions, so that they do not follow one another.")
     return compose(*(field_of(path, one) for one in parts)) if parts else Identity(transforms[0].dim)
@@ -169,9 +181,13 @@ def _euler(angles: Floats, *, zyx: bool) -> Floats:
 
 def _quaternion(x: float, y: float, z: float, w: float) -> Floats:
     """The matrix of a quaternion, which is a rotation if its length is 1; ITK does not scale it to that."""
-    return np.array([[w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                     [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-                     [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z]])
+    return np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )
 
 
 # ITK's VersorTransform.SetParameters: a versor of this length or longer is made shorter than 1 by this share.
@@ -198,7 +214,7 @@ def _composed_skew(p: Floats) -> Floats:
 
 
 def _matrix(dim: int, p: Floats) -> Floats:
-    return p[:dim * dim].reshape(dim, dim)
+    return p[: dim * dim].reshape(dim, dim)
 
 
 def _first(dim: int, fixed: Floats) -> Floats:
@@ -233,11 +249,12 @@ _SPACE, _TURNED = {3: (3,)}, {3: (3, 4)}
 
 def _of_space(count: int, matrix: Callable[[Floats], Floats], shift: slice) -> LinearKind:
     """A class in space: a matrix of its parameters, and a translation among them."""
-    return LinearKind({3: count}, _SPACE, lambda _dim, p, f: (
-        matrix(p), p[shift] if len(p[shift]) else np.zeros(3), f[:3]))
+    return LinearKind(
+        {3: count}, _SPACE, lambda _dim, p, f: (matrix(p), p[shift] if len(p[shift]) else np.zeros(3), f[:3])
+    )
 
 
-_AFFINE = LinearKind({2: 6, 3: 12}, _BOTH, lambda d, p, f: (_matrix(d, p), p[d * d:], f[:d]))
+_AFFINE = LinearKind({2: 6, 3: 12}, _BOTH, lambda d, p, f: (_matrix(d, p), p[d * d :], f[:d]))
 _AFFINE_3D = LinearKind({3: 12}, _SPACE, _AFFINE.parts)
 _RIGID_2D = LinearKind({2: 3}, {2: (2,)}, lambda _d, p, f: (_turn2(p[0]), p[1:], f[:2]))
 
@@ -245,24 +262,27 @@ LINEAR: dict[str, LinearKind] = {
     "IdentityTransform": LinearKind({2: 0, 3: 0}, _ANY, lambda d, _p, _f: (np.eye(d), np.zeros(d), np.zeros(d))),
     "TranslationTransform": LinearKind({2: 2, 3: 3}, _NONE, lambda d, p, _f: (np.eye(d), p, np.zeros(d))),
     "ScaleTransform": LinearKind({2: 2, 3: 3}, _ANY, lambda d, p, f: (np.diag(p), np.zeros(d), _first(d, f))),
-    "ScaleLogarithmicTransform": LinearKind({3: 3}, _ANY, lambda d, p, f: (
-        np.diag(np.exp(p)), np.zeros(d), _first(d, f))),
+    "ScaleLogarithmicTransform": LinearKind(
+        {3: 3}, _ANY, lambda d, p, f: (np.diag(np.exp(p)), np.zeros(d), _first(d, f))
+    ),
     "AffineTransform": _AFFINE,
     "MatrixOffsetTransformBase": _AFFINE,
     "ScalableAffineTransform": _AFFINE_3D,
     "FixedCenterOfRotationAffineTransform": _AFFINE_3D,
-    "CenteredAffineTransform": LinearKind({2: 8, 3: 15}, _ANY, lambda d, p, _f: (
-        _matrix(d, p), p[d * d + d:], p[d * d:d * d + d])),
+    "CenteredAffineTransform": LinearKind(
+        {2: 8, 3: 15}, _ANY, lambda d, p, _f: (_matrix(d, p), p[d * d + d :], p[d * d : d * d + d])
+    ),
     "Rigid2DTransform": _RIGID_2D,
     "Euler2DTransform": _RIGID_2D,
     "CenteredRigid2DTransform": LinearKind({2: 5}, {2: (0, 2)}, lambda _d, p, _f: (_turn2(p[0]), p[3:], p[1:3])),
     "Similarity2DTransform": LinearKind({2: 4}, {2: (2,)}, lambda _d, p, f: (p[0] * _turn2(p[1]), p[2:], f[:2])),
-    "CenteredSimilarity2DTransform": LinearKind({2: 6}, {2: (0, 2)}, lambda _d, p, _f: (
-        p[0] * _turn2(p[1]), p[4:], p[2:4])),
-    "Euler3DTransform": LinearKind({3: 6}, _TURNED, lambda _d, p, f: (
-        _euler(p[:3], zyx=_is_zyx(f)), p[3:], f[:3])),
-    "CenteredEuler3DTransform": LinearKind({3: 9}, {3: (0, 3, 4)}, lambda _d, p, f: (
-        _euler(p[:3], zyx=_is_zyx(f)), p[6:], p[3:6])),
+    "CenteredSimilarity2DTransform": LinearKind(
+        {2: 6}, {2: (0, 2)}, lambda _d, p, _f: (p[0] * _turn2(p[1]), p[4:], p[2:4])
+    ),
+    "Euler3DTransform": LinearKind({3: 6}, _TURNED, lambda _d, p, f: (_euler(p[:3], zyx=_is_zyx(f)), p[3:], f[:3])),
+    "CenteredEuler3DTransform": LinearKind(
+        {3: 9}, {3: (0, 3, 4)}, lambda _d, p, f: (_euler(p[:3], zyx=_is_zyx(f)), p[6:], p[3:6])
+    ),
     "QuaternionRigidTransform": _of_space(7, lambda p: _quaternion(*p[:4].tolist()), slice(4, 7)),
     "VersorTransform": _of_space(3, _versor, slice(3, 3)),
     "VersorRigid3DTransform": _of_space(6, lambda p: _versor(p[:3]), slice(3, 6)),
@@ -294,7 +314,7 @@ class OtherKind:
 def _lattice(given: ItkTransform) -> tuple[list[int], Floats, Floats, Floats]:
     """Size, origin, spacing (x, y, z) and direction of the grid of fixed parameters."""
     d, f = given.dim, given.fixed
-    return [int(n) for n in f[:d]], f[d:2 * d], f[2 * d:3 * d], f[3 * d:].reshape(d, d)
+    return [int(n) for n in f[:d]], f[d : 2 * d], f[2 * d : 3 * d], f[3 * d :].reshape(d, d)
 
 
 def _spline(path: Path, given: ItkTransform) -> AbstractField:
@@ -302,8 +322,9 @@ def _spline(path: Path, given: ItkTransform) -> AbstractField:
         return Identity(given.dim)
     size, origin, spacing, direction = _lattice(given)
     if (spacing <= 0).any():
-        raise fail(path, f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)}, which must be "
-                         "positive.")
+        raise fail(
+            path, f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)}, which must be positive."
+        )
     values = np.moveaxis(given.parameters.reshape(given.dim, *size[::-1]), 0, -1)  # x components first, then y, ...
     axes = tuple(tuple(row) for row in (direction * spacing).tolist())
     return BSplineField(np.ascontiguousarray(values), tuple(origin.tolist()), axes, given.order)
@@ -314,19 +335,24 @@ def _displacements(path: Path, given: ItkTransform) -> AbstractField:
     values = given.parameters.reshape(*size[::-1], given.dim)
     if given.dim == 3:
         (nx, ny, nz), rows = size, tuple(tuple(row) for row in direction.tolist())
-        return DisplacementField(values, Grid((nz, ny, nx), tuple(spacing.tolist()),
-                                              tuple(origin.tolist()), rows))  # type: ignore[arg-type]
+        return DisplacementField(values, Grid((nz, ny, nx), tuple(spacing.tolist()), tuple(origin.tolist()), rows))  # type: ignore[arg-type]
     if not (np.allclose(direction.T @ direction, np.eye(2), atol=ORTHONORMAL_TOLERANCE) and (spacing > 0).all()):
-        raise fail(path, f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)} and the axes "
-                         f"{shown(direction.tolist(), 80)}, which must be positive, and of length 1 at right angles.")
+        raise fail(
+            path,
+            f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)} and the axes "
+            f"{shown(direction.tolist(), 80)}, which must be positive, and of length 1 at right angles.",
+        )
     # A raster has no directions: it lies along the axes of the grid, between the map to these and the one back.
     flat = DisplacementField(values @ direction, Raster((size[1], size[0]), (spacing[0], spacing[1]), (0.0, 0.0)))
     return compose(Affine(direction, origin), flat, Affine(direction.T, -direction.T @ origin))
 
 
 # Kernels of ITK's kernel transforms, and ours with the same system; of ITK's elastic ones there is no counterpart.
-_KERNELS = {"ThinPlateSplineKernelTransform": "linear", "ThinPlateR2LogRSplineKernelTransform": "thin_plate",
-            "VolumeSplineKernelTransform": "cubic"}
+_KERNELS = {
+    "ThinPlateSplineKernelTransform": "linear",
+    "ThinPlateR2LogRSplineKernelTransform": "thin_plate",
+    "VolumeSplineKernelTransform": "cubic",
+}
 
 
 def _kernel(_path: Path, given: ItkTransform) -> AbstractField:
@@ -355,21 +381,30 @@ def _check_counts(path: Path, given: ItkTransform) -> None:
     count, n = len(given.parameters), len(given.fixed)
     if given.kind == COMPOSITE:
         if count or n:
-            raise fail(path, f"its {COMPOSITE} has {count} parameters and {n} fixed ones of its own, and should have "
-                             "none: its parts follow it.")
+            raise fail(
+                path,
+                f"its {COMPOSITE} has {count} parameters and {n} fixed ones of its own, and should have "
+                "none: its parts follow it.",
+            )
     elif given.kind in LINEAR:
         kind = LINEAR[given.kind]
         if given.dim not in kind.counts:
             raise fail(path, f"{given.kind} is none of {given.dim} dimensions.")
         wanted, fixed = kind.counts[given.dim], kind.fixed[given.dim]
         if count != wanted or n not in fixed:
-            raise fail(path, f"{given.kind} has {wanted} parameters and {' or '.join(map(str, fixed))} fixed ones, and "
-                             f"{count} and {n} are given; it is cut short or damaged.")
+            raise fail(
+                path,
+                f"{given.kind} has {wanted} parameters and {' or '.join(map(str, fixed))} fixed ones, and "
+                f"{count} and {n} are given; it is cut short or damaged.",
+            )
     elif OTHERS[given.kind].is_on_grid:
         _check_grid(path, given)
     elif count != n or not count or count % given.dim:
-        raise fail(path, f"its {given.kind} has {count / given.dim:.15g} source and {n / given.dim:.15g} target "
-                         "landmarks; they must be pairs.")
+        raise fail(
+            path,
+            f"its {given.kind} has {count / given.dim:.15g} source and {n / given.dim:.15g} target "
+            "landmarks; they must be pairs.",
+        )
 
 
 def _check_grid(path: Path, given: ItkTransform) -> None:
@@ -378,7 +413,10 @@ def _check_grid(path: Path, given: ItkTransform) -> None:
         raise fail(path, f"the grid of its {given.kind} has {d * (3 + d)} fixed parameters, and {n} are given.")
     sizes = given.fixed[:d].tolist()
     if not all(1 <= k <= _MOST_NODES and k == int(k) for k in sizes) or math.prod(sizes) * d != count:
-        raise fail(path, f"the grid of its {given.kind} is of {shown(sizes, 60)} nodes, and {count} numbers are given; "
-                         "it is cut short or damaged.")
-    if not (given.fixed[2 * d:3 * d] != 0).all():
+        raise fail(
+            path,
+            f"the grid of its {given.kind} is of {shown(sizes, 60)} nodes, and {count} numbers are given; "
+            "it is cut short or damaged.",
+        )
+    if not (given.fixed[2 * d : 3 * d] != 0).all():
         raise fail(path, f"the grid of its {given.kind} has a spacing of zero.")

@@ -38,8 +38,9 @@ def read_itk(path: Path, _grid: Grid | None) -> AbstractField:
     return field_of_list(path, itk_files.transforms_of_text(path, text))
 
 
-def write_itk(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,
-              progress: Progress | None) -> None:
+def write_itk(
+    field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool, progress: Progress | None
+) -> None:
     """Write a transform for ITK, of several parts a composite; the remark stands in a comment or a user block."""
     sitk = optional_package("SimpleITK")
     made = [_to_itk(sitk, part) for part in sampled_parts(field, grid, progress, exact=(BSplineField,))]
@@ -50,8 +51,13 @@ def write_itk(field: AbstractField, path: Path, grid: Grid, remark: str, overwri
             return f"{remark}\n".encode().ljust(_USER_BLOCK, b"\0")[:_USER_BLOCK] + start
         return start.replace(b"\n", f"\n# {remark}\n".encode(), 1)  # the first line names the format
 
-    write_by_name(path, lambda file: sitk.WriteTransform(whole, file), overwrite=overwrite, head=head,
-                  longest=itk_files.LONGEST_TEXT if path.name.lower().endswith(".tfm") else None)
+    write_by_name(
+        path,
+        lambda file: sitk.WriteTransform(whole, file),
+        overwrite=overwrite,
+        head=head,
+        longest=itk_files.LONGEST_TEXT if path.name.lower().endswith(".tfm") else None,
+    )
 
 
 def _to_itk(sitk: Any, part: Part) -> Any:

@@ -90,14 +90,17 @@ def read_label_table(path: str | Path) -> dict[int, str]:
         return _table(decoded(path, path.read_bytes())[0])
     except (VolumeFileError, csv.Error, OSError):  # the last of a name that is too long
         return {}
+
+
 def is_segmentation_file(path: str | Path) -> bool:
     """Check whether a file is a segmentation of 3D Slicer, whose segments have names and colours."""
     path = as_path(path)
     return path.suffix.lower() in (".nrrd", ".nhdr") and path.is_file() and bool(segment_keys(path))
 
 
-def write_segmentation(volume: VolumeLike, path: str | Path, like: str | Path, *, overwrite: bool = True,
-                       progress: Progress | None = None) -> None:
+def write_segmentation(
+    volume: VolumeLike, path: str | Path, like: str | Path, *, overwrite: bool = True, progress: Progress | None = None
+) -> None:
     """Write labels as a segmentation of 3D Slicer, with the names, colours and terms of the segments of another.
 
     Parameters
@@ -154,5 +157,8 @@ def _columns(rows: list[list[str]]) -> dict[int, str]:
     name = next((k for k, cell in enumerate(head) if cell in _NAMES), None)
     if number is None or name is None or _PLACES.intersection(head):
         return {}
-    return {int(row[number]): row[name].strip() for row in rows[1:]
-            if len(row) > max(number, name) and _LABEL.fullmatch(row[number].strip())}
+    return {
+        int(row[number]): row[name].strip()
+        for row in rows[1:]
+        if len(row) > max(number, name) and _LABEL.fullmatch(row[number].strip())
+    }

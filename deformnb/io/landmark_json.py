@@ -47,8 +47,11 @@ def read_json(path: Path, text: str) -> Landmarks:
             return _read_bigwarp(path, landmarks)
         if isinstance(data.get("markups"), list):
             return _read_markups(path, data["markups"])
-    raise fail(path, "this is no file of Slicer's markups, with a list markups, nor of BigWarp's landmarks, with a "
-                     "list movingPoints.")
+    raise fail(
+        path,
+        "this is no file of Slicer's markups, with a list markups, nor of BigWarp's landmarks, with a "
+        "list movingPoints.",
+    )
 
 
 # ---- BigWarp ---------------------------------------------------------------------------------------------------------
@@ -77,11 +80,15 @@ def _read_bigwarp(path: Path, data: dict[str, Any]) -> Landmarks:
     count = next((len(place) for place in moving if isinstance(place, list)), 0)
     if count not in (2, 3):
         raise fail(path, "there is no landmark of two or three coordinates in it.")
-    places = np.array([[_coordinates(path, place, count, f"landmark {k}, {which}")
-                        for k, place in enumerate(every, 1)]
-                       for which, every in (("moving", moving), ("fixed", fixed))]).reshape(2, -1, count)
-    return without_missing(path, places[0], places[1], [str(name) for name in names], [on is True for on in active],
-                           has_open=True)
+    places = np.array(
+        [
+            [_coordinates(path, place, count, f"landmark {k}, {which}") for k, place in enumerate(every, 1)]
+            for which, every in (("moving", moving), ("fixed", fixed))
+        ]
+    ).reshape(2, -1, count)
+    return without_missing(
+        path, places[0], places[1], [str(name) for name in names], [on is True for on in active], has_open=True
+    )
 
 
 def _coordinates(path: Path, place: Any, count: int, which: str) -> list[float]:
@@ -94,10 +101,14 @@ def write_bigwarp_json(landmarks: Landmarks) -> str:
     """A transform of BigWarp with its landmarks."""
     assert landmarks.active is not None
     fixed = np.full_like(landmarks.points, np.inf) if landmarks.fixed is None else landmarks.fixed
-    table = {"type": "BigWarpLandmarks", "numDimensions": landmarks.points.shape[1],
-             "movingPoints": landmarks.points.tolist(),
-             "fixedPoints": np.where(np.isfinite(fixed), fixed, np.inf).tolist(),
-             "active": landmarks.active.tolist(), "names": list(landmarks.names)}
+    table = {
+        "type": "BigWarpLandmarks",
+        "numDimensions": landmarks.points.shape[1],
+        "movingPoints": landmarks.points.tolist(),
+        "fixedPoints": np.where(np.isfinite(fixed), fixed, np.inf).tolist(),
+        "active": landmarks.active.tolist(),
+        "names": list(landmarks.names),
+    }
     return json.dumps({"type": "Thin Plate Spline", "landmarks": table}, ensure_ascii=False) + "\n"
 
 
@@ -111,8 +122,9 @@ def is_ras(path: Path, word: Any) -> bool:
     return _RAS[str(word)]
 
 
-def from_slicer(path: Path, names: list[str], places: list[list[float]], active: list[bool],
-                ras: list[bool], unit: str = "mm") -> Landmarks:
+def from_slicer(
+    path: Path, names: list[str], places: list[list[float]], active: list[bool], ras: list[bool], unit: str = "mm"
+) -> Landmarks:
     """Landmarks of places each of which is RAS or LPS; Slicer means millimetres where it states no unit."""
     points = np.array(places).reshape(-1, 3) * np.where(np.array(ras, dtype=bool)[:, None], _TO_LPS, 1.0)
     return replace(without_missing(path, points, names=names, active=active), unit=unit)
@@ -164,11 +176,20 @@ _ORIENTATION = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]  # the axes of RA
 def write_markups(landmarks: Landmarks) -> str:
     """One list of points of Slicer, LPS."""
     assert landmarks.active is not None
-    points = [{"id": str(k + 1), "label": name, "position": place.tolist(), "orientation": _ORIENTATION,
-               "selected": bool(on), "positionStatus": "defined"}
-              for k, (name, on, place) in enumerate(zip(landmarks.names, landmarks.active, landmarks.points,
-                                                        strict=True))]
-    schema = ("https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
-              "markups-schema-v1.0.3.json#")
+    points = [
+        {
+            "id": str(k + 1),
+            "label": name,
+            "position": place.tolist(),
+            "orientation": _ORIENTATION,
+            "selected": bool(on),
+            "positionStatus": "defined",
+        }
+        for k, (name, on, place) in enumerate(zip(landmarks.names, landmarks.active, landmarks.points, strict=True))
+    ]
+    schema = (
+        "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/"
+        "markups-schema-v1.0.3.json#"
+    )
     markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm", "controlPoints": points}
     return json.dumps({"@schema": schema, "markups": [markup]}, indent=1, ensure_ascii=False) + "\n"

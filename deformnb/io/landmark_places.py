@@ -18,9 +18,35 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb.io.headers import fail, shown
 from deformnb.warping.points import Landmarks
 
-_MISSING = frozenset({"", "na", "n/a", "#n/a", "<na>", "nan", "none", "null", "nil", "undefined", "undef", "missing",
-                      "unset", "inf", "infinity", "\u221e", "?", ".", "*", "1.#ind", "1.#inf", "1.#qnan", "#num!",
-                      "#value!", "#nv"})
+_MISSING = frozenset(
+    {
+        "",
+        "na",
+        "n/a",
+        "#n/a",
+        "<na>",
+        "nan",
+        "none",
+        "null",
+        "nil",
+        "undefined",
+        "undef",
+        "missing",
+        "unset",
+        "inf",
+        "infinity",
+        "\u221e",
+        "?",
+        ".",
+        "*",
+        "1.#ind",
+        "1.#inf",
+        "1.#qnan",
+        "#num!",
+        "#value!",
+        "#nv",
+    }
+)
 """Words for a coordinate that is not there, without their sign."""
 
 _NAMED = 8  # numbers of landmarks in a note
@@ -55,9 +81,12 @@ def coordinates(path: Path, words: Sequence[Any], which: str, column: int | None
     which : what the words are of, such as "line 3".
     column : the number of the first word's column, from 1 on; without it no column is named.
     """
-    return [math.nan if is_missing(word) else
-            finite_number(path, word, which if column is None else f"{which}, column {column + k}")
-            for k, word in enumerate(words)]
+    return [
+        math.nan
+        if is_missing(word)
+        else finite_number(path, word, which if column is None else f"{which}, column {column + k}")
+        for k, word in enumerate(words)
+    ]
 
 
 def finite_number(path: Path, word: Any, where: str) -> float:
@@ -72,9 +101,16 @@ def finite_number(path: Path, word: Any, where: str) -> float:
     return value
 
 
-def without_missing(path: Path, moving: ArrayLike, fixed: ArrayLike | None = None, names: Sequence[str] = (),
-                    active: Sequence[bool] | None = None, notes: Sequence[str] = (), *,
-                    has_open: bool = False) -> Landmarks:
+def without_missing(
+    path: Path,
+    moving: ArrayLike,
+    fixed: ArrayLike | None = None,
+    names: Sequence[str] = (),
+    active: Sequence[bool] | None = None,
+    notes: Sequence[str] = (),
+    *,
+    has_open: bool = False,
+) -> Landmarks:
     """Landmarks without those that are missing, which a note counts.
 
     Parameters
@@ -93,17 +129,25 @@ def without_missing(path: Path, moving: ArrayLike, fixed: ArrayLike | None = Non
     is_open = np.zeros_like(is_there) if partners is None else ~_complete(partners)
     is_left = is_there if has_open else is_there & ~is_open
     if not is_left.any():
-        raise fail(path, "there is no landmark in it." if not len(places) else
-                   f"there is no landmark in it that has a place: all {len(places)} are missing.")
+        raise fail(
+            path,
+            "there is no landmark in it."
+            if not len(places)
+            else f"there is no landmark in it that has a place: all {len(places)} are missing.",
+        )
     remarks = [*([] if is_left.all() else [_counted(np.flatnonzero(~is_left) + 1, "missing and left out")]), *notes]
     if partners is not None:
         partners = np.where(is_open[:, None], np.nan, partners)
     if is_open[is_left].any() and not is_open.all():
         remarks.append(_counted(np.flatnonzero(is_open & is_left) + 1, "without a fixed place"))
     kept_names = tuple(name for name, on in zip(names, is_left.tolist(), strict=bool(names)) if on)
-    return Landmarks(places[is_left], kept_names,
-                     None if partners is None else partners[is_left],
-                     None if active is None else np.asarray(active, dtype=bool)[is_left], tuple(remarks))
+    return Landmarks(
+        places[is_left],
+        kept_names,
+        None if partners is None else partners[is_left],
+        None if active is None else np.asarray(active, dtype=bool)[is_left],
+        tuple(remarks),
+    )
 
 
 def _complete(places: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -23,13 +23,34 @@ from deformnb.warping.points import Landmarks
 
 Rows = list[tuple[int, list[str]]]
 
-_AXES = {"x": (0, 1.0), "y": (1, 1.0), "z": (2, 1.0), "r": (0, -1.0), "a": (1, -1.0), "s": (2, 1.0), "l": (0, 1.0),
-         "p": (1, 1.0)}  # position among LPS, and the sign
+_AXES = {
+    "x": (0, 1.0),
+    "y": (1, 1.0),
+    "z": (2, 1.0),
+    "r": (0, -1.0),
+    "a": (1, -1.0),
+    "s": (2, 1.0),
+    "l": (0, 1.0),
+    "p": (1, 1.0),
+}  # position among LPS, and the sign
 _MOVING = {"moving", "mov", "source", "src", "from", "before", "1"}
 _FIXED = {"fixed", "fix", "target", "tgt", "to", "after", "2"}
 _PLAIN = {"position", "pos", "coord", "coordinate", "coordinates", "point", "landmark", "centroid", "center", "centre"}
-_NAMES = ("name", "label", "landmark", "landmarks", "point", "points", "title", "description", "id", "index", "number",
-          "nr", "")
+_NAMES = (
+    "name",
+    "label",
+    "landmark",
+    "landmarks",
+    "point",
+    "points",
+    "title",
+    "description",
+    "id",
+    "index",
+    "number",
+    "nr",
+    "",
+)
 _ACTIVE = ("active", "selected", "enabled", "use")
 _VOXELS = {"px", "pixel", "pixels", "vx", "voxel", "voxels", "index"}
 _FALSE = ("false", "0", "no", "off")
@@ -42,8 +63,9 @@ def read_csv(path: Path, text: str) -> Landmarks:
     if not rows:
         raise fail(path, "there is no landmark in it.")
     first = rows[0][1]
-    if len(first) in (6, 7, 8, 9) and (first[1].lower() in ("true", "false") or (
-            all(map(_is_number, first[-4:])) and not _is_number(first[1]))):
+    if len(first) in (6, 7, 8, 9) and (
+        first[1].lower() in ("true", "false") or (all(map(_is_number, first[-4:])) and not _is_number(first[1]))
+    ):
         return _read_bigwarp(path, rows)
     return _read_named(path, rows) if _is_heading(first) else _read_nameless(path, rows)
 
@@ -97,14 +119,18 @@ def _read_bigwarp(path: Path, rows: Rows) -> Landmarks:
     names, active, places = list[str](), list[bool](), list[list[float]]()
     for number, row in rows:
         if len(row) != width:
-            raise fail(path, f"line {number} has {len(row)} columns; BigWarp writes a name, true or false, the moving "
-                             "and the fixed place.")
+            raise fail(
+                path,
+                f"line {number} has {len(row)} columns; BigWarp writes a name, true or false, the moving "
+                "and the fixed place.",
+            )
         if row[1].lower() not in ("true", "false"):
-            raise fail(path, f"line {number}, column 2: {shown(row[1], 20)!r} stands where BigWarp writes true or "
-                             "false.")
+            raise fail(
+                path, f"line {number}, column 2: {shown(row[1], 20)!r} stands where BigWarp writes true or false."
+            )
         names.append(row[0])
         active.append(row[1].lower() == "true")
-        places.append(coordinates(path, row[-2 * half:], f"line {number}", width - 2 * half + 1))
+        places.append(coordinates(path, row[-2 * half :], f"line {number}", width - 2 * half + 1))
     both = np.array(places)
     return without_missing(path, both[:, :half], both[:, half:], names, active, has_open=True)
 
@@ -150,16 +176,28 @@ def _read_named(path: Path, rows: Rows) -> Landmarks:
     names, active, moving, fixed = list[str](), list[bool](), list[list[float]](), list[list[float]]()
     for number, row in rows[1:]:
         cells = [*row, *[""] * (len(rows[0][1]) - len(row))]
-        both = [[sign * coordinates(path, [cells[at]], f"line {number}", at + 1)[0]
-                 for at, sign in (places[axis] for axis in range(dim))] if places else [math.nan] * dim
-                for places in (columns.moving, columns.fixed)]
+        both = [
+            [
+                sign * coordinates(path, [cells[at]], f"line {number}", at + 1)[0]
+                for at, sign in (places[axis] for axis in range(dim))
+            ]
+            if places
+            else [math.nan] * dim
+            for places in (columns.moving, columns.fixed)
+        ]
         moving.append(both[0])
         fixed.append(both[1])
         names.append("" if columns.name is None else cells[columns.name])
         active.append(columns.active is None or cells[columns.active].lower() not in _FALSE)
-    found = without_missing(path, np.array(moving).reshape(-1, dim),
-                            np.array(fixed).reshape(-1, dim) if columns.fixed else None, names, active, columns.notes,
-                            has_open=True)
+    found = without_missing(
+        path,
+        np.array(moving).reshape(-1, dim),
+        np.array(fixed).reshape(-1, dim) if columns.fixed else None,
+        names,
+        active,
+        columns.notes,
+        has_open=True,
+    )
     return replace(found, unit=columns.unit)
 
 
@@ -183,8 +221,11 @@ def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
         found.moving = {last - number: (k, 1.0) for number, k in napari if last - number < 3}
         found.notes = ("the columns of napari are taken as lengths along z, y and x",)
     if sorted(found.moving) not in ([0, 1], [0, 1, 2]) or (found.fixed and sorted(found.fixed) != sorted(found.moving)):
-        raise fail(path, f"line {line} names no columns x, y and z (or x and y), nor as many for fixed places: "
-                         f"{shown(', '.join(heading), 100)}.")
+        raise fail(
+            path,
+            f"line {line} names no columns x, y and z (or x and y), nor as many for fixed places: "
+            f"{shown(', '.join(heading), 100)}.",
+        )
     taken = {k for k, _ in (*found.moving.values(), *found.fixed.values())}
     joined = ["_".join(one) for one in words]
     found.name = next((k for name in _NAMES for k, one in enumerate(joined) if one == name and k not in taken), None)
@@ -208,13 +249,15 @@ def _words(path: Path, line: int, k: int, cell: str, units: dict[int, str]) -> l
     plain = cell.lower()
     unit = re.search(r"[(\[]\s*([^)\]]*?)\s*[)\]]\s*$", plain)
     if unit:
-        plain = plain[:unit.start()]
+        plain = plain[: unit.start()]
     words = [word for word in re.split(r"[^a-z0-9µ\u03bc]+", plain) if word]
     words = [part for word in words for part in (list(word) if re.fullmatch(r"[xyz][12]", word) else [word])]
     last = unit[1] if unit else words[-1] if len(words) > 1 and words[-1] not in _AXES else None
     if last in _VOXELS:
-        raise fail(path, f"line {line}, column {k + 1}: {shown(cell, 30)!r} is in voxels, which have no place without "
-                         "their volume.")
+        raise fail(
+            path,
+            f"line {line}, column {k + 1}: {shown(cell, 30)!r} is in voxels, which have no place without their volume.",
+        )
     known = find_unit(last)
     if known:
         units[k] = known
@@ -228,8 +271,11 @@ def _read_nameless(path: Path, rows: Rows) -> Landmarks:
     named = width in (4, 5, 7) or (width == 3 and not _is_number(rows[0][1][0]))
     count = width - named
     if count not in (2, 3, 4, 6):
-        raise fail(path, f"line {rows[0][0]} has {width} columns; expected are a name, x, y and z, twice as many "
-                         "coordinates for pairs, or a line of names such as name,x,y,z.")
+        raise fail(
+            path,
+            f"line {rows[0][0]} has {width} columns; expected are a name, x, y and z, twice as many "
+            "coordinates for pairs, or a line of names such as name,x,y,z.",
+        )
     names, places = list[str](), list[list[float]]()
     for number, row in rows:
         if len(row) != width:
@@ -248,7 +294,7 @@ def write_tabs(landmarks: Landmarks) -> str:
 
 def write_table(landmarks: Landmarks, delimiter: str = ",") -> str:
     """A line of names and one of each landmark: its name, its place, and its fixed place where there are some."""
-    axes = "xyz"[:landmarks.points.shape[1]]
+    axes = "xyz"[: landmarks.points.shape[1]]
     out = io.StringIO()
     writer = csv.writer(out, delimiter=delimiter, lineterminator="\n")
     writer.writerow(["name", *axes, *([] if landmarks.fixed is None else [f"fixed_{axis}" for axis in axes])])

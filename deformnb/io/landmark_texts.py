@@ -23,8 +23,9 @@ from deformnb.io.landmark_places import coordinates, finite_number, is_comment, 
 from deformnb.warping.points import Landmarks
 
 
-def _pair(path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str],
-          notes: tuple[str, ...] = ()) -> Landmarks:
+def _pair(
+    path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str], notes: tuple[str, ...] = ()
+) -> Landmarks:
     """The first specimen; with one more that is its fixed counterpart."""
     if not specimens:
         raise fail(path, "there is no landmark in it.")
@@ -32,8 +33,11 @@ def _pair(path: Path, specimens: list[NDArray[np.float64]], titles: Sequence[str
     if len(specimens) == 2:
         fixed = specimens[1]
         if fixed.shape != first.shape:
-            raise fail(path, f"its two specimens have {len(first)} and {len(fixed)} landmarks of {first.shape[1]} and "
-                             f"{fixed.shape[1]} coordinates; they must be the same ones.")
+            raise fail(
+                path,
+                f"its two specimens have {len(first)} and {len(fixed)} landmarks of {first.shape[1]} and "
+                f"{fixed.shape[1]} coordinates; they must be the same ones.",
+            )
     elif len(specimens) > 2:
         title = f", {shown(titles[0], 40)}" if titles[0] else ""
         notes = (f"the first of {len(specimens)} specimens was read{title}; two of them would be read as pairs", *notes)
@@ -48,8 +52,11 @@ def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[i
         if len(words) not in counts and all(map(_DECIMAL_COMMA.fullmatch, row.split())):
             words = [word.replace(",", ".") for word in row.split()]
         if len(words) not in counts or (places and len(words) != len(places[0])):
-            raise fail(path, f"line {number} has {len(words)} numbers where a place of "
-                             f"{' or '.join(map(str, counts if not places else [len(places[0])]))} is expected.")
+            raise fail(
+                path,
+                f"line {number} has {len(words)} numbers where a place of "
+                f"{' or '.join(map(str, counts if not places else [len(places[0])]))} is expected.",
+            )
         places.append(coordinates(path, words, f"line {number}", 1))
     return np.array(places).reshape(len(places), len(places[0]) if places else counts[-1])
 
@@ -83,7 +90,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
         name = key.upper()
         if name in ("LM", "LM3", "POINTS", "POINTS3"):
             count = _count(path, value, at)
-            rows = lines[at:at + count]
+            rows = lines[at : at + count]
             if len(rows) < count or (count and not all(row.strip() for row in rows)):
                 raise fail(path, f"line {at} announces {count} landmarks, and fewer lines follow.")
             places = _number_rows(path, list(enumerate(rows, at + 1)), (3,) if name.endswith("3") else (2, 3))
@@ -131,8 +138,9 @@ def write_tps(landmarks: Landmarks) -> str:
     while any((factor * places == -1).all(axis=1).any() for _, places in _titled(landmarks)):
         factor *= 2  # a power of two, so that no digit changes
     scale = "" if factor == 1 else f"SCALE={1 / factor!r}\n"
-    return "".join(f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}"
-                   for title, places in _titled(landmarks))
+    return "".join(
+        f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}" for title, places in _titled(landmarks)
+    )
 
 
 def _count(path: Path, word: str, line: int) -> int:
@@ -156,14 +164,23 @@ def _rows(places: NDArray[np.float64], separator: str = " ") -> str:
 def read_nts(path: Path, text: str) -> Landmarks:
     """Landmarks of an NTS file: ``1 specimens numbers 0 dim=3``, or ``1 9999`` for the 0 where 9999 stands for none."""
     lines = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith(('"', "'"))]
-    found = re.fullmatch(r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+(\S+))?\s+dim\s*=\s*([23])\s*",
-                         lines[0][1] if lines else "", re.IGNORECASE)
+    found = re.fullmatch(
+        r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+(\S+))?\s+dim\s*=\s*([23])\s*",
+        lines[0][1] if lines else "",
+        re.IGNORECASE,
+    )
     if found is None:
-        raise fail(path, "its first line is not that of an NTS file of landmarks: 1, how many specimens, how many "
-                         "numbers, 0, DIM=2 or DIM=3.")
+        raise fail(
+            path,
+            "its first line is not that of an NTS file of landmarks: 1, how many specimens, how many "
+            "numbers, 0, DIM=2 or DIM=3.",
+        )
     count, numbers, dim = int(found[1]), int(found[3]), int(found[7])
-    words = [(word, f"line {number}, column {column}") for number, line in lines[1:]
-             for column, word in enumerate(line.split(), 1)]
+    words = [
+        (word, f"line {number}, column {column}")
+        for number, line in lines[1:]
+        for column, word in enumerate(line.split(), 1)
+    ]
     titles = list[str]()
     if found[2]:
         titles, words = [word for word, _ in words[:count]], words[count:]
@@ -216,11 +233,17 @@ def _read_morphologika(path: Path, text: str) -> Landmarks:
     rows = [row for row in sections.get("rawpoints", []) if not row[1].lstrip().startswith("'")]
     wanted = counts["individuals"] * counts["landmarks"]
     if len(rows) != wanted or counts["dimensions"] not in (2, 3):
-        raise fail(path, f"it announces {counts['individuals']} individuals of {counts['landmarks']} landmarks in "
-                         f"{counts['dimensions']} dimensions, and {len(rows)} places follow under [rawpoints].")
+        raise fail(
+            path,
+            f"it announces {counts['individuals']} individuals of {counts['landmarks']} landmarks in "
+            f"{counts['dimensions']} dimensions, and {len(rows)} places follow under [rawpoints].",
+        )
     values = _number_rows(path, rows, (counts["dimensions"],))
-    return _pair(path, list(values.reshape(counts["individuals"], -1, counts["dimensions"])),
-                 [*(line for _, line in sections.get("names", [])), ""])
+    return _pair(
+        path,
+        list(values.reshape(counts["individuals"], -1, counts["dimensions"])),
+        [*(line for _, line in sections.get("names", [])), ""],
+    )
 
 
 def write_morphologika(landmarks: Landmarks) -> str:
@@ -228,16 +251,21 @@ def write_morphologika(landmarks: Landmarks) -> str:
     titled, (count, dim) = _titled(landmarks), landmarks.points.shape
     names = "".join(f"{title}\n" for title, _ in titled)
     points = "".join(f"'{title}\n{_rows(places)}" for title, places in titled)
-    return (f"[individuals]\n{len(titled)}\n[landmarks]\n{count}\n[dimensions]\n{dim}\n[names]\n{names}"
-            f"[rawpoints]\n{points}")
+    return (
+        f"[individuals]\n{len(titled)}\n[landmarks]\n{count}\n[dimensions]\n{dim}\n[names]\n{names}"
+        f"[rawpoints]\n{points}"
+    )
 
 
 def _read_elastix(path: Path, text: str) -> Landmarks:
     lines = _numbered(text)
     kind = lines[0][1].strip() if len(lines) > 1 else ""
     if kind not in ("point", "index"):
-        raise fail(path, "it is neither Morphologika's ([individuals] ...) nor a list of points of elastix, whose "
-                         "first line is 'point', nor of places alone.")
+        raise fail(
+            path,
+            "it is neither Morphologika's ([individuals] ...) nor a list of points of elastix, whose "
+            "first line is 'point', nor of places alone.",
+        )
     if kind == "index":
         raise fail(path, "it holds indices of voxels, which have no place without their volume.")
     if len(lines) != 2 + _count(path, lines[1][1].strip(), lines[1][0]):
@@ -310,5 +338,4 @@ def write_prm(landmarks: Landmarks) -> str:
     fixed = landmarks.points if landmarks.fixed is None else landmarks.fixed
     both = zip(_PRM_KEYS, (landmarks.points, fixed), strict=True)
     lists = "".join(f"\n{key}: {_rows(places).rstrip().replace(chr(10), f'{chr(10)}    ')}\n" for key, places in both)
-    return ("[Radial Basis Functions]\nbasis function: thin_plate_spline\nradius: 1.0\n\n[Control points]"
-            + lists)
+    return "[Radial Basis Functions]\nbasis function: thin_plate_spline\nradius: 1.0\n\n[Control points]" + lists

@@ -126,8 +126,14 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
     """Describe a landmark file for people."""
     place, found = Path(path), read_landmarks(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in (found.points.min(axis=0), found.points.max(axis=0)))
-    rows = {"file": shown(place.name), "kind": check_landmark_target(place).description,
-            "landmarks": str(len(found)), "from": low, "to": high, "pairs": "no" if found.fixed is None else "yes"}
+    rows = {
+        "file": shown(place.name),
+        "kind": check_landmark_target(place).description,
+        "landmarks": str(len(found)),
+        "from": low,
+        "to": high,
+        "pairs": "no" if found.fixed is None else "yes",
+    }
     rows |= {"unit": found.unit} if found.unit else {}
     return {**rows, **{f"note {k + 1}": text for k, text in enumerate(found.notes)}}
 
@@ -153,8 +159,11 @@ def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, o
     if row.has_fixed and not row.has_open and landmarks.fixed is not None:
         is_open = ~np.isfinite(landmarks.fixed).all(axis=1)
         if is_open.any():
-            raise fail(place, f"landmark {int(np.argmax(is_open)) + 1} has no fixed place, and a {row.description} has "
-                              "no room for an open one; leave it out, or write a .csv.")
+            raise fail(
+                place,
+                f"landmark {int(np.argmax(is_open)) + 1} has no fixed place, and a {row.description} has "
+                "no room for an open one; leave it out, or write a .csv.",
+            )
     with atomic_write(place, overwrite=overwrite) as file:
         file.write(row.write(landmarks.in_unit(row.unit)).encode("utf-8"))
 
@@ -228,25 +237,59 @@ def _write_fcsv(landmarks: Landmarks) -> str:
 
 
 LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
-    "markups": LandmarkFormat(".mrk.json", read_json, write_markups, "file of Slicer's markups", has_names=True,
-                              unit="mm"),
-    "bigwarp json": LandmarkFormat(".bigwarp.json", read_json, write_bigwarp_json, "JSON of BigWarp's landmarks",
-                                   (2, 3), has_names=True, has_fixed=True, has_open=True),
-    "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True,
-                           unit="mm"),
-    "table": LandmarkFormat(".points.csv", read_csv, write_table, "table with a line of names (OpenSim Creator)",
-                            (2, 3), has_names=True, has_fixed=True, has_open=True),
-    "bigwarp": LandmarkFormat(".csv", read_csv, write_bigwarp, "file of BigWarp's landmarks, or a table", (2, 3),
-                              has_names=True, has_fixed=True, has_open=True),
-    "tab table": LandmarkFormat(".tsv", read_csv, write_tabs, "table with tabs between its columns", (2, 3),
-                                has_names=True, has_fixed=True, has_open=True),
+    "markups": LandmarkFormat(
+        ".mrk.json", read_json, write_markups, "file of Slicer's markups", has_names=True, unit="mm"
+    ),
+    "bigwarp json": LandmarkFormat(
+        ".bigwarp.json",
+        read_json,
+        write_bigwarp_json,
+        "JSON of BigWarp's landmarks",
+        (2, 3),
+        has_names=True,
+        has_fixed=True,
+        has_open=True,
+    ),
+    "fcsv": LandmarkFormat(".fcsv", _read_fcsv, _write_fcsv, "file of Slicer's fiducials", has_names=True, unit="mm"),
+    "table": LandmarkFormat(
+        ".points.csv",
+        read_csv,
+        write_table,
+        "table with a line of names (OpenSim Creator)",
+        (2, 3),
+        has_names=True,
+        has_fixed=True,
+        has_open=True,
+    ),
+    "bigwarp": LandmarkFormat(
+        ".csv",
+        read_csv,
+        write_bigwarp,
+        "file of BigWarp's landmarks, or a table",
+        (2, 3),
+        has_names=True,
+        has_fixed=True,
+        has_open=True,
+    ),
+    "tab table": LandmarkFormat(
+        ".tsv",
+        read_csv,
+        write_tabs,
+        "table with tabs between its columns",
+        (2, 3),
+        has_names=True,
+        has_fixed=True,
+        has_open=True,
+    ),
     "points": LandmarkFormat(".xyz", read_xyz, write_xyz, "list of points of vedo or VTK"),
     "tps": LandmarkFormat(".tps", read_tps, write_tps, "TPS file", (2, 3), has_fixed=True),
     "nts": LandmarkFormat(".nts", read_nts, write_nts, "NTS file", (2, 3), has_fixed=True),
-    "morphologika": LandmarkFormat(".morphologika.txt", read_txt, write_morphologika, "Morphologika file", (2, 3),
-                                   has_fixed=True),
-    "elastix": LandmarkFormat(".txt", _read_text, write_txt, "list of points of elastix, Morphologika's, or a table",
-                              (2, 3), unit="mm"),
+    "morphologika": LandmarkFormat(
+        ".morphologika.txt", read_txt, write_morphologika, "Morphologika file", (2, 3), has_fixed=True
+    ),
+    "elastix": LandmarkFormat(
+        ".txt", _read_text, write_txt, "list of points of elastix, Morphologika's, or a table", (2, 3), unit="mm"
+    ),
     "pygem": LandmarkFormat(".prm", read_prm, write_prm, "parameter file of PyGeM", has_fixed=True),
 }
 """All kinds of landmark files by name."""
@@ -367,9 +410,11 @@ def _nameless(number: int, row: list[str], dim: int) -> dict[str, Any]:
         record = {"name": row[0], "active": row[1].lower() == "true"}
         row = row[2:]
     if len(row) not in (dim, 2 * dim):
-        raise DeformError(f"row {number} has {len(row)} columns; points of this set are {_wanted(dim)}, twice as many "
-                          "with a target, or rows under a line of names such as "
-                          f"source_{_AXES[dim][0]}.")
+        raise DeformError(
+            f"row {number} has {len(row)} columns; points of this set are {_wanted(dim)}, twice as many "
+            "with a target, or rows under a line of names such as "
+            f"source_{_AXES[dim][0]}."
+        )
     places = [parsed_number(cell, f"row {number}") for cell in row]
     record["source"] = places[:dim]
     if len(places) > dim:
@@ -403,8 +448,9 @@ def parsed_number(text: str, what: str) -> float:
 
 
 def _merged(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
-    columns: dict[str, list[Any]] = {name: list(getattr(into, name)) for name in
-                                     ("source", "target", "active", "weight", "locked", "radius")}
+    columns: dict[str, list[Any]] = {
+        name: list(getattr(into, name)) for name in ("source", "target", "active", "weight", "locked", "radius")
+    }
     columns["name"] = list(into.names)
     place, ids, changed = {point: k for k, point in enumerate(into.ids)}, list(into.ids), list[int]()
     for record in records:
@@ -412,8 +458,15 @@ def _merged(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
         if k is None:
             if "source" not in record:
                 raise DeformError("a row with the id of no point has no source; a new point needs a place.")
-            whole = {"target": record["source"], "active": True, "weight": 1.0, "locked": False, "radius": math.nan,
-                     "name": "", **record}
+            whole = {
+                "target": record["source"],
+                "active": True,
+                "weight": 1.0,
+                "locked": False,
+                "radius": math.nan,
+                "name": "",
+                **record,
+            }
             ids.append(into.next_id + len(ids) - len(into))
             for name, values in columns.items():
                 values.append(whole[name])
@@ -422,9 +475,10 @@ def _merged(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
             for name, value in record.items():
                 columns[name][k] = value
     names = tuple(columns.pop("name"))
-    arrays: dict[str, Any] = {name: np.array(values, dtype=getattr(into, name).dtype)
-                              for name, values in columns.items()}
+    arrays: dict[str, Any] = {
+        name: np.array(values, dtype=getattr(into, name).dtype) for name, values in columns.items()
+    }
     for name in ("source", "target"):
         arrays[name] = arrays[name].reshape(-1, into.dim)
     made = replace(into, ids=tuple(ids), names=names, next_id=max([into.next_id, *(i + 1 for i in ids)]), **arrays)
-    return ReadPoints(made, tuple(dict.fromkeys(changed)), tuple(ids[len(into):]))
+    return ReadPoints(made, tuple(dict.fromkeys(changed)), tuple(ids[len(into) :]))

@@ -52,10 +52,15 @@ def check_room(volume: Volume, output: Grid | None) -> None:
     grid = output or volume.grid
     needed, free = grid.size * volume.dtype.itemsize, available_memory()
     if needed > free:
-        remedy = ("choose a smaller result box or a coarser resolution" if grid.size > volume.grid.size else
-                  "read the volume with a stride")
-        raise DeformError(f"the deformed volume of {' x '.join(map(str, grid.shape[::-1]))} voxels takes "
-                          f"{human_bytes(needed)} and {human_bytes(free)} are free; close something else, or {remedy}.")
+        remedy = (
+            "choose a smaller result box or a coarser resolution"
+            if grid.size > volume.grid.size
+            else "read the volume with a stride"
+        )
+        raise DeformError(
+            f"the deformed volume of {' x '.join(map(str, grid.shape[::-1]))} voxels takes "
+            f"{human_bytes(needed)} and {human_bytes(free)} are free; close something else, or {remedy}."
+        )
 
 
 def default_limit() -> int:
@@ -98,8 +103,14 @@ def _cgroups(root: Path) -> list[tuple[Path, str]]:
         fields, (kind, *_, options) = where.split(), what.split(" ")
         if kind not in _CGROUP_FILES or (kind == "cgroup" and "memory" not in options.split(",")):
             continue
-        group = next((path for number, controllers, path in (entry.split(":", 2) for entry in groups)
-                      if (number == "0" if kind == "cgroup2" else "memory" in controllers.split(","))), None)
+        group = next(
+            (
+                path
+                for number, controllers, path in (entry.split(":", 2) for entry in groups)
+                if (number == "0" if kind == "cgroup2" else "memory" in controllers.split(","))
+            ),
+            None,
+        )
         if group is None:
             continue
         # A container may see a part of the tree only: then the path begins with that part's own, or leads out of it.

@@ -34,9 +34,24 @@ _CUT = "it is cut short or damaged"
 
 # ---- PLY -------------------------------------------------------------------------------------------------------------
 
-_PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
-              "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4",
-              "uint32": "u4", "float32": "f4", "float64": "f8"}
+_PLY_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
 _PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -84,15 +99,16 @@ def _ply_header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     if not re.match(rb"ply[ \t]*\r?\n", data) or end is None:
         raise fail(path, "this is no PLY file: it does not begin with the lines from ply to end_header.")
     order, elements = None, list[_Element]()
-    for line in data[:end.start()].decode("ascii", "replace").splitlines()[1:]:
+    for line in data[: end.start()].decode("ascii", "replace").splitlines()[1:]:
         words = line.split()
         match words:
             case ["format", kind, _] if kind in _PLY_FORMATS:
                 order = _PLY_FORMATS[kind]
             case ["element", name, size] if re.fullmatch("[0-9]{1,12}", size) and len(elements) < _MOST_ELEMENTS:
                 elements.append(_Element(name, int(size), []))
-            case ["property", "list", count, kind, name] if elements and _PLY_TYPES.get(count, "f")[0] in "iu" and (
-                    kind in _PLY_TYPES):
+            case ["property", "list", count, kind, name] if (
+                elements and _PLY_TYPES.get(count, "f")[0] in "iu" and (kind in _PLY_TYPES)
+            ):
                 elements[-1].properties.append(_Property(name, _PLY_TYPES[kind], _PLY_TYPES[count]))
             case ["property", kind, name] if elements and kind in _PLY_TYPES:
                 elements[-1].properties.append(_Property(name, _PLY_TYPES[kind]))
@@ -112,8 +128,11 @@ def _check_sizes(path: Path, elements: list[_Element], size: int) -> None:
         if not names or len(set(names)) != len(names) or len(names) > _MOST_ELEMENTS:
             raise fail(path, f"the element {shown(element.name, 30)} has no properties, too many or two of one name.")
         if element.size > size:  # each takes a byte at least
-            raise fail(path, f"its header promises {element.size} times {shown(element.name, 30)}, more than the file "
-                             f"has room for: {_CUT}.")
+            raise fail(
+                path,
+                f"its header promises {element.size} times {shown(element.name, 30)}, more than the file "
+                f"has room for: {_CUT}.",
+            )
 
 
 def _ply_points(path: Path, element: _Element, rows: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
@@ -159,8 +178,10 @@ class _Binary:
 
     def _one_by_one(self, element: _Element, chosen: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         counts, values = [], []
-        kinds = [(p is chosen, np.dtype(self._order + p.count) if p.count else None, np.dtype(self._order + p.dtype))
-                 for p in element.properties]
+        kinds = [
+            (p is chosen, np.dtype(self._order + p.count) if p.count else None, np.dtype(self._order + p.dtype))
+            for p in element.properties
+        ]
         for _ in range(element.size):
             for is_wanted, count, dtype in kinds:
                 number = 1 if count is None else max(int(self._take(count, 1)[0]), 0)
@@ -184,7 +205,7 @@ class _Text:
         self._at = 0
 
     def _take(self, count: int) -> NDArray[np.float64]:
-        found = self._numbers[self._at:self._at + count]
+        found = self._numbers[self._at : self._at + count]
         if len(found) < count:
             raise fail(self._path, f"its header promises more than the file holds: {_CUT}.")
         self._at += count
@@ -315,8 +336,14 @@ def read_vtp(path: Path) -> Polygons:
 
 def _vtp_points(file: VtkXml, piece: Tag) -> NDArray[np.float64]:
     count = _vtp_count(file, piece, "NumberOfPoints")
-    array = next((tag for tag in file.tags if tag.name == "DataArray" and tag.within("Points") and tag.parent
-                  and tag.parent.parent is piece), None)
+    array = next(
+        (
+            tag
+            for tag in file.tags
+            if tag.name == "DataArray" and tag.within("Points") and tag.parent and tag.parent.parent is piece
+        ),
+        None,
+    )
     if not count:
         return np.zeros((0, 3))
     if array is None or array.attributes.get("NumberOfComponents") != "3":
@@ -329,8 +356,11 @@ def _vtp_cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], 
     count = _vtp_count(file, piece, f"NumberOf{kind}")
     if not count:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    arrays = {tag.attributes.get("Name"): tag for tag in file.tags
-              if tag.name == "DataArray" and tag.within(kind) and tag.parent and tag.parent.parent is piece}
+    arrays = {
+        tag.attributes.get("Name"): tag
+        for tag in file.tags
+        if tag.name == "DataArray" and tag.within(kind) and tag.parent and tag.parent.parent is piece
+    }
     if not {"offsets", "connectivity"} <= arrays.keys():
         raise fail(file.path, f"it promises {count} {kind.lower()} without their offsets and connectivity: {_CUT}.")
     ends = _whole(file.path, _within_memory(file.stored(arrays["offsets"], count)).values())
@@ -351,8 +381,11 @@ def _vtp_count(file: VtkXml, piece: Tag, name: str) -> int:
 def _within_memory(array: StoredArray) -> StoredArray:
     limit = default_limit()
     if 4 * array.size > limit:  # its bytes in parts and joined, then its numbers as they are used
-        raise fail(array.file.path, f"its header promises an array of {human_bytes(array.size)}, for which there is "
-                                    f"not enough memory ({human_bytes(limit)} may be used), or {_CUT}.")
+        raise fail(
+            array.file.path,
+            f"its header promises an array of {human_bytes(array.size)}, for which there is "
+            f"not enough memory ({human_bytes(limit)} may be used), or {_CUT}.",
+        )
     return array
 
 
@@ -433,8 +466,11 @@ def read_mesh(path: str | os.PathLike[str], *, name: str | None = None, unit: st
         raise fail(place, f"its suffix belongs to no kind of surface file; known are {mesh_suffixes()}.")
     size, limit = place.stat().st_size, default_limit()
     if size * _MEMORY_PER_BYTE > limit:
-        raise fail(place, f"reading it takes about {human_bytes(size * _MEMORY_PER_BYTE)} of memory and "
-                          f"{human_bytes(limit)} may be used; thin the mesh out first.")
+        raise fail(
+            place,
+            f"reading it takes about {human_bytes(size * _MEMORY_PER_BYTE)} of memory and "
+            f"{human_bytes(limit)} may be used; thin the mesh out first.",
+        )
     with Damage(place, "thin the mesh out first"):
         mesh = _mesh(*row.read(place), place.stem if name is None else name)
     if not len(mesh.faces):
@@ -448,9 +484,15 @@ def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in mesh.box)
     row = _row(place)
     assert row is not None
-    return {"file": shown(place.name), "kind": row.description, "corners": str(len(mesh.points)),
-            "faces": str(len(mesh.faces)), "from": low, "to": high,
-            "closed": "yes" if mesh.is_closed else "no, so it has no inside"}
+    return {
+        "file": shown(place.name),
+        "kind": row.description,
+        "corners": str(len(mesh.points)),
+        "faces": str(len(mesh.faces)),
+        "from": low,
+        "to": high,
+        "closed": "yes" if mesh.is_closed else "no, so it has no inside",
+    }
 
 
 def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
@@ -506,8 +548,10 @@ def _mesh(points: NDArray[np.float64], counts: NDArray[np.int64], corners: NDArr
     if not np.isfinite(points).all():
         raise DeformError("a corner is not a finite number")
     if (counts > _MOST_CORNERS).any():
-        raise DeformError(f"a face has {counts.max()} corners, which takes VTK minutes to cut into triangles; "
-                          f"at most {_MOST_CORNERS} are read")
+        raise DeformError(
+            f"a face has {counts.max()} corners, which takes VTK minutes to cut into triangles; "
+            f"at most {_MOST_CORNERS} are read"
+        )
     kept = counts >= 3
     cells = np.insert(corners, np.cumsum(counts) - counts, counts)  # as VTK has them: the number, then the corners
     cells = cells[np.repeat(kept, counts + 1)]
@@ -518,9 +562,16 @@ def _mesh(points: NDArray[np.float64], counts: NDArray[np.int64], corners: NDArr
 
 
 def _write_ply(mesh: Mesh, file: BinaryIO) -> None:
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.points)}",
-              *(f"property double {axis}" for axis in "xyz"), f"element face {len(mesh.faces)}",
-              "property list uchar int vertex_indices", "end_header", ""]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(mesh.points)}",
+        *(f"property double {axis}" for axis in "xyz"),
+        f"element face {len(mesh.faces)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+        "",
+    ]
     file.write("\n".join(header).encode("ascii"))
     file.write(np.ascontiguousarray(mesh.points, dtype="<f8").tobytes())
     rows = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])

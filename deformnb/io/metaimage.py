@@ -48,12 +48,28 @@ from deformnb.volume.units import stated_unit
 from deformnb.volume.volume import Matrix3, Volume
 
 _TYPES = {
-    "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
-    "MET_LONG": "i4", "MET_ULONG": "u4", "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8",
-    "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
+    "MET_CHAR": "i1",
+    "MET_UCHAR": "u1",
+    "MET_SHORT": "i2",
+    "MET_USHORT": "u2",
+    "MET_INT": "i4",
+    "MET_UINT": "u4",
+    "MET_LONG": "i4",
+    "MET_ULONG": "u4",
+    "MET_LONG_LONG": "i8",
+    "MET_ULONG_LONG": "u8",
+    "MET_FLOAT": "f4",
+    "MET_DOUBLE": "f8",
 }
-_NAMES = {"i1": "MET_CHAR", "u1": "MET_UCHAR", "i2": "MET_SHORT", "u2": "MET_USHORT", "i4": "MET_INT",
-          "f4": "MET_FLOAT", "f8": "MET_DOUBLE"}
+_NAMES = {
+    "i1": "MET_CHAR",
+    "u1": "MET_UCHAR",
+    "i2": "MET_SHORT",
+    "u2": "MET_USHORT",
+    "i4": "MET_INT",
+    "f4": "MET_FLOAT",
+    "f8": "MET_DOUBLE",
+}
 
 # MetaImage has no field for voxels that are names of regions, nor for a checksum; a comment, which every reader
 # keeps or ignores, can.
@@ -70,7 +86,7 @@ def _fields(path: Path) -> tuple[dict[str, str], int]:
     start = 0
     while start < len(data):
         end = data.find(b"\n", start)
-        line = data[start:end if end >= 0 else len(data)].decode("utf-8", "replace").strip()
+        line = data[start : end if end >= 0 else len(data)].decode("utf-8", "replace").strip()
         start = end + 1 if end >= 0 else len(data)
         if not line:
             continue
@@ -125,10 +141,20 @@ def read_header(path: Path) -> Header:
         volume_shape(path, sizes, dtype.itemsize)  # which lists the axes
     shape, notes = volume_shape(path, sizes[:3], dtype.itemsize)
     comment = fields.get("comment", "")
-    duration = floats(path, "ElementSpacing", fields["elementspacing"], dimension)[3] if (
-        dimension > 3 and "elementspacing" in fields) else 0.0
-    layout = checked_layout(path, Layout((*sizes[3:4], 1)[0], channels, interleaved=channels > 1,
-                                         duration=duration if math.isfinite(duration) else 0.0))
+    duration = (
+        floats(path, "ElementSpacing", fields["elementspacing"], dimension)[3]
+        if (dimension > 3 and "elementspacing" in fields)
+        else 0.0
+    )
+    layout = checked_layout(
+        path,
+        Layout(
+            (*sizes[3:4], 1)[0],
+            channels,
+            interleaved=channels > 1,
+            duration=duration if math.isfinite(duration) else 0.0,
+        ),
+    )
     layout = described_layout(layout, comment.partition(_CHANNELS)[2])
     source = _source(path, fields, end, sizes, dtype.itemsize * channels, dtype)
     labels = True if comment.split(";")[0] == _LABELS else None
@@ -138,8 +164,9 @@ def read_header(path: Path) -> Header:
     notes += unit_notes
     crc = proven_crc(comment, fields["elementdatafile"])
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
-    return Header(path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout,
-                  unit=unit)
+    return Header(
+        path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout, unit=unit
+    )
 
 
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
@@ -150,8 +177,9 @@ def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
     return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
 
 
-def _source(path: Path, fields: dict[str, str], end: int, sizes: list[int], pixel: int,
-            dtype: np.dtype[Any]) -> Source | SeveralSources:
+def _source(
+    path: Path, fields: dict[str, str], end: int, sizes: list[int], pixel: int, dtype: np.dtype[Any]
+) -> Source | SeveralSources:
     """The source of the voxels.
 
     Parameters
@@ -165,8 +193,9 @@ def _source(path: Path, fields: dict[str, str], end: int, sizes: list[int], pixe
     if names is None:
         return _part(path, fields, detached_file(path, name), 0, total, dtype)
     check_share(path, sizes, len(names), axes)
-    return SeveralSources(path, tuple(_part(path, fields, detached_file(path, one), 0, total // len(names), dtype)
-                                      for one in names))
+    return SeveralSources(
+        path, tuple(_part(path, fields, detached_file(path, one), 0, total // len(names), dtype) for one in names)
+    )
 
 
 def _names(path: Path, name: str, end: int) -> tuple[list[str] | None, int | None]:
@@ -219,8 +248,14 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
     Not compressed: the header would need the compressed size before the voxels are packed.
     """
     if path.suffix.lower() == ".mhd":
-        write_pair(volume, path, partial(_header_text, volume), lambda header: _fields(header)[0]["elementdatafile"],
-                   overwrite, progress)
+        write_pair(
+            volume,
+            path,
+            partial(_header_text, volume),
+            lambda header: _fields(header)[0]["elementdatafile"],
+            overwrite,
+            progress,
+        )
     else:
         write_packed(volume, path, _header_text(volume, "LOCAL"), "raw", overwrite, progress)
 
@@ -230,8 +265,7 @@ def series_header(_path: Path, volume: Volume, layout: Layout) -> bytes:
     return _header_text(volume, "LOCAL", layout=layout)
 
 
-def _header_text(volume: Volume, data_file: str, crc: int | None = None,
-                 layout: Layout = SINGLE) -> bytes:
+def _header_text(volume: Volume, data_file: str, crc: int | None = None, layout: Layout = SINGLE) -> bytes:
     def words(values: Any) -> str:
         return " ".join(map(repr, values))
 

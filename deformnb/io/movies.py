@@ -33,9 +33,15 @@ _FULL = ("No space left", "Disk quota", "File too large")  # in the words of the
 _FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float = 24.0, *,
-                overwrite: bool = True, progress: FrameProgress | None = None,
-                cancel: Callable[[], bool] | None = None) -> Path:
+def write_movie(
+    path: str | PathLike[str],
+    frames: Iterable[Image],
+    fps: float = 24.0,
+    *,
+    overwrite: bool = True,
+    progress: FrameProgress | None = None,
+    cancel: Callable[[], bool] | None = None,
+) -> Path:
     """Write pictures as a movie.
 
     Parameters
@@ -73,8 +79,9 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     place = as_path(path)
     kind = "" if place.is_dir() or str(path).endswith(("/", os.sep)) else place.suffix.lower()
     if kind not in MOVIES:
-        raise DeformError(f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, not as "
-                          f"{shown(place.name)!r}.")
+        raise DeformError(
+            f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, not as {shown(place.name)!r}."
+        )
     wanted = "a movie has between 0.01 and 1000 frames a second"
     if not 0.01 <= finite_number(fps, wanted) <= 1000:
         raise DeformError(f"{wanted}, got {fps}.")
@@ -92,8 +99,9 @@ def write_movie(path: str | PathLike[str], frames: Iterable[Image], fps: float =
     return place.parent if kind == ".png" else place
 
 
-def _watched(frames: Iterable[Image], total: int, progress: FrameProgress | None,
-             cancel: Callable[[], bool] | None) -> Iterator[Image]:
+def _watched(
+    frames: Iterable[Image], total: int, progress: FrameProgress | None, cancel: Callable[[], bool] | None
+) -> Iterator[Image]:
     """The frames, checked one by one; reports after each that it is done."""
     source, shape, done = iter(frames), None, 0
     while True:
@@ -104,11 +112,15 @@ def _watched(frames: Iterable[Image], total: int, progress: FrameProgress | None
             break
         image = np.asarray(image)
         if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or image.size == 0:
-            raise DeformError(f"frame {done} is no picture: (height, width, 3) of uint8 is needed, got {image.shape} "
-                              f"of {image.dtype}.")
+            raise DeformError(
+                f"frame {done} is no picture: (height, width, 3) of uint8 is needed, got {image.shape} "
+                f"of {image.dtype}."
+            )
         if shape not in (None, image.shape):
-            raise DeformError(f"frame {done} is {image.shape[1]} x {image.shape[0]}, those before are {shape[1]} x "
-                              f"{shape[0]}; all frames of a movie have one size.")
+            raise DeformError(
+                f"frame {done} is {image.shape[1]} x {image.shape[0]}, those before are {shape[1]} x "
+                f"{shape[0]}; all frames of a movie have one size."
+            )
         shape = image.shape
         yield np.ascontiguousarray(image)
         done += 1
@@ -159,8 +171,12 @@ def _cells(image: Image) -> NDArray[np.int32]:
 def _counted(image: Image) -> NDArray[np.float64]:
     """Of each cell of the cube of colours: how many pixels are in it, and the sums of their red, green and blue."""
     cells, channels = _cells(image).ravel(), image.reshape(-1, 3).T
-    return np.stack([np.bincount(cells, minlength=_LEVELS**3),
-                     *(np.bincount(cells, weights=c, minlength=_LEVELS**3) for c in channels)])
+    return np.stack(
+        [
+            np.bincount(cells, minlength=_LEVELS**3),
+            *(np.bincount(cells, weights=c, minlength=_LEVELS**3) for c in channels),
+        ]
+    )
 
 
 def _durations(count: int, fps: float, unit: float) -> list[int]:
@@ -230,9 +246,34 @@ def _write_mp4(path: Path, frames: Iterator[Image], fps: float) -> None:
         raise MissingPackageError(message) from error
     with atomic_write(path) as file, tempfile.TemporaryFile() as words:
         first = _even(next(frames))
-        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24",
-                   "-s", f"{first.shape[1]}x{first.shape[0]}", "-r", f"{fps:.6g}", "-i", "-", "-an", "-c:v", "libx264",
-                   "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", file.name]
+        command = [
+            imageio_ffmpeg.get_ffmpeg_exe(),
+            "-loglevel",
+            "error",
+            "-y",
+            "-f",
+            "rawvideo",
+            "-pix_fmt",
+            "rgb24",
+            "-s",
+            f"{first.shape[1]}x{first.shape[0]}",
+            "-r",
+            f"{fps:.6g}",
+            "-i",
+            "-",
+            "-an",
+            "-c:v",
+            "libx264",
+            "-crf",
+            "18",
+            "-pix_fmt",
+            "yuv420p",
+            "-movflags",
+            "+faststart",
+            "-f",
+            "mp4",
+            file.name,
+        ]
         encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=words)
         assert encoder.stdin is not None
         try:
@@ -322,8 +363,11 @@ def _refuse_mixing(folder: Path, before: str, after: str) -> None:
     with os.scandir(folder) as entries:
         old = next((entry.name for entry in entries if numbered.fullmatch(entry.name)), None)
     if old is not None:
-        raise fail(folder, f"holds a series already ({shown(old)}), and two would be mixed. Choose another folder or "
-                           "name, or remove it.")
+        raise fail(
+            folder,
+            f"holds a series already ({shown(old)}), and two would be mixed. Choose another folder or "
+            "name, or remove it.",
+        )
 
 
 def _write_pictures(folder: Path, frames: Iterator[Image], number: Callable[[int], str]) -> list[str]:
@@ -337,6 +381,10 @@ def _write_pictures(folder: Path, frames: Iterator[Image], number: Callable[[int
 
 
 MOVIES: dict[str, Callable[[Path, Iterator[Image], float], None]] = {
-    ".gif": _write_gif, ".mp4": _write_mp4, ".webp": _write_webp, ".png": _write_series, "": _write_series,
+    ".gif": _write_gif,
+    ".mp4": _write_mp4,
+    ".webp": _write_webp,
+    ".png": _write_series,
+    "": _write_series,
 }
 """Writers of movies, by the suffix of the path; no suffix is a folder of pictures."""

@@ -46,8 +46,9 @@ _MOST_PARTS = 1000
 # -- writing -----------------------------------------------------------------------------------------------------------
 
 
-def write_ngff(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,
-               progress: Progress | None) -> None:
+def write_ngff(
+    field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool, progress: Progress | None
+) -> None:
     """Write a scene with one sequence of transformations; the folder takes its place as a whole."""
     zarr = optional_package("zarr")
     direction = remark.partition(":")[0]
@@ -75,19 +76,34 @@ def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str
     turned, plain = np.asarray(grid.direction), grid.direction == IDENTITY
     values = np.moveaxis(np.asarray(part.values) @ turned, -1, 0)[::-1]  # components as the axes: z, y, x
     group = root.create_group(name)
-    array = group.create_array("0", shape=values.shape, dtype=values.dtype, dimension_names=("c", *_AXES),
-                               chunks=(3, *(min(_CHUNK, n) for n in grid.shape)),
-                               config={"write_empty_chunks": True})  # so that a lost one is known from one of zeros
+    array = group.create_array(
+        "0",
+        shape=values.shape,
+        dtype=values.dtype,
+        dimension_names=("c", *_AXES),
+        chunks=(3, *(min(_CHUNK, n) for n in grid.shape)),
+        config={"write_empty_chunks": True},
+    )  # so that a lost one is known from one of zeros
     array[...] = values
     scale = {"type": "scale", "scale": [1.0, *grid.spacing[::-1]]}
     first = {"type": "translation", "translation": [0.0, *(grid.origin[::-1] if plain else (0.0,) * 3)]}
-    level = {"type": "sequence", "transformations": [scale, first], "input": {"path": "0"},
-             "output": {"name": "displacements"}}
+    level = {
+        "type": "sequence",
+        "transformations": [scale, first],
+        "input": {"path": "0"},
+        "output": {"name": "displacements"},
+    }
     component = {"name": "c", "type": "displacement", "discrete": True}
-    group.attrs["ome"] = {"version": _VERSION, "multiscales": [{
-        "name": name.rpartition("/")[2],
-        "coordinateSystems": [{"name": "displacements", "axes": [component, *_space(grid.unit)]}],
-        "datasets": [{"path": "0", "coordinateTransformations": [level]}]}]}
+    group.attrs["ome"] = {
+        "version": _VERSION,
+        "multiscales": [
+            {
+                "name": name.rpartition("/")[2],
+                "coordinateSystems": [{"name": "displacements", "axes": [component, *_space(grid.unit)]}],
+                "datasets": [{"path": "0", "coordinateTransformations": [level]}],
+            }
+        ],
+    }
     step = {"type": "displacements", "path": f"{name}/0", "interpolation": "linear"}
     if plain:
         return [step]
@@ -134,25 +150,34 @@ def read_ngff(path: Path, _grid: Grid | None) -> AbstractField:
     return with_unit(field, unit)
 
 
-def _axes_of(path: Path, owner: dict[str, Any],
-             transformation: dict[str, Any]) -> tuple[tuple[str, ...], dict[str, str]]:
+def _axes_of(
+    path: Path, owner: dict[str, Any], transformation: dict[str, Any]
+) -> tuple[tuple[str, ...], dict[str, str]]:
     """Names and units of the axes of the coordinate system that a transformation is of."""
     ends = [transformation.get(end) for end in ("input", "output")]
     names = [end.get("name") if isinstance(end, dict) else end for end in ends]
     systems = owner.get("coordinateSystems")
-    found = [[axis if isinstance(axis, dict) else {} for axis in _listed(system.get("axes"))]
-             for name in names for system in (systems if isinstance(systems, list) else [])
-             if isinstance(system, dict) and system.get("name") == name]
+    found = [
+        [axis if isinstance(axis, dict) else {} for axis in _listed(system.get("axes"))]
+        for name in names
+        for system in (systems if isinstance(systems, list) else [])
+        if isinstance(system, dict) and system.get("name") == name
+    ]
     axes = [tuple(str(axis.get("name")) for axis in system) for system in found]
     if len(axes) != 2 or axes[0] != axes[1] or sorted(axes[0]) != ["x", "y", "z"]:
-        raise fail(path, "its transformation must be of one system of the three axes x, y and z to another with the "
-                         f"same ones, and is of {shown(names[0], 40)} to {shown(names[1], 40)}.")
+        raise fail(
+            path,
+            "its transformation must be of one system of the three axes x, y and z to another with the "
+            f"same ones, and is of {shown(names[0], 40)} to {shown(names[1], 40)}.",
+        )
     lps = {"x": "right-to-left", "y": "anterior-to-posterior", "z": "inferior-to-superior"}
     for axis in (axis for system in found for axis in system):
         orientation = axis.get("orientation")
         if isinstance(orientation, dict) and orientation.get("value") != lps[str(axis["name"])]:
-            raise fail(path, f"its axis {axis['name']} runs {shown(orientation.get('value'), 40)}; only systems in LPS "
-                             "are read.")
+            raise fail(
+                path,
+                f"its axis {axis['name']} runs {shown(orientation.get('value'), 40)}; only systems in LPS are read.",
+            )
     return axes[0], {str(axis["name"]): find_unit(axis.get("unit", "")) or "" for axis in found[0]}
 
 
@@ -203,8 +228,11 @@ class _Reader:
         if kind == "affine" and "path" not in given:
             rows = self._numbers(given.get(kind), (3, 4), kind)
             return Affine(rows[np.ix_(o, o)], rows[o, 3])
-        raise fail(self.path, f"its transformation {shown(kind, 30)} is not read; identity, translation, scale, "
-                              "rotation, affine, sequence, bijection, displacements and coordinates are.")
+        raise fail(
+            self.path,
+            f"its transformation {shown(kind, 30)} is not read; identity, translation, scale, "
+            "rotation, affine, sequence, bijection, displacements and coordinates are.",
+        )
 
     def _numbers(self, given: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
         try:
@@ -217,8 +245,11 @@ class _Reader:
 
     def _samples(self, given: dict[str, Any], *, absolute: bool) -> DisplacementField:
         if given.get("interpolation", "linear") not in ("linear", None):
-            raise fail(self.path, f"its field asks for {shown(given['interpolation'], 20)} interpolation; only linear "
-                                  "interpolation is computed here.")
+            raise fail(
+                self.path,
+                f"its field asks for {shown(given['interpolation'], 20)} interpolation; only linear "
+                "interpolation is computed here.",
+            )
         array, spacing, first = self._array(given.get("path"))
         o = self.order
         values = np.moveaxis(array, 0, -1)[..., o]  # components x, y, z
@@ -288,20 +319,32 @@ class _Reader:
             why = shown(error, 100)
             raise fail(self.path, f"the field {shown(place.name, 40)} is no Zarr array ({why}).") from None
         if len(shape) != 4 or shape[0] != 3 or min(shape) < 1 or dtype.kind not in "fiu":
-            raise fail(self.path, f"a field has three components over three axes, and this array has the shape "
-                                  f"{shown(shape, 60)} of {shown(dtype, 20)}.")
+            raise fail(
+                self.path,
+                f"a field has three components over three axes, and this array has the shape "
+                f"{shown(shape, 60)} of {shown(dtype, 20)}.",
+            )
         need = math.prod(shape) * 8 + math.prod(chunks) * dtype.itemsize
         if need > available_memory() // 3:
-            raise fail(self.path, f"its {' x '.join(map(str, shape[:0:-1]))} vectors in chunks of {chunks} take "
-                                  f"{human_bytes(need)}, more than a third of the memory that is free.")
+            raise fail(
+                self.path,
+                f"its {' x '.join(map(str, shape[:0:-1]))} vectors in chunks of {chunks} take "
+                f"{human_bytes(need)}, more than a third of the memory that is free.",
+            )
         count = math.prod(-(-n // c) for n, c in zip(shape, chunks, strict=True))
         if count > _MOST_CHUNKS:
-            raise fail(self.path, f"its field {shown(place.name, 40)} lies in {count} chunks, and at most "
-                                  f"{_MOST_CHUNKS} are read; save it in larger ones.")
+            raise fail(
+                self.path,
+                f"its field {shown(place.name, 40)} lies in {count} chunks, and at most "
+                f"{_MOST_CHUNKS} are read; save it in larger ones.",
+            )
         _check_chunks(self.path, place)
         if _attributes(self.path, self.path).get("deformnb_transform") and array.nchunks_initialized < count:
-            raise fail(self.path, f"of the {count} chunks of its field {shown(place.name, 40)}, "
-                                  f"{count - array.nchunks_initialized} are missing; it was not copied as a whole.")
+            raise fail(
+                self.path,
+                f"of the {count} chunks of its field {shown(place.name, 40)}, "
+                f"{count - array.nchunks_initialized} are missing; it was not copied as a whole.",
+            )
         with unpacking(self.path):
             return np.asarray(array[...])
 
@@ -325,9 +368,12 @@ def _on_turned_grids(parts: list[AbstractField]) -> list[AbstractField]:
             continue
         turned, origin, grid = np.asarray(after.matrix), np.asarray(after.offset), field.lattice
         size = np.abs(origin).max() + 1.0
-        if (np.abs(turned @ before.matrix - np.eye(3)).max() < _SAME
-                and np.abs(turned @ before.offset + origin).max() < _SAME * size
-                and np.abs(turned @ turned.T - np.eye(3)).max() < _SAME and isinstance(grid, Grid)):
+        if (
+            np.abs(turned @ before.matrix - np.eye(3)).max() < _SAME
+            and np.abs(turned @ before.offset + origin).max() < _SAME * size
+            and np.abs(turned @ turned.T - np.eye(3)).max() < _SAME
+            and isinstance(grid, Grid)
+        ):
             a, b, c = (tuple(row) for row in turned.tolist())
             x, y, z = (turned @ np.asarray(grid.origin) + origin).tolist()
             own = Grid(grid.shape, grid.spacing, (x, y, z), (a, b, c))

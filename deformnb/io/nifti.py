@@ -25,8 +25,13 @@ from deformnb.volume.volume import IDENTITY, NIFTI_UNITS, Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
-_REFUSED = {1: "single bits", 32: "complex numbers", 1536: "128-bit floats", 1792: "complex numbers",
-            2048: "complex numbers"}
+_REFUSED = {
+    1: "single bits",
+    32: "complex numbers",
+    1536: "128-bit floats",
+    1792: "complex numbers",
+    2048: "complex numbers",
+}
 _COLOURS = {128: "rgb", 2304: "rgba"}  # of one byte for each part, one after the other
 
 _LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
@@ -68,25 +73,55 @@ def _fields(path: Path, data: bytes) -> _Fields:
         at = _reader(data, order)
         if size == 348 and len(data) >= 352:
             if data[344:347] not in (b"n+1", b"ni1"):
-                raise fail(path, "this is Analyze 7.5 or a damaged NIfTI file (no NIfTI mark at byte 344); "
-                                 "Analyze does not state which side is left. Convert it to NIfTI first.")
+                raise fail(
+                    path,
+                    "this is Analyze 7.5 or a damaged NIfTI file (no NIfTI mark at byte 344); "
+                    "Analyze does not state which side is left. Convert it to NIfTI first.",
+                )
             if data[344:347] == b"ni1":
                 raise fail(path, "this is the header of a pair .hdr and .img; save both as one .nii file.")
-            return _Fields(at("8h", 40), at("8f", 76), at("h", 70)[0], at("f", 108)[0], at("2f", 112), at("2h", 252),
-                           at("6f", 256), at("12f", 280), at("h", 68)[0], _name(data, 328), data[123], order,
-                           at("h", 72)[0])
+            return _Fields(
+                at("8h", 40),
+                at("8f", 76),
+                at("h", 70)[0],
+                at("f", 108)[0],
+                at("2f", 112),
+                at("2h", 252),
+                at("6f", 256),
+                at("12f", 280),
+                at("h", 68)[0],
+                _name(data, 328),
+                data[123],
+                order,
+                at("h", 72)[0],
+            )
         if size == 540 and len(data) >= 544:
             if data[4:7] != b"n+2":
                 raise fail(path, "this is a damaged NIfTI-2 file or the header of a pair (no n+2 mark at byte 4).")
-            return _Fields(at("8q", 16), at("8d", 104), at("h", 12)[0], float(at("q", 168)[0]), at("2d", 176),
-                           at("2i", 344), at("6d", 352), at("12d", 400), at("i", 504)[0], _name(data, 508),
-                           at("i", 500)[0] & 255, order, at("h", 14)[0])
-    raise fail(path, f"this is not a NIfTI file: it has {len(data)} bytes where a header should be, or the header's "
-                     "own size is neither 348 nor 540.")
+            return _Fields(
+                at("8q", 16),
+                at("8d", 104),
+                at("h", 12)[0],
+                float(at("q", 168)[0]),
+                at("2d", 176),
+                at("2i", 344),
+                at("6d", 352),
+                at("12d", 400),
+                at("i", 504)[0],
+                _name(data, 508),
+                at("i", 500)[0] & 255,
+                order,
+                at("h", 14)[0],
+            )
+    raise fail(
+        path,
+        f"this is not a NIfTI file: it has {len(data)} bytes where a header should be, or the header's "
+        "own size is neither 348 nor 540.",
+    )
 
 
 def _name(data: bytes, offset: int) -> bytes:
-    return data[offset:offset + 16].partition(b"\0")[0]
+    return data[offset : offset + 16].partition(b"\0")[0]
 
 
 def _reader(data: bytes, order: str) -> Any:
@@ -119,7 +154,7 @@ def read_header(path: Path) -> Header:
     axes = fields.dim[0]
     if not 1 <= axes <= 7:
         raise fail(path, f"the field 'dim' starts with {axes} axes; a volume has 3.")
-    sizes, notes = _sizes(list(fields.dim[1:1 + axes]))
+    sizes, notes = _sizes(list(fields.dim[1 : 1 + axes]))
     layout = _layout(path, sizes, colours, fields)
     shape, more = volume_shape(path, sizes[:3], dtype.itemsize)
     notes += more
@@ -136,9 +171,22 @@ def read_header(path: Path) -> Header:
     if code not in _UNITS:
         notes += (f"the code {code} of its unit of lengths is none of NIfTI; its numbers stay as they are",)
     blocks = layout_blocks(source, shape, dtype, layout)
-    return Header(path, shape, dtype, blocks, spacing, origin, direction, affine, slope, intercept,
-                  is_labels=True if fields.intent == _LABEL_INTENT else None,
-                  notes=notes + scale_notes + place_notes, layout=layout, unit=_UNITS.get(code, ""))
+    return Header(
+        path,
+        shape,
+        dtype,
+        blocks,
+        spacing,
+        origin,
+        direction,
+        affine,
+        slope,
+        intercept,
+        is_labels=True if fields.intent == _LABEL_INTENT else None,
+        notes=notes + scale_notes + place_notes,
+        layout=layout,
+        unit=_UNITS.get(code, ""),
+    )
 
 
 def _sizes(sizes: list[int]) -> tuple[list[int], tuple[str, ...]]:
@@ -182,13 +230,18 @@ def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float, tu
 def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
     """The sform as an LPS affine if it counts, and remarks on where the volume lies."""
     qform_code, sform_code = fields.codes
-    notes = tuple(f"the {name}_code {code} is none that NIfTI defines; it counts as {'a' if code > 0 else 'no'} place"
-                  for name, code in zip(("qform", "sform"), fields.codes, strict=True) if not 0 <= code <= 5)
+    notes = tuple(
+        f"the {name}_code {code} is none that NIfTI defines; it counts as {'a' if code > 0 else 'no'} place"
+        for name, code in zip(("qform", "sform"), fields.codes, strict=True)
+        if not 0 <= code <= 5
+    )
     if sform_code <= 0:
         if qform_code > 0:
             turned = fields.pixdim[0]
             return None, notes if turned in (-1.0, 1.0) else (
-                *notes, f"pixdim[0] is {turned:g}, neither -1 nor 1: its sign counts, and 0 as 1")
+                *notes,
+                f"pixdim[0] is {turned:g}, neither -1 nor 1: its sign counts, and 0 as 1",
+            )
         unplaced = "the file states no place of the volume: its axes were taken as right, anterior, superior"
         return None, (*notes, unplaced)
     affine = np.vstack([np.reshape(fields.srow, (3, 4)), [0, 0, 0, 1]]).astype(np.float64)
@@ -234,11 +287,13 @@ def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
     if length > 1:  # rounding of a turn by 180 degrees; the standard scales it back too
         b, c, d = b / length, c / length, d / length
     a = math.sqrt(max(0.0, 1 - (b * b + c * c + d * d)))
-    turn = np.array([
-        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-    ])
+    turn = np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
+        ]
+    )
     turn[:, 2] *= -1 if fields.pixdim[0] < 0 else 1
     rows: Matrix3 = tuple(tuple(row) for row in (_RAS[:3, :3] @ turn).tolist())  # type: ignore[assignment]
     return rows, (-x, -y, z)
@@ -247,8 +302,11 @@ def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
 def series_header(path: Path, volume: Volume, layout: Layout) -> bytes:
     """The header of channels or moments like this volume; the fifth axis are channels, the fourth moments."""
     if layout.channels > 1 and layout.frames > 1 and layout.kind == "channels":
-        raise fail(path, "NIfTI holds the channels of all moments one after the other, which cannot be written moment "
-                         "by moment; write .nrrd or .mha.")
+        raise fail(
+            path,
+            "NIfTI holds the channels of all moments one after the other, which cannot be written moment "
+            "by moment; write .nrrd or .mha.",
+        )
     if layout.kind != "channels" and volume.dtype != np.uint8:
         raise fail(path, f"colours in NIfTI are bytes, and these are {volume.dtype}; write .nrrd or .mha.")
     check_size(path, volume, max(layout.frames, layout.channels))
@@ -259,8 +317,10 @@ def check_size(path: Path, volume: Volume, most: int = 1) -> None:
     """Refuse what NIfTI-1 cannot hold: more than its 16 bits along an axis, lengths beyond float32."""
     longest = max(*volume.shape, most)
     if longest > _LARGEST:
-        raise fail(path, f"NIfTI-1 has at most {_LARGEST} voxels along an axis, this volume has {longest}; "
-                         "write .nrrd instead.")
+        raise fail(
+            path,
+            f"NIfTI-1 has at most {_LARGEST} voxels along an axis, this volume has {longest}; write .nrrd instead.",
+        )
     check_float32(path, volume.grid)
 
 
@@ -289,7 +349,7 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     put("6f", 256, *_quaternion(turn * [1, 1, flip]), *affine[:3, 3])
     put("12f", 280, *affine[:3].ravel())
     if channels > 1:
-        header[328:328 + len(_CHANNELS_NAME)] = _CHANNELS_NAME
+        header[328 : 328 + len(_CHANNELS_NAME)] = _CHANNELS_NAME
     header[344:348] = b"n+1\0"
     return bytes(header)
 
@@ -315,5 +375,7 @@ def check_float32(path: Path, grid: Grid) -> None:
     with np.errstate(over="ignore", under="ignore"):
         lengths, origin = (np.asarray(v).astype(np.float32) for v in (grid.spacing, grid.origin))
         if not (np.isfinite(lengths).all() and (lengths > 1e-37).all() and np.isfinite(origin).all()):
-            raise fail(path, f"the spacing {grid.spacing} or origin {grid.origin} does not fit into NIfTI-1; "
-                             "write .nrrd instead.")
+            raise fail(
+                path,
+                f"the spacing {grid.spacing} or origin {grid.origin} does not fit into NIfTI-1; write .nrrd instead.",
+            )

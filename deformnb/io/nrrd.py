@@ -65,15 +65,29 @@ _TYPES = {
 }
 _DTYPES = {name: dtype for dtype, names in _TYPES.items() for name in names}
 _NAMES = {"i1": "int8", "u1": "uint8", "i2": "int16", "u2": "uint16", "i4": "int32", "f4": "float", "f8": "double"}
-_ENCODINGS = {"raw": "raw", "gzip": "gzip", "gz": "gzip", "bzip2": "bzip2", "bz2": "bzip2", "ascii": "text",
-              "text": "text", "txt": "text", "hex": "hex"}
+_ENCODINGS = {
+    "raw": "raw",
+    "gzip": "gzip",
+    "gz": "gzip",
+    "bzip2": "bzip2",
+    "bz2": "bzip2",
+    "ascii": "text",
+    "text": "text",
+    "txt": "text",
+    "hex": "hex",
+}
 
 # What turns each space into left-posterior-superior; the spaces that name no patient are taken as they are.
 _SPACES = {
-    "left-posterior-superior": (1.0, 1.0, 1.0), "lps": (1.0, 1.0, 1.0),
-    "right-anterior-superior": (-1.0, -1.0, 1.0), "ras": (-1.0, -1.0, 1.0),
-    "left-anterior-superior": (1.0, -1.0, 1.0), "las": (1.0, -1.0, 1.0),
-    "scanner-xyz": (1.0, 1.0, 1.0), "3d-right-handed": (1.0, 1.0, 1.0), "3d-left-handed": (1.0, 1.0, 1.0),
+    "left-posterior-superior": (1.0, 1.0, 1.0),
+    "lps": (1.0, 1.0, 1.0),
+    "right-anterior-superior": (-1.0, -1.0, 1.0),
+    "ras": (-1.0, -1.0, 1.0),
+    "left-anterior-superior": (1.0, -1.0, 1.0),
+    "las": (1.0, -1.0, 1.0),
+    "scanner-xyz": (1.0, 1.0, 1.0),
+    "3d-right-handed": (1.0, 1.0, 1.0),
+    "3d-left-handed": (1.0, 1.0, 1.0),
 }
 
 _SPACES_OF_PATIENTS = re.compile(r"anterior|posterior|^(lps|ras|las)$")
@@ -105,7 +119,7 @@ def _fields(path: Path) -> _Text:
     end = re.search(rb"\r?\n\r?\n", data)
     if end is None and (len(data) == HEADER_BYTES or path.suffix.lower() != ".nhdr"):
         raise fail(path, "its header has no end (an empty line); it is cut short or damaged.")
-    text = data[:end.start() if end else len(data)].decode("utf-8", "replace")
+    text = data[: end.start() if end else len(data)].decode("utf-8", "replace")
     text, files = _listed(text)
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
@@ -131,7 +145,7 @@ def _fields(path: Path) -> _Text:
 def _listed(text: str) -> tuple[str, str]:
     """A header up to a list of data files, and the list."""
     found = re.search(r"^data ?file:\s*LIST\b[^\n]*\n?", text, re.MULTILINE | re.IGNORECASE)
-    return (text[:found.end()], text[found.end():]) if found else (text, "")
+    return (text[: found.end()], text[found.end() :]) if found else (text, "")
 
 
 def data_file(path: Path) -> Path:
@@ -168,8 +182,9 @@ def read_header(path: Path) -> Header:
     labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
     crc = proven_crc(comments, fields.get("datafile", ""))
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
-    return Header(path, shape, dtype, blocks, is_labels=labels, notes=notes + unit_notes, layout=layout, unit=unit,
-                  **affine)
+    return Header(
+        path, shape, dtype, blocks, is_labels=labels, notes=notes + unit_notes, layout=layout, unit=unit, **affine
+    )
 
 
 def segment_keys(path: Path) -> dict[str, str]:
@@ -214,8 +229,11 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
         vectors = _vectors(path, "space directions", fields["spacedirections"])
         if len(vectors) != len(sizes):
             raise fail(path, f"the field 'space directions' has {len(vectors)} vectors for {len(sizes)} axes.")
-        kinds = [kind if vector is not None else "list"
-                 for kind, vector in zip(kinds, vectors, strict=False)] if len(kinds) == len(sizes) else kinds
+        kinds = (
+            [kind if vector is not None else "list" for kind, vector in zip(kinds, vectors, strict=False)]
+            if len(kinds) == len(sizes)
+            else kinds
+        )
     if len(kinds) != len(sizes):
         raise fail(path, f"the field 'kinds' names {len(kinds)} axes but there are {len(sizes)}.")
     other = [axis for axis, kind in enumerate(kinds) if kind not in _PLACES]
@@ -229,8 +247,11 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
     is_series = last not in real or last == 0 or kinds[last] in _PLACES | {"time", "list"}
     if not set(real) <= {0, last} or not is_series:
         axes = ", ".join(f"{shown(kind)}: {size}" for kind, size in zip(kinds, sizes, strict=True))
-        raise fail(path, f"a volume has three axes in space but this file has ({axes}). Save one channel or one time "
-                         "point as a file of its own and read that.")
+        raise fail(
+            path,
+            f"a volume has three axes in space but this file has ({axes}). Save one channel or one time "
+            "point as a file of its own and read that.",
+        )
     parts = sizes[0] if 0 in real else 1
     colours = {"rgb-color": 3, "3-color": 3, "rgba-color": 4, "4-color": 4}.get(kinds[0]) if parts > 1 else None
     kind = {3: "rgb", 4: "rgba"}.get(parts, "channels") if colours == parts else "channels"
@@ -245,8 +266,9 @@ def _vectors(path: Path, field: str, text: str) -> list[list[float] | None]:
     return [None if word[0] != "(" else floats(path, field, word[1:-1].replace(",", " ")) for word in words]
 
 
-def _source(path: Path, fields: dict[str, str], end: int, files: str, sizes: list[int],
-            dtype: np.dtype[Any]) -> Source | SeveralSources:
+def _source(
+    path: Path, fields: dict[str, str], end: int, files: str, sizes: list[int], dtype: np.dtype[Any]
+) -> Source | SeveralSources:
     encoding = _ENCODINGS.get(fields["encoding"].lower())
     if encoding is None:
         raise fail(path, f"the encoding '{shown(fields['encoding'])}' is not supported; save it as raw or gzip.")
@@ -263,8 +285,12 @@ def _source(path: Path, fields: dict[str, str], end: int, files: str, sizes: lis
     if names is None:
         return _part(path, detached_file(path, name), 0, encoding, lines, skip, total, dtype)
     check_share(path, sizes, len(names), axes)
-    return SeveralSources(path, tuple(_part(path, detached_file(path, one), 0, encoding, lines, skip,
-                                            total // len(names), dtype) for one in names))
+    return SeveralSources(
+        path,
+        tuple(
+            _part(path, detached_file(path, one), 0, encoding, lines, skip, total // len(names), dtype) for one in names
+        ),
+    )
 
 
 def _names(path: Path, name: str, files: str) -> tuple[list[str] | None, int | None]:
@@ -275,8 +301,9 @@ def _names(path: Path, name: str, files: str) -> tuple[list[str] | None, int | N
     return numbered_names(path, name) if "%" in name else (None, None)
 
 
-def _part(path: Path, target: Path, offset: int, encoding: str, lines: int, skip: int, expected: int,
-          dtype: np.dtype[Any]) -> Source:
+def _part(
+    path: Path, target: Path, offset: int, encoding: str, lines: int, skip: int, expected: int, dtype: np.dtype[Any]
+) -> Source:
     """The voxels in one file; lines and bytes to skip are those of each file of a set."""
     offset += _skipped_lines(path, target, offset, lines)
     if skip == -1:  # the voxels are the last bytes of the file
@@ -298,8 +325,7 @@ def _skipped_lines(path: Path, target: Path, offset: int, lines: int) -> int:
     return ends[lines - 1]
 
 
-def _unit(path: Path, fields: dict[str, str],
-          axes: list[int]) -> tuple[str, NDArray[np.float64], tuple[str, ...]]:
+def _unit(path: Path, fields: dict[str, str], axes: list[int]) -> tuple[str, NDArray[np.float64], tuple[str, ...]]:
     """The unit of lengths, by how much the numbers along the three axes are multiplied to be in it, and notes.
 
     Units of the space belong to its coordinates, others to the axes of the array. Where a file has neither, one that
@@ -312,16 +338,20 @@ def _unit(path: Path, fields: dict[str, str],
     words = [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', fields[name])]
     wanted = list(range(min(3, len(words)))) if name == "spaceunits" else axes[:3]
     if not wanted or max(wanted) >= len(words):
-        raise fail(path, f"the field '{'space units' if name == 'spaceunits' else name}' names {len(words)} units for "
-                         f"{len(axes)} axes.")
+        raise fail(
+            path,
+            f"the field '{'space units' if name == 'spaceunits' else name}' names {len(words)} units for "
+            f"{len(axes)} axes.",
+        )
     stated = [stated_unit(words[axis]) for axis in wanted]
     units = [unit for unit, _ in stated]
     unit, factors, notes = common_unit(units + units[:1] * (3 - len(units)))
     return unit, np.array(factors), tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
 
 
-def _affine(path: Path, fields: dict[str, str], axes: list[int], dimension: int,
-            factors: NDArray[np.float64]) -> dict[str, Any]:
+def _affine(
+    path: Path, fields: dict[str, str], axes: list[int], dimension: int, factors: NDArray[np.float64]
+) -> dict[str, Any]:
     """Geometry of the header, as arguments of Header."""
     space = fields.get("space", "").lower()
     if space and space not in _SPACES:
@@ -349,8 +379,9 @@ def _three(path: Path, field: str, vector: list[float] | None) -> NDArray[np.flo
     return np.array([*vector, 0.0][:3])  # a fourth one is time, of ITK's series
 
 
-def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: int,
-              factors: NDArray[np.float64]) -> dict[str, Any]:
+def _spacings(
+    path: Path, fields: dict[str, str], axes: list[int], dimension: int, factors: NDArray[np.float64]
+) -> dict[str, Any]:
     def per_axis(name: str, shown_name: str, missing: float) -> list[float]:
         if name not in fields:
             return [missing] * 3
@@ -361,11 +392,14 @@ def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: in
     minimum = per_axis("axismins", "axis mins", 0.0)
     centres = fields.get("centers", fields.get("centerings", "")).lower().split()
     if centres and (len(centres) != dimension or not set(centres) <= {"cell", "node", "none", "???"}):
-        raise fail(path, f"the field 'centers' should be {dimension} words, cell or node, but is "
-                         f"'{shown(' '.join(centres))}'.")
+        raise fail(
+            path, f"the field 'centers' should be {dimension} words, cell or node, but is '{shown(' '.join(centres))}'."
+        )
     # "axis min" is the border of a cell, or the place of a node.
-    first = [low + (step / 2 if axis < len(centres) and centres[axis] == "cell" else 0.0)
-             for low, step, axis in zip(minimum, spacing, [*axes, 99, 99][:3], strict=True)]
+    first = [
+        low + (step / 2 if axis < len(centres) and centres[axis] == "cell" else 0.0)
+        for low, step, axis in zip(minimum, spacing, [*axes, 99, 99][:3], strict=True)
+    ]
     lengths = triple((factors * spacing).tolist())
     if np.isfinite(first).all():
         return {"spacing": lengths, "origin": triple((factors * first).tolist())}
@@ -375,8 +409,14 @@ def _spacings(path: Path, fields: dict[str, str], axes: list[int], dimension: in
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write NRRD: gzip in one file, or for .nhdr a header and plain voxels in ``<name>.nhdr.<check sum>.raw``."""
     if path.suffix.lower() == ".nhdr":
-        write_pair(volume, path, partial(_header_text, volume, "raw"),
-                   lambda header: _fields(header).fields.get("datafile"), overwrite, progress)
+        write_pair(
+            volume,
+            path,
+            partial(_header_text, volume, "raw"),
+            lambda header: _fields(header).fields.get("datafile"),
+            overwrite,
+            progress,
+        )
     else:
         write_packed(volume, path, _header_text(volume, "gzip"), "gzip", overwrite, progress, header_outside=True)
 
@@ -389,18 +429,23 @@ def series_header(_path: Path, volume: Volume, layout: Layout) -> bytes:
     return _header_text(volume, "gzip", layout=layout)
 
 
-def write_segmentation(volume: Volume, path: Path, keys: Mapping[str, str], overwrite: bool,
-                       progress: Progress | None) -> None:
+def write_segmentation(
+    volume: Volume, path: Path, keys: Mapping[str, str], overwrite: bool, progress: Progress | None
+) -> None:
     """Write labels with the keys of a segmentation of 3D Slicer (:func:`segment_keys`).
 
     The box of each segment, which Slicer keeps beside its number, is found anew.
     """
-    known = {found[1]: int(value) for key, value in keys.items()
-             if (found := re.fullmatch(r"(Segment\d+)_LabelValue", key)) and value.isdecimal()}
+    known = {
+        found[1]: int(value)
+        for key, value in keys.items()
+        if (found := re.fullmatch(r"(Segment\d+)_LabelValue", key)) and value.isdecimal()
+    }
     boxes = {f"{segment}_Extent": _extent(volume, label) for segment, label in known.items()}
     kept = {**keys, **boxes}
-    write_packed(volume, path, _header_text(volume, "gzip", keys=kept), "gzip", overwrite, progress,
-                 header_outside=True)
+    write_packed(
+        volume, path, _header_text(volume, "gzip", keys=kept), "gzip", overwrite, progress, header_outside=True
+    )
 
 
 def _extent(volume: Volume, label: int) -> str:
@@ -409,8 +454,15 @@ def _extent(volume: Volume, label: int) -> str:
     return " ".join(f"{p.min()} {p.max()}" if len(p) else "0 -1" for p in places[::-1])
 
 
-def _header_text(volume: Volume, encoding: str, data_file: str | None = None, crc: int | None = None, *,
-                 layout: Layout = SINGLE, keys: Mapping[str, str] = MappingProxyType({})) -> bytes:
+def _header_text(
+    volume: Volume,
+    encoding: str,
+    data_file: str | None = None,
+    crc: int | None = None,
+    *,
+    layout: Layout = SINGLE,
+    keys: Mapping[str, str] = MappingProxyType({}),
+) -> bytes:
     grid = volume.grid
     vectors = " ".join("(" + ",".join(map(repr, column)) + ")" for column in grid.matrix.T.tolist())
     parts, moments = layout.channels > 1, layout.frames > 1

@@ -83,8 +83,9 @@ def zarr_package() -> Any:
     try:
         import zarr
     except ImportError as error:
-        raise MissingPackageError('Zarr needs the package zarr, which is not installed: pip install '
-                                  '"deformnb[large]"') from error
+        raise MissingPackageError(
+            'Zarr needs the package zarr, which is not installed: pip install "deformnb[large]"'
+        ) from error
     return zarr
 
 
@@ -144,8 +145,10 @@ class Level:
             return None
         found = np.zeros(counted, np.bool_)
         for at in np.ndindex(*counted):
-            key = [one // size if isinstance(one, int) else k
-                   for one, size, k in zip(self.index, self.stored, at, strict=True)]
+            key = [
+                one // size if isinstance(one, int) else k
+                for one, size, k in zip(self.index, self.stored, at, strict=True)
+            ]
             found[at] = (self.path / self.array.metadata.encode_chunk_key(tuple(key))).exists()
         axes = [k for axis in "zyx" for k, one in enumerate(self.index) if one == axis]
         others = [k for k, one in enumerate(self.index) if isinstance(one, int)]
@@ -201,8 +204,11 @@ def _node(path: Path) -> Any:
         kind = json.loads((path / "zarr.json").read_bytes()).get("node_type")
     else:
         kind = "array" if ".zarray" in names else "group"
-    return zarr.open_array(store, mode="r") if kind == "array" else zarr.open_group(store, mode="r",
-                                                                                    use_consolidated=False)
+    return (
+        zarr.open_array(store, mode="r")
+        if kind == "array"
+        else zarr.open_group(store, mode="r", use_consolidated=False)
+    )
 
 
 def _plain_files(path: Path) -> Any:
@@ -215,7 +221,7 @@ def _plain_axes(path: Path, array: Any) -> list[str]:
     """The names of the axes of an array without the metadata of OME-Zarr: the last ones are z, y, x."""
     if array.ndim < 2:
         raise fail(path, f"a volume has the axes z, y, x, and this array has {array.ndim}.")
-    return [*(f"axis {k}" for k in range(array.ndim - 3)), "z", "y", "x"][-array.ndim:]
+    return [*(f"axis {k}" for k in range(array.ndim - 3)), "z", "y", "x"][-array.ndim :]
 
 
 def checksum(path: Path) -> str:
@@ -233,8 +239,11 @@ def checksum(path: Path) -> str:
     level = levels[0 if levels[0].grid.size * levels[0].array.dtype.itemsize <= _MOST_CHECKED else -1]
     depth = level.chunks[0]
     starts = range(0, level.grid.shape[0], depth)
-    return voxel_checksum(level.array.dtype, level.grid.shape, (
-        level.read((slice(start, start + depth), slice(None), slice(None))) for start in starts))
+    return voxel_checksum(
+        level.array.dtype,
+        level.grid.shape,
+        (level.read((slice(start, start + depth), slice(None), slice(None))) for start in starts),
+    )
 
 
 def _check_metadata(path: Path) -> None:
@@ -287,17 +296,26 @@ def _of_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Pyramid:
         entries = listed if isinstance(listed, list) else []
         names = [str(entry.get("path", "?")) for entry in entries if isinstance(entry, Mapping)]
         inner = "/0" if kind == "plate" else ""
-        raise fail(path, f"it is a {kind} of {len(names)} {'wells' if kind == 'plate' else 'images'}, and a volume is "
-                         f"one image: name it, such as {shown(path.name)}/{shown((names or ['A/1'])[0], 40)}{inner}.")
+        raise fail(
+            path,
+            f"it is a {kind} of {len(names)} {'wells' if kind == 'plate' else 'images'}, and a volume is "
+            f"one image: name it, such as {shown(path.name)}/{shown((names or ['A/1'])[0], 40)}{inner}.",
+        )
     if isinstance(ome.get("labels"), list):
         names = [str(name) for name in ome["labels"]]
-        raise fail(path, f"it lists the labels {shown(', '.join(names))}; name one, such as {shown(path.name)}/"
-                         f"{shown((names or ['cells'])[0], 40)}.")
+        raise fail(
+            path,
+            f"it lists the labels {shown(', '.join(names))}; name one, such as {shown(path.name)}/"
+            f"{shown((names or ['cells'])[0], 40)}.",
+        )
     if "bioformats2raw.layout" in ome:
         images = sorted((entry.name for entry in path.iterdir() if entry.name.isdecimal() and is_zarr(entry)), key=int)
         if len(images) != 1:
-            raise fail(path, f"it is a set of {len(images)} images ({', '.join(images[:8])}); name one, such as "
-                             f"{shown(path.name)}/{(images or ['0'])[0]}.")
+            raise fail(
+                path,
+                f"it is a set of {len(images)} images ({', '.join(images[:8])}); name one, such as "
+                f"{shown(path.name)}/{(images or ['0'])[0]}.",
+            )
         found = open_pyramid(path / images[0])
         return replace(found, notes=(*found.notes, f"the image {images[0]} of the set was read"))
     raise fail(path, "this Zarr group has no multiscales and so is no OME-Zarr image; name one of its arrays.")
@@ -319,14 +337,19 @@ def _axes(path: Path, about: Mapping[str, Any], version: str) -> list[Mapping[st
     kinds = {"t": "time", "c": "channel", "z": "space", "y": "space", "x": "space"}
     for axis in found:
         name = axis.get("name")
-        if not isinstance(name, str) or names.count(name) > 1 or axis.get("type", kinds.get(name)) != kinds.get(
-                name, axis.get("type")) or (axis.get("type") == "space" and name not in kinds):
+        if (
+            not isinstance(name, str)
+            or names.count(name) > 1
+            or axis.get("type", kinds.get(name)) != kinds.get(name, axis.get("type"))
+            or (axis.get("type") == "space" and name not in kinds)
+        ):
             raise fail(path, f"its axes should be z, y, x in space, t in time and c of channels; one is {shown(axis)}.")
     return found
 
 
-def _named_layout(layout: Layout, ome: Mapping[str, Any], attributes: Mapping[str, Any],
-                  axes: list[Mapping[str, Any]]) -> Layout:
+def _named_layout(
+    layout: Layout, ome: Mapping[str, Any], attributes: Mapping[str, Any], axes: list[Mapping[str, Any]]
+) -> Layout:
     """The layout with the names and colours of its channels, and the time between its moments in seconds."""
     seconds = {"microsecond": 1e-6, "millisecond": 1e-3, "minute": 60.0, "hour": 3600.0}
     unit = next((str(axis.get("unit", "")) for axis in axes if axis["name"] == "t"), "")
@@ -338,10 +361,16 @@ def _named_layout(layout: Layout, ome: Mapping[str, Any], attributes: Mapping[st
         return layout
     names = tuple(shown(one.get("label", "")) for one in known)
     codes = [str(one.get("color", "")) for one in known]
-    colours = tuple((int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255)
-                    for code in codes if re.fullmatch(r"[0-9A-Fa-f]{6}", code))
-    return replace(layout, names=names if all(names) and len(set(names)) == len(names) else (),
-                   colours=colours if len(colours) == layout.channels else ())
+    colours = tuple(
+        (int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255)
+        for code in codes
+        if re.fullmatch(r"[0-9A-Fa-f]{6}", code)
+    )
+    return replace(
+        layout,
+        names=names if all(names) and len(set(names)) == len(names) else (),
+        colours=colours if len(colours) == layout.channels else (),
+    )
 
 
 def _doubts(levels: list[Level], about: Mapping[str, Any], datasets: list[Any]) -> tuple[str, ...]:
@@ -373,8 +402,9 @@ def _in_one_unit(path: Path, grid: Grid, unit: str, factors: tuple[float, ...]) 
     lengths = np.asarray(grid.spacing) * factors
     place = np.asarray(grid.direction) @ (np.asarray(grid.direction).T @ np.asarray(grid.origin) * factors)
     try:
-        return replace(grid, spacing=tuple(lengths), origin=tuple(place) if len(set(factors)) > 1 else grid.origin,
-                       unit=unit)
+        return replace(
+            grid, spacing=tuple(lengths), origin=tuple(place) if len(set(factors)) > 1 else grid.origin, unit=unit
+        )
     except DeformError as error:
         raise fail(path, f"its coordinates are unusable: {shown(error, 200)}") from error
 
@@ -403,8 +433,14 @@ def _array(path: Path, group: zarr.Group, name: Any) -> zarr.Array[Any]:
     return array
 
 
-def _level(path: Path, array: zarr.Array[Any], names: list[str], about: Mapping[str, Any] | None,
-           dataset: Mapping[str, Any] | None, attributes: Mapping[str, Any]) -> tuple[Level, Layout]:
+def _level(
+    path: Path,
+    array: zarr.Array[Any],
+    names: list[str],
+    about: Mapping[str, Any] | None,
+    dataset: Mapping[str, Any] | None,
+    attributes: Mapping[str, Any],
+) -> tuple[Level, Layout]:
     """One resolution, and its moments and channels."""
     if array.ndim != len(names):
         raise fail(path, f"its array {shown(array.path)} has {array.ndim} axes and its metadata name {len(names)}.")
@@ -423,8 +459,10 @@ def _level(path: Path, array: zarr.Array[Any], names: list[str], about: Mapping[
     for part in (dataset, about):
         for one in (part or {}).get("coordinateTransformations") or []:
             scale, shift = _transformed(path, _mapping(path, one, "a transformation"), scale, shift)
-    spacing, origin = (np.array([dict(zip(names, numbers, strict=True)).get(axis, missing) for axis in "xyz"])
-                       for numbers, missing in ((scale, 1.0), (shift, 0.0)))
+    spacing, origin = (
+        np.array([dict(zip(names, numbers, strict=True)).get(axis, missing) for axis in "xyz"])
+        for numbers, missing in ((scale, 1.0), (shift, 0.0))
+    )
     own = attributes.get("deformnb")
     direction: Any = own.get("direction", IDENTITY) if isinstance(own, Mapping) else IDENTITY
     try:
@@ -444,20 +482,27 @@ def _check_chunks(path: Path, array: zarr.Array[Any]) -> None:
     count = math.prod(-(-n // size) for n, size in zip(array.shape, array.chunks, strict=True))
     if count > _MOST_SMALL and math.prod(array.chunks) < _SMALL:
         size = " x ".join(map(str, array.chunks))
-        raise fail(path, f"its array {shown(array.path)} lies in {count} chunks of {size} numbers, which would be read "
-                         "for hours; save it in chunks such as 64 x 128 x 128.")
+        raise fail(
+            path,
+            f"its array {shown(array.path)} lies in {count} chunks of {size} numbers, which would be read "
+            "for hours; save it in chunks such as 64 x 128 x 128.",
+        )
 
 
-def _transformed(path: Path, one: Mapping[str, Any], scale: NDArray[np.float64],
-                 shift: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _transformed(
+    path: Path, one: Mapping[str, Any], scale: NDArray[np.float64], shift: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     kind = one.get("type")
     if kind == "identity":
         return scale, shift
     if kind not in ("scale", "translation"):
         raise fail(path, f"its coordinate transformation {shown(kind)} is not supported; scale and translation are.")
     numbers = one.get(kind)
-    if not isinstance(numbers, list) or len(numbers) != len(scale) or not all(
-            isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < 1e300 for n in numbers):
+    if (
+        not isinstance(numbers, list)
+        or len(numbers) != len(scale)
+        or not all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < 1e300 for n in numbers)
+    ):
         raise fail(path, f"its {kind} should be {len(scale)} numbers, got {shown(numbers)}.")
     given = np.array(numbers, dtype=np.float64)
     return (scale * given, shift * given) if kind == "scale" else (scale, shift + given)
@@ -473,9 +518,13 @@ def read_header(path: Path) -> Header:
 def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
     layout = pyramid.layout
     names = _axis_places(level)
-    parts = [replace(level, index=tuple({names.get("t"): t, names.get("c"): c}.get(k, one)
-                                        for k, one in enumerate(level.index)))
-             for t in range(layout.frames) for c in range(layout.channels)]
+    parts = [
+        replace(
+            level, index=tuple({names.get("t"): t, names.get("c"): c}.get(k, one) for k, one in enumerate(level.index))
+        )
+        for t in range(layout.frames)
+        for c in range(layout.channels)
+    ]
     dtype, depth = np.dtype(level.array.dtype), max(1, min(level.chunks[0], level.grid.shape[0]))
     slab = depth * level.grid.shape[1] * level.grid.shape[2] * dtype.itemsize
     found = [part.present() if len(parts) < _MOST_COUNTED // 64 else None for part in parts]
@@ -485,9 +534,20 @@ def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
     if missing:
         fill = level.array.fill_value or 0
         notes += (f"{missing} of {total} chunks are not there: their voxels have the fill value {fill}",)
-    return Header(path, level.grid.shape, dtype, lambda: _blocks(parts, depth, found), level.grid.spacing,
-                  level.grid.origin, level.grid.direction, is_labels=pyramid.is_labels, notes=notes,
-                  unit=level.grid.unit, working_bytes=slab + (_AT_ONCE + 1) * level.chunk_bytes, layout=layout)
+    return Header(
+        path,
+        level.grid.shape,
+        dtype,
+        lambda: _blocks(parts, depth, found),
+        level.grid.spacing,
+        level.grid.origin,
+        level.grid.direction,
+        is_labels=pyramid.is_labels,
+        notes=notes,
+        unit=level.grid.unit,
+        working_bytes=slab + (_AT_ONCE + 1) * level.chunk_bytes,
+        layout=layout,
+    )
 
 
 def _axis_places(level: Level) -> dict[str, int]:
@@ -503,7 +563,7 @@ def _blocks(parts: list[Level], depth: int, found: list[NDArray[np.bool_] | None
         stored = dict(zip(level.index, level.stored, strict=True)).get("z", 1)
         for start in range(0, nz, depth):
             end = min(start + depth, nz)
-            if present is not None and not present[start // stored:-(-end // stored)].any():
+            if present is not None and not present[start // stored : -(-end // stored)].any():
                 yield np.full((end - start, ny, nx), level.array.fill_value or 0, level.array.dtype)
             else:
                 yield level.read((slice(start, end), slice(None), slice(None)))
@@ -567,8 +627,17 @@ def halved(values: NDArray[Any], *, discrete: bool) -> NDArray[Any]:
     return best
 
 
-def create_pyramid(path: Path, grids: list[Grid], dtype: np.dtype[Any], *, name: str = "", is_labels: bool = False,
-                   fill: Any = 0, chunks: tuple[int, int, int] = CHUNK, version: str = "0.5") -> list[Any]:
+def create_pyramid(
+    path: Path,
+    grids: list[Grid],
+    dtype: np.dtype[Any],
+    *,
+    name: str = "",
+    is_labels: bool = False,
+    fill: Any = 0,
+    chunks: tuple[int, int, int] = CHUNK,
+    version: str = "0.5",
+) -> list[Any]:
     """An empty pyramid in a new folder; returns its Zarr arrays, the finest first.
 
     Parameters
@@ -595,8 +664,17 @@ def create_pyramid(path: Path, grids: list[Grid], dtype: np.dtype[Any], *, name:
     if version == "0.5":
         options = {"dimension_names": ("z", "y", "x")}
     options["config"] = {"write_empty_chunks": True}  # so that a chunk that is lost is not taken for background
-    return [group.create_array(str(k), shape=grid.shape, dtype=dtype, fill_value=fill, chunks=tuple(
-        min(c, n) for c, n in zip(chunks, grid.shape, strict=True)), **options) for k, grid in enumerate(grids)]
+    return [
+        group.create_array(
+            str(k),
+            shape=grid.shape,
+            dtype=dtype,
+            fill_value=fill,
+            chunks=tuple(min(c, n) for c, n in zip(chunks, grid.shape, strict=True)),
+            **options,
+        )
+        for k, grid in enumerate(grids)
+    ]
 
 
 def _metadata(grids: list[Grid], name: str, is_labels: bool) -> dict[str, Any]:
@@ -605,9 +683,15 @@ def _metadata(grids: list[Grid], name: str, is_labels: bool) -> dict[str, Any]:
     datasets = []
     for k, grid in enumerate(grids):
         place = np.asarray(grid.direction).T @ np.asarray(grid.origin)  # along the grid's own axes
-        datasets.append({"path": str(k), "coordinateTransformations": [
-            {"type": "scale", "scale": list(grid.spacing[::-1])},
-            {"type": "translation", "translation": place[::-1].tolist()}]})
+        datasets.append(
+            {
+                "path": str(k),
+                "coordinateTransformations": [
+                    {"type": "scale", "scale": list(grid.spacing[::-1])},
+                    {"type": "translation", "translation": place[::-1].tolist()},
+                ],
+            }
+        )
     return {"name": name, "axes": axes, "datasets": datasets, "type": "mode" if is_labels else "mean"}
 
 
@@ -630,4 +714,4 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
 
 def _halved_in_slabs(values: NDArray[Any], discrete: bool) -> NDArray[Any]:
     """:func:`halved` with little memory beside the result."""
-    return np.concatenate([halved(values[k:k + 16], discrete=discrete) for k in range(0, len(values), 16)])
+    return np.concatenate([halved(values[k : k + 16], discrete=discrete) for k in range(0, len(values), 16)])

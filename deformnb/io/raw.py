@@ -67,8 +67,7 @@ def _side_file(path: Path) -> dict[str, Any] | None:
     if not isinstance(fields, dict):
         raise fail(side, f"this side file should look like {_EXAMPLE}.")
     version = fields.get("version", _VERSION)
-    if fields.get("format", _FORMAT) != _FORMAT or not isinstance(version, int) or not (
-            1 <= version <= _VERSION):
+    if fields.get("format", _FORMAT) != _FORMAT or not isinstance(version, int) or not (1 <= version <= _VERSION):
         raise fail(side, f"this side file is of another format or newer than version {_VERSION}.")
     return fields
 
@@ -112,15 +111,16 @@ def read_raw_header(path: Path) -> Header:
     side = _side_path(path)
     fields = _side_file(path)
     if fields is None:
-        raise fail(path, f"raw voxels need a file {shown(side.name)} next to them that describes them, "
-                         f"for example {_EXAMPLE}.")
+        raise fail(
+            path, f"raw voxels need a file {shown(side.name)} next to them that describes them, for example {_EXAMPLE}."
+        )
     sizes = _shape(side, fields)[::-1]
     name, order = fields.get("dtype"), fields.get("byte_order")
     if not isinstance(name, str) or not _TYPE.fullmatch(name):
         raise fail(side, f"the field 'dtype' should be a type such as uint8 or float32 but is {shown(name)}.")
     dtype = np.dtype(name)
     if order not in ("little", "big") and (dtype.itemsize > 1 or order is not None):
-        raise fail(side, f"the field 'byte_order' should be \"little\" or \"big\" but is {shown(order)}.")
+        raise fail(side, f'the field \'byte_order\' should be "little" or "big" but is {shown(order)}.')
     offset = fields.get("offset", 0)
     if not isinstance(offset, int) or isinstance(offset, bool) or offset < 0:
         raise fail(side, f"the field 'offset' should be a number of bytes but is {shown(offset)}.")
@@ -136,9 +136,15 @@ def _checked(path: Path, fields: dict[str, Any], blocks: Blocks) -> Blocks:
     if "crc32" not in fields:
         return blocks
 
-    return checked_bytes(blocks, fields["crc32"], lambda crc: fail(
-        path, f"its voxels are not those that {shown(_side_path(path).name)} describes (CRC {crc}, "
-              f"expected {shown(fields['crc32'])}). Write both anew, or remove the line crc32."))
+    return checked_bytes(
+        blocks,
+        fields["crc32"],
+        lambda crc: fail(
+            path,
+            f"its voxels are not those that {shown(_side_path(path).name)} describes (CRC {crc}, "
+            f"expected {shown(fields['crc32'])}). Write both anew, or remove the line crc32.",
+        ),
+    )
 
 
 def read_npy_header(path: Path) -> Header:
@@ -147,8 +153,9 @@ def read_npy_header(path: Path) -> Header:
         start = file.read(12)
         if start[:6] != b"\x93NUMPY" or len(start) < 12 or start[6] not in (1, 2, 3):
             raise fail(path, "this is not a NumPy file (version 1 to 3).")
-        size, begin = (struct.unpack("<H", start[8:10])[0], 10) if start[6] == 1 else (
-            struct.unpack("<I", start[8:12])[0], 12)
+        size, begin = (
+            (struct.unpack("<H", start[8:10])[0], 10) if start[6] == 1 else (struct.unpack("<I", start[8:12])[0], 12)
+        )
         if size > _NPY_HEADER_BYTES:
             raise fail(path, f"its header claims {size} bytes; real ones have about a hundred.")
         file.seek(begin)
@@ -164,12 +171,18 @@ def read_npy_header(path: Path) -> Header:
         return header
     side = _side_path(path)
     if "shape" in fields and _shape(side, fields) != list(shape):
-        raise fail(path, f"it has shape {shape} but its side file {shown(side.name)} has {_shape(side, fields)}. "
-                         "Remove the side file if the array is new.")
+        raise fail(
+            path,
+            f"it has shape {shape} but its side file {shown(side.name)} has {_shape(side, fields)}. "
+            "Remove the side file if the array is new.",
+        )
     if fields.get("dtype", dtype.name) != dtype.name or fields.get("byte_order", "little") not in ("little", "big"):
-        raise fail(path, f"its voxels are {dtype.name}, but its side file {shown(side.name)} has dtype "
-                         f"{shown(fields.get('dtype'), 40)} and byte_order {shown(fields.get('byte_order'), 40)}. "
-                         "Remove the side file if the array is new.")
+        raise fail(
+            path,
+            f"its voxels are {dtype.name}, but its side file {shown(side.name)} has dtype "
+            f"{shown(fields.get('dtype'), 40)} and byte_order {shown(fields.get('byte_order'), 40)}. "
+            "Remove the side file if the array is new.",
+        )
     known, unit_notes = _geometry(side, fields)
     return replace(header, blocks=_checked(path, fields, blocks), notes=notes + unit_notes, **known)
 
@@ -209,14 +222,17 @@ def write_npy(volume: Volume, path: Path, overwrite: bool, progress: Progress | 
     _write_with_side_file(volume, path, header, overwrite, progress)
 
 
-def _write_with_side_file(volume: Volume, path: Path, header: bytes, overwrite: bool,
-                          progress: Progress | None) -> None:
+def _write_with_side_file(
+    volume: Volume, path: Path, header: bytes, overwrite: bool, progress: Progress | None
+) -> None:
     side = _side_path(path)
     check_target(side, overwrite=overwrite)
     dtype = volume.dtype.newbyteorder("<")
     needed = math.prod(volume.shape) * dtype.itemsize + len(header)
-    with (atomic_write(side, overwrite=overwrite) as text,
-          atomic_write(path, overwrite=overwrite, needed=needed) as file):
+    with (
+        atomic_write(side, overwrite=overwrite) as text,
+        atomic_write(path, overwrite=overwrite, needed=needed) as file,
+    ):
         file.write(header)
         crc = 0
         for piece in slabs_of_bytes(volume.values, dtype, progress):
@@ -229,11 +245,17 @@ def _write_with_side_file(volume: Volume, path: Path, header: bytes, overwrite: 
 def _side_text(volume: Volume, crc: int) -> bytes:
     grid = volume.grid
     fields = {
-        "format": _FORMAT, "version": _VERSION, "shape": volume.shape, "dtype": volume.dtype.name,
-        "byte_order": "little", "spacing": grid.spacing, "origin": grid.origin, "direction": grid.direction,
-        **({"unit": grid.unit} if grid.unit else {}), "is_labels": volume.is_labels, "crc32": crc,
+        "format": _FORMAT,
+        "version": _VERSION,
+        "shape": volume.shape,
+        "dtype": volume.dtype.name,
+        "byte_order": "little",
+        "spacing": grid.spacing,
+        "origin": grid.origin,
+        "direction": grid.direction,
+        **({"unit": grid.unit} if grid.unit else {}),
+        "is_labels": volume.is_labels,
+        "crc32": crc,
     }
     lines = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in fields.items())
     return f"{{\n{lines}\n}}\n".encode()
-
-

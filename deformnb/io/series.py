@@ -29,7 +29,10 @@ from deformnb.volume.units import checked_unit
 from deformnb.volume.volume import Grid, Volume, as_spacing
 
 _HEADERS: dict[str, Callable[[Path, Volume, Layout], bytes]] = {
-    "nifti": nifti.series_header, "nrrd": nrrd.series_header, "metaimage": metaimage.series_header}
+    "nifti": nifti.series_header,
+    "nrrd": nrrd.series_header,
+    "metaimage": metaimage.series_header,
+}
 _INTERLEAVED = {"nrrd", "metaimage"}  # channels of NIfTI are volumes one after the other, its colours are not
 
 
@@ -73,17 +76,25 @@ class Series:
         return self.layout.frames
 
     def __iter__(self) -> Iterator[Channels]:
-        names = self.layout.names or (usual_names(self.layout.channels, self.layout.kind)
-                                      if self.layout.channels > 1 else (self.name,))
+        names = self.layout.names or (
+            usual_names(self.layout.channels, self.layout.kind) if self.layout.channels > 1 else (self.name,)
+        )
         with Damage(self.path, "close other programs"):
             for stack in _stacks(self._header):
-                volumes = tuple(Volume(values, self.grid, name, self._is_labels) for name, values in
-                                zip(names, stack, strict=True))
+                volumes = tuple(
+                    Volume(values, self.grid, name, self._is_labels) for name, values in zip(names, stack, strict=True)
+                )
                 yield Channels(volumes, self.layout.colours, self.layout.kind, self.name)
 
 
-def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None, is_labels: bool | None = None,
-                max_bytes: int | None = None, unit: str | None = None) -> Series:
+def open_series(
+    path: str | os.PathLike[str],
+    *,
+    spacing: Spacing | None = None,
+    is_labels: bool | None = None,
+    max_bytes: int | None = None,
+    unit: str | None = None,
+) -> Series:
     """Open a file of channels, colours or moments in time; only its header is read.
 
     Parameters
@@ -121,8 +132,11 @@ def open_series(path: str | os.PathLike[str], *, spacing: Spacing | None = None,
         limit = default_limit() if max_bytes is None else max_bytes
         if needed > limit:
             whose = "60 % of the free memory" if max_bytes is None else "max_bytes"
-            raise fail(place, f"one moment of it needs {human_bytes(needed)} of memory but the limit is "
-                              f"{human_bytes(limit)} ({whose}).")
+            raise fail(
+                place,
+                f"one moment of it needs {human_bytes(needed)} of memory but the limit is "
+                f"{human_bytes(limit)} ({whose}).",
+            )
     labels = bool(header.is_labels if is_labels is None else is_labels)
     return Series(place, grid, header.layout, dtype, plain_name(place, kind), header.notes + notes, header, labels)
 
@@ -159,8 +173,9 @@ def read_channels(path: str | os.PathLike[str], *, frame: int = 0, spacing: Spac
     raise AssertionError("a series ends early only with an error")
 
 
-def write_channels(channels: ChannelsLike, path: str | os.PathLike[str], *, overwrite: bool = True,
-                   progress: Progress | None = None) -> None:
+def write_channels(
+    channels: ChannelsLike, path: str | os.PathLike[str], *, overwrite: bool = True, progress: Progress | None = None
+) -> None:
     """Write channels to one file: .nrrd, .nii.gz, .nii, .mha, .ome.tif, or colours of one slice to .png, .jpg or .webp.
 
     Raises
@@ -180,8 +195,15 @@ def write_channels(channels: ChannelsLike, path: str | os.PathLike[str], *, over
     write_series([as_channels(channels)], path, 1, overwrite=overwrite, progress=progress)
 
 
-def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], count: int, *, duration: float = 0.0,
-                 overwrite: bool = True, progress: Progress | None = None) -> None:
+def write_series(
+    moments: Iterable[ChannelsLike],
+    path: str | os.PathLike[str],
+    count: int,
+    *,
+    duration: float = 0.0,
+    overwrite: bool = True,
+    progress: Progress | None = None,
+) -> None:
     """Write moments to one file, each as it comes; the file is complete at once or untouched.
 
     Parameters
@@ -224,8 +246,9 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
     queue: Iterator[Channels] = map(in_written_unit, moments)
     first = next(queue, None)
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_FRAMES:
-        raise DeformError(f"count is the number of moments, a whole number from 1 to {MOST_FRAMES}, got "
-                          f"{shown_value(count)}.")
+        raise DeformError(
+            f"count is the number of moments, a whole number from 1 to {MOST_FRAMES}, got {shown_value(count)}."
+        )
     if first is None:
         raise DeformError("there is no moment to write.")
     if count == 1 and (len(first) == 1 or kind == "image"):
@@ -234,13 +257,22 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
             write_volume(first[0], target, overwrite=overwrite, progress=progress)
         else:
             if first.kind == "channels":
-                raise fail(target, f"a picture has the parts of a colour, and these are {len(first)} channels of "
-                                   "another kind; write .nrrd, .nii.gz, .mha or .ome.tif.")
+                raise fail(
+                    target,
+                    f"a picture has the parts of a colour, and these are {len(first)} channels of "
+                    "another kind; write .nrrd, .nii.gz, .mha or .ome.tif.",
+                )
             images.write_colours(first, target, overwrite)
         return
     if kind == "tiff":
-        _write_tiff(_put_back([first], queue), target, first, Layout(
-            count, len(first), first.kind, first.names, first.colours, duration=duration), overwrite, progress)
+        _write_tiff(
+            _put_back([first], queue),
+            target,
+            first,
+            Layout(count, len(first), first.kind, first.names, first.colours, duration=duration),
+            overwrite,
+            progress,
+        )
         return
     if kind not in _HEADERS or target.suffix.lower() in (".nhdr", ".mhd"):
         raise fail(target, "several channels or moments are written to .nrrd, .nii.gz, .nii, .mha or .ome.tif.")
@@ -261,8 +293,9 @@ def write_series(moments: Iterable[ChannelsLike], path: str | os.PathLike[str], 
             file.write(piece)
 
 
-def _write_tiff(queue: Iterator[Channels], target: Path, first: Channels, layout: Layout, overwrite: bool,
-                progress: Progress | None) -> None:
+def _write_tiff(
+    queue: Iterator[Channels], target: Path, first: Channels, layout: Layout, overwrite: bool, progress: Progress | None
+) -> None:
     """Write moments as the pages of an OME-TIFF file; their colours lie together in a page."""
     is_colour = layout.kind != "channels"
     dtype, (_, ny, nx) = stored_dtype(first[0]), first.grid.shape
@@ -292,8 +325,9 @@ def _refuse_more(queue: Iterator[Channels], count: int) -> None:
         raise DeformError(f"there are more moments than the {count} that were stated.")
 
 
-def _pieces(queue: Iterator[Channels], count: int, interleaved: bool,
-            progress: Progress | None) -> Iterator[memoryview]:
+def _pieces(
+    queue: Iterator[Channels], count: int, interleaved: bool, progress: Progress | None
+) -> Iterator[memoryview]:
     """The bytes of all moments; each is let go before the next one is made."""
     like: tuple[Grid, np.dtype[Any], int] | None = None
     for number in range(count):
@@ -320,8 +354,10 @@ def _kept_type(header: Header) -> np.dtype[Any]:
     dtype = header.loaded_dtype
     larger = {"float16": "float32", "uint32": "float64", "int64": "float64", "uint64": "float64"}.get(dtype.name)
     if dtype.name in ("int64", "uint64"):
-        raise fail(header.path, f"voxels of type {dtype.name} in several channels or moments are not supported; save "
-                                "them in 32 bits.")
+        raise fail(
+            header.path,
+            f"voxels of type {dtype.name} in several channels or moments are not supported; save them in 32 bits.",
+        )
     return dtype if larger is None else np.dtype(larger)
 
 
@@ -339,13 +375,13 @@ def _stacks(header: Header) -> Iterator[NDArray[Any]]:
             begin = 0
             while begin < len(block):
                 take = min(len(block) - begin, per_frame - done)
-                part: NDArray[Any] = block[begin:begin + take]
+                part: NDArray[Any] = block[begin : begin + take]
                 if header.is_scaled:
                     part = part.astype(np.float64) * header.slope + header.intercept
                 if layout.interleaved:
-                    out[:, done:done + take] = np.moveaxis(part, -1, 0)
+                    out[:, done : done + take] = np.moveaxis(part, -1, 0)
                 else:
-                    out.reshape(per_frame, ny, nx)[done:done + take] = part
+                    out.reshape(per_frame, ny, nx)[done : done + take] = part
                 begin, done = begin + take, done + take
                 if done == per_frame:
                     yield out

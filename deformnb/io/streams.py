@@ -171,8 +171,12 @@ def _numbers(words: list[bytes], dtype: np.dtype[Any]) -> NDArray[Any]:
         raise ValueError(f"the text of numbers of type {dtype.name} holds something else") from None
 
 
-ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {"raw": _plain, "gzip": Inflate, "bzip2": _Bzip2,
-                                                      "hex": _hexadecimal}
+ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {
+    "raw": _plain,
+    "gzip": Inflate,
+    "bzip2": _Bzip2,
+    "hex": _hexadecimal,
+}
 """Encodings of the bytes of voxels; beside them there is "text", which must know the type."""
 
 
@@ -238,11 +242,17 @@ class Source:
         present = self.path.stat().st_size - self.offset - (self.skip if self.encoding == "raw" else 0)
         if self.encoding == "raw" and present != expected:
             counts = " x ".join(map(str, shape[::-1]))
-            raise fail(self.path, f"the header needs {expected} bytes of voxels ({counts} of {dtype.name}) but "
-                                  f"the file has {max(0, present)}: it is cut short or damaged.")
+            raise fail(
+                self.path,
+                f"the header needs {expected} bytes of voxels ({counts} of {dtype.name}) but "
+                f"the file has {max(0, present)}: it is cut short or damaged.",
+            )
         if self.encoding == "gzip" and expected > _DEFLATE_MOST * max(0, present) + _CHUNK:
-            raise fail(self.path, f"the header needs {expected} bytes of voxels, more than the {max(0, present)} "
-                                  "compressed bytes of the file can hold: it is cut short or damaged.")
+            raise fail(
+                self.path,
+                f"the header needs {expected} bytes of voxels, more than the {max(0, present)} "
+                "compressed bytes of the file can hold: it is cut short or damaged.",
+            )
         return lambda: stream_blocks(self.path, self.open, shape, dtype)
 
 
@@ -263,8 +273,11 @@ class SeveralSources:
         """As :meth:`Source.blocks`; every file must hold its share of the voxels and no more."""
         share, rest = divmod(math.prod(shape), len(self.parts))
         if rest:
-            raise fail(self.path, f"its {math.prod(shape)} voxels cannot lie in {len(self.parts)} files of equal size; "
-                                  "the sizes or the list of files in its header are wrong.")
+            raise fail(
+                self.path,
+                f"its {math.prod(shape)} voxels cannot lie in {len(self.parts)} files of equal size; "
+                "the sizes or the list of files in its header are wrong.",
+            )
         for part in self.parts:
             part.blocks((1, 1, share), dtype)
         size = share * dtype.itemsize
@@ -277,16 +290,24 @@ class SeveralSources:
                 while left:
                     data = stream.read(min(left, _BLOCK))
                     if not data:
-                        raise fail(part.path, f"its share of the voxels is {size} bytes but it has {size - left}: "
-                                              "it is cut short or damaged.")
+                        raise fail(
+                            part.path,
+                            f"its share of the voxels is {size} bytes but it has {size - left}: "
+                            "it is cut short or damaged.",
+                        )
                     left -= len(data)
                     yield data
                 if stream.read(1):
                     raise fail(part.path, f"its share of the voxels is {size} bytes but it has more.")
 
 
-def layout_blocks(source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any], layout: Layout,
-                  check: Callable[[Any, tuple[int, int, int]], Blocks] | None = None) -> Blocks:
+def layout_blocks(
+    source: Source | SeveralSources,
+    shape: tuple[int, int, int],
+    dtype: np.dtype[Any],
+    layout: Layout,
+    check: Callable[[Any, tuple[int, int, int]], Blocks] | None = None,
+) -> Blocks:
     """The blocks of a file of channels and moments in its own order, with the checks of :meth:`Source.blocks`.
 
     Parameters
@@ -302,8 +323,9 @@ def layout_blocks(source: Source | SeveralSources, shape: tuple[int, int, int], 
     return lambda: (block.reshape(len(block), ny, nx, inner) for block in blocks())
 
 
-def stream_blocks(path: Path, open_stream: Callable[[], Stream], shape: tuple[int, int, int],
-                  dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
+def stream_blocks(
+    path: Path, open_stream: Callable[[], Stream], shape: tuple[int, int, int], dtype: np.dtype[Any]
+) -> Iterator[NDArray[Any]]:
     """Yield the voxels of a stream as arrays [some z, y, x]; there must be exactly as many bytes as voxels need."""
     nz, ny, nx = shape
     slice_bytes = ny * nx * dtype.itemsize
@@ -314,16 +336,23 @@ def stream_blocks(path: Path, open_stream: Callable[[], Stream], shape: tuple[in
             data = take(stream, count * slice_bytes)
             if len(data) < count * slice_bytes:
                 got = start * slice_bytes + len(data)
-                raise fail(path, f"the header needs {nz * slice_bytes} bytes of voxels but the file holds {got}: "
-                                 "it is cut short or damaged.")
+                raise fail(
+                    path,
+                    f"the header needs {nz * slice_bytes} bytes of voxels but the file holds {got}: "
+                    "it is cut short or damaged.",
+                )
             yield np.frombuffer(data, dtype).reshape(count, ny, nx)
         if stream.read(1):  # also reads the check sum at the very end
-            raise fail(path, f"the header needs {nz * slice_bytes} bytes of voxels but the file holds more: "
-                             "the sizes in its header are wrong.")
+            raise fail(
+                path,
+                f"the header needs {nz * slice_bytes} bytes of voxels but the file holds more: "
+                "the sizes in its header are wrong.",
+            )
 
 
 def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exception]) -> Blocks:
     """The same blocks; at their end their CRC-32 must be this, or the error made of the one found is raised."""
+
     def checked() -> Iterator[NDArray[Any]]:
         crc = 0
         for block in blocks():
@@ -335,17 +364,23 @@ def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exceptio
     return checked
 
 
-def checked_blocks(source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any],
-                   crc32: int | None, header: Path) -> Blocks:
+def checked_blocks(
+    source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any], crc32: int | None, header: Path
+) -> Blocks:
     """The blocks of a detached data file, which must have the checksum in its header, if there is one."""
     blocks = source.blocks(shape, dtype)
     if crc32 is None:
         return blocks
-    return checked_bytes(blocks, crc32, lambda crc: fail(
-        source.path, f"its voxels are not those that the header {shown(header.name)} was written for (CRC {crc:08x}, "
-                     f"expected {crc32:08x}): one of the two was changed or copied without the other. Take both from "
-                     f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it all the same."))
-
+    return checked_bytes(
+        blocks,
+        crc32,
+        lambda crc: fail(
+            source.path,
+            f"its voxels are not those that the header {shown(header.name)} was written for (CRC {crc:08x}, "
+            f"expected {crc32:08x}): one of the two was changed or copied without the other. Take both from "
+            f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it all the same.",
+        ),
+    )
 
 
 # Level 1 is three to five times faster than zlib's 6 for files about a tenth larger; nibabel chose the same.
@@ -363,13 +398,14 @@ def stored_dtype(volume: Volume) -> np.dtype[Any]:
     return np.dtype(np.uint8) if volume.dtype == np.bool_ else volume.dtype.newbyteorder("<")
 
 
-def slabs_of_bytes(values: NDArray[Any], dtype: np.dtype[Any],
-                   progress: Progress | None = None) -> Iterator[memoryview]:
+def slabs_of_bytes(
+    values: NDArray[Any], dtype: np.dtype[Any], progress: Progress | None = None
+) -> Iterator[memoryview]:
     """The voxels in order as little-endian bytes, some slices at a time; progress is reported after each."""
     nz = values.shape[0]
     rows = max(1, _SLAB // max(1, values[0].size * dtype.itemsize))
     for start in range(0, nz, rows):
-        slab = np.ascontiguousarray(values[start:start + rows], dtype=dtype)
+        slab = np.ascontiguousarray(values[start : start + rows], dtype=dtype)
         yield slab.reshape(-1).view(np.uint8).data
         if progress is not None:
             progress(min(1.0, (start + rows) / nz))
@@ -398,8 +434,16 @@ def packed_bytes(size: int) -> int:
     return int(_PACKED_SHARE * size)
 
 
-def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overwrite: bool, progress: Progress | None,
-                 *, header_outside: bool = False) -> None:
+def write_packed(
+    volume: Volume,
+    path: Path,
+    header: bytes,
+    encoding: str,
+    overwrite: bool,
+    progress: Progress | None,
+    *,
+    header_outside: bool = False,
+) -> None:
     """A header and the voxels in one file; ``header_outside`` leaves the header itself uncompressed."""
     with atomic_write(path, overwrite=overwrite, needed=needed_bytes(volume, encoding)) as file:
         pieces = slabs_of_bytes(volume.values, stored_dtype(volume), progress)
@@ -410,8 +454,14 @@ def write_packed(volume: Volume, path: Path, header: bytes, encoding: str, overw
             write_all(file, packed(_with_header(header, pieces), encoding))
 
 
-def write_pair(volume: Volume, path: Path, header: Callable[[str, int], bytes], named: Callable[[Path], str | None],
-               overwrite: bool, progress: Progress | None) -> None:
+def write_pair(
+    volume: Volume,
+    path: Path,
+    header: Callable[[str, int], bytes],
+    named: Callable[[Path], str | None],
+    overwrite: bool,
+    progress: Progress | None,
+) -> None:
     """A header and a detached file of plain voxels, whose name has the check sum of its bytes in it.
 
     So new voxels never take the place of old ones: they are on the disk before the header, whose own rename is the

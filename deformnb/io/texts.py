@@ -7,8 +7,13 @@ from pathlib import Path
 
 from deformnb.io.headers import fail
 
-_MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF32_LE, "utf-32-le"), (codecs.BOM_UTF32_BE, "utf-32-be"),
-          (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
 
 WESTERN = "its text is not UTF-8 and was read as Windows-1252 (Western European)"
 """The note on a file of older programs, whose letters beyond ASCII may be others."""
@@ -34,10 +39,13 @@ def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             try:
-                return _lines(data[len(mark):].decode(encoding)), ()
+                return _lines(data[len(mark) :].decode(encoding)), ()
             except UnicodeDecodeError:
-                raise fail(path, f"its first bytes say that it is {encoding[:6].rstrip('-').upper()} text, and what "
-                                 "follows is none; it is damaged.") from None
+                raise fail(
+                    path,
+                    f"its first bytes say that it is {encoding[:6].rstrip('-').upper()} text, and what "
+                    "follows is none; it is damaged.",
+                ) from None
     if b"\0" in data:
         raise fail(path, "it is no text: it has bytes of value zero.")
     for encoding, notes in (("utf-8", ()), ("cp1252", (WESTERN,))):

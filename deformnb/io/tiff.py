@@ -151,8 +151,17 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
     planes = layout.channels // first.samples
     if layout.frames * planes > 1:
         blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, planes, slices))  # noqa: E731
-    return Header(path, shape, first.dtype, blocks, spacing or (1.0, 1.0, 1.0), notes=notes,
-                  working_bytes=working_bytes, layout=layout, unit=found.unit)
+    return Header(
+        path,
+        shape,
+        first.dtype,
+        blocks,
+        spacing or (1.0, 1.0, 1.0),
+        notes=notes,
+        working_bytes=working_bytes,
+        layout=layout,
+        unit=found.unit,
+    )
 
 
 # OME's names of types that are others than NumPy's.
@@ -163,11 +172,17 @@ def _check_plane(path: Path, found: _Described, page: Page) -> None:
     """Refuse a description of other pixels than the pages have."""
     columns, rows, kind = found.plane
     has = (str(page.shape[1]), str(page.shape[0]), page.dtype.name)
-    states = (has[0] if columns is None else columns, has[1] if rows is None else rows,
-              has[2] if kind is None else _TYPES.get(kind, kind))
+    states = (
+        has[0] if columns is None else columns,
+        has[1] if rows is None else rows,
+        has[2] if kind is None else _TYPES.get(kind, kind),
+    )
     if states != has:
-        raise fail(path, f"its description states {' x '.join(shown(n, 20) for n in states[:2])} pixels of "
-                         f"{shown(states[2], 20)}, and its pages have {' x '.join(has[:2])} of {has[2]}.")
+        raise fail(
+            path,
+            f"its description states {' x '.join(shown(n, 20) for n in states[:2])} pixels of "
+            f"{shown(states[2], 20)}, and its pages have {' x '.join(has[:2])} of {has[2]}.",
+        )
 
 
 def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layout, int]:
@@ -185,15 +200,17 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
     slices, rest = divmod(count, planes * layout.frames)
     if rest or not slices or found.slices not in (None, slices):
         depth = "" if found.slices is None else f" of {found.slices} slices"
-        raise fail(path, f"its description claims {layout.frames} moments of {planes} channels{depth}, into which its "
-                         f"{count} pages cannot be divided; it is damaged, or one part of a set of files.")
+        raise fail(
+            path,
+            f"its description claims {layout.frames} moments of {planes} channels{depth}, into which its "
+            f"{count} pages cannot be divided; it is damaged, or one part of a set of files.",
+        )
     if samples > 1 and layout.frames > 1 and found.order.index("T") < found.order.index("Z"):
         raise fail(path, "its moments lie between its slices, which is not supported in colours; save one moment.")
     return layout, slices
 
 
-def _sorted_blocks(path: Path, pages: _Pages, order: str,
-                   counts: tuple[int, int, int]) -> Iterator[NDArray[Any]]:
+def _sorted_blocks(path: Path, pages: _Pages, order: str, counts: tuple[int, int, int]) -> Iterator[NDArray[Any]]:
     """The pages moment by moment, channel by channel and slice by slice, which may lie in another order.
 
     Parameters
@@ -211,8 +228,10 @@ def _sorted_blocks(path: Path, pages: _Pages, order: str,
             if tables > _MOST_TABLES:
                 raise fail(path, f"the tables of its pages take more than {_MOST_TABLES} bytes; save it uncompressed.")
     if len(found) != math.prod(counts):
-        raise fail(path, f"it had {math.prod(counts)} pages and now has {len(found)}: another program is writing it. "
-                         "Read it again.")
+        raise fail(
+            path,
+            f"it had {math.prod(counts)} pages and now has {len(found)}: another program is writing it. Read it again.",
+        )
     size = dict(zip("TCZ", counts, strict=True))
     with path.open("rb") as file:
         for t, c, z in product(*map(range, counts)):
@@ -224,9 +243,16 @@ def _sorted_blocks(path: Path, pages: _Pages, order: str,
 
 def _require_like(path: Path, page: Page, first: Page, number: int) -> None:
     if (page.shape, page.dtype, page.samples, page.photometric) != (
-            first.shape, first.dtype, first.samples, first.photometric):
-        raise fail(path, f"page {number + 1} has {page.shape} pixels of {page.dtype.name} but the first has "
-                         f"{first.shape} of {first.dtype.name}; all slices must be alike.")
+        first.shape,
+        first.dtype,
+        first.samples,
+        first.photometric,
+    ):
+        raise fail(
+            path,
+            f"page {number + 1} has {page.shape} pixels of {page.dtype.name} but the first has "
+            f"{first.shape} of {first.dtype.name}; all slices must be alike.",
+        )
 
 
 def _blocks(path: Path, pages: _Pages, first: Page, count: int) -> Iterator[NDArray[Any]]:
@@ -262,8 +288,11 @@ def _pages(path: Path, found: _Described) -> _Pages:
             number += 1
             yield page, file
         if wanted is not None and number not in (1, wanted):
-            raise fail(path, f"its description claims {wanted} slices but it has {number} pages; it is damaged, or one "
-                             "part of a set of files.")
+            raise fail(
+                path,
+                f"its description claims {wanted} slices but it has {number} pages; it is damaged, or one "
+                "part of a set of files.",
+            )
         if wanted is not None and number < wanted:
             yield from ((behind, file) for behind in _contiguous(path, page, wanted))
 
@@ -274,8 +303,11 @@ def _contiguous(path: Path, page: Page, count: int) -> Iterator[Page]:
     begin = int(page.offsets[0])
     present = path.stat().st_size - begin
     if page.compression != 1 or page.is_planar or page.is_tiled or count > MOST_PAGES or count * size > present:
-        raise fail(path, f"its description claims {count} slices of {size} bytes but the file has {present} bytes of "
-                         "voxels: it is cut short or damaged, or one part of a set of files.")
+        raise fail(
+            path,
+            f"its description claims {count} slices of {size} bytes but the file has {present} bytes of "
+            "voxels: it is cut short or damaged, or one part of a set of files.",
+        )
     for number in range(1, count):
         yield replace(page, part=page.shape, offsets=np.array([begin + number * size]), counts=np.array([size]))
 
@@ -328,8 +360,10 @@ def _unused_resolution(path: Path, tags: Tags) -> tuple[str, ...]:
     across, down = _ratio(tags, XRES), _ratio(tags, YRES)
     if unit is None or across is None or down is None:
         return ()
-    note = (f"the resolution in the file, {1 / across:.6g} x {1 / down:.6g} pixels per {unit}, is not used: it says "
-            "nothing of the distance of slices")
+    note = (
+        f"the resolution in the file, {1 / across:.6g} x {1 / down:.6g} pixels per {unit}, is not used: it says "
+        "nothing of the distance of slices"
+    )
     return (note,)
 
 
@@ -357,8 +391,11 @@ def _of_imagej(path: Path, text: str, tags: Tags) -> _Described:
     images, channels, slices, frames = _counts(path, fields, ("images", "channels", "slices", "frames"))
     named = {"channels", "slices", "frames"} & fields.keys()
     if named and "images" in fields and images != channels * slices * frames:
-        raise fail(path, f"its description has {images} images, but {channels} channels of {slices} slices at {frames} "
-                         "moments; it is damaged.")
+        raise fail(
+            path,
+            f"its description has {images} images, but {channels} channels of {slices} slices at {frames} "
+            "moments; it is damaged.",
+        )
     notes: tuple[str, ...] = ()
     duration = _number(fields.get("finterval", ""))
     if "finterval" in fields and (duration is None or duration < 0) and frames > 1:
@@ -381,9 +418,17 @@ def _of_ome(path: Path, text: str) -> _Described:
     known = {"SizeZ", "SizeC", "SizeT"} & found.keys()
     spacing, unit, more = _ome_lengths(found)
     images = max(1, len(re.findall(r"<Pixels\b", text)))
-    return _Described(spacing, unit, slices * channels * frames if known else None, notes + more, layout, order,
-                      slices if "SizeZ" in known else None, images,
-                      (found.get("SizeX"), found.get("SizeY"), found.get("Type")))
+    return _Described(
+        spacing,
+        unit,
+        slices * channels * frames if known else None,
+        notes + more,
+        layout,
+        order,
+        slices if "SizeZ" in known else None,
+        images,
+        (found.get("SizeX"), found.get("SizeY"), found.get("Type")),
+    )
 
 
 def _ome_lengths(pixels: dict[str, str]) -> tuple[Float3 | None, str, tuple[str, ...]]:
@@ -429,15 +474,16 @@ def _of_tifffile(path: Path, text: str, tags: Tags) -> _Described:
     axes = found.get("axes")
     if not isinstance(axes, str) or len(axes) != len(shape):
         axes = ""
-    named, notes = _pages_axes(path, planes, axes[:len(planes)])
+    named, notes = _pages_axes(path, planes, axes[: len(planes)])
     size = dict(named)
     layout = Layout(size.get("T", 1), size.get("C", 1))
     order = "".join(axis for axis, _ in reversed(named))
     order += "".join(axis for axis in "ZCT" if axis not in order)
     spacing, unit = found.get("spacing"), found.get("unit")
     if spacing is not None or unit is not None:
-        lengths, unit, more = _imagej_lengths(path, {"spacing": str(spacing) if spacing is not None else "",
-                                               "unit": str(unit or "")}, tags)
+        lengths, unit, more = _imagej_lengths(
+            path, {"spacing": str(spacing) if spacing is not None else "", "unit": str(unit or "")}, tags
+        )
         return _Described(lengths, unit, math.prod(planes), notes + more, layout, order, size.get("Z", 1))
     notes += _unused_resolution(path, tags)
     return _Described(None, "", math.prod(planes), notes, layout, order, size.get("Z", 1))
@@ -448,15 +494,18 @@ def _planes(path: Path, shape: list[int], tags: Tags) -> list[int]:
     (height,), (width,) = (whole_numbers(tags, tag)[:1].tolist() or [0] for tag in (HEIGHT, WIDTH))
     samples = (*whole_numbers(tags, SAMPLES)[:1].tolist(), 1)[0]
     for plane in ([height, width], [height, width, samples], [samples, height, width]):
-        if shape[-len(plane):] == plane and (samples > 1) == (len(plane) == 3):
-            return shape[:-len(plane)]
-    raise fail(path, f"its description has the shape {shape}, and its pages have {height} x {width} pixels of "
-                     f"{samples} samples; it is damaged.")
+        if shape[-len(plane) :] == plane and (samples > 1) == (len(plane) == 3):
+            return shape[: -len(plane)]
+    raise fail(
+        path,
+        f"its description has the shape {shape}, and its pages have {height} x {width} pixels of "
+        f"{samples} samples; it is damaged.",
+    )
 
 
 def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[str, int]], tuple[str, ...]]:
     """What the axes of pages are, the slowest first: slices, channels or moments."""
-    real = [(names[k:k + 1], size) for k, size in enumerate(sizes) if size > 1]
+    real = [(names[k : k + 1], size) for k, size in enumerate(sizes) if size > 1]
     if len(real) > 3:
         raise fail(path, f"its pages lie along {len(real)} axes ({sizes}); a volume has slices, channels and moments.")
     free = [axis for axis in "ZTC" if axis not in [name for name, _ in real]]
@@ -489,14 +538,22 @@ def _ome_layout(path: Path, pixels: dict[str, str], text: str) -> tuple[Layout, 
     channels = [dict(_ATTRIBUTE.findall(found)) for found in _CHANNEL.findall(text.partition("</Pixels>")[0])]
     names = tuple(shown(html.unescape(channel.get("Name", ""))) for channel in channels)
     codes = [channel.get("Color", "") for channel in channels]
-    colours = tuple(((int(code) >> 24 & 255) / 255, (int(code) >> 16 & 255) / 255, (int(code) >> 8 & 255) / 255)
-                    for code in codes if re.fullmatch(r"-?[0-9]{1,10}", code))
+    colours = tuple(
+        ((int(code) >> 24 & 255) / 255, (int(code) >> 16 & 255) / 255, (int(code) >> 8 & 255) / 255)
+        for code in codes
+        if re.fullmatch(r"-?[0-9]{1,10}", code)
+    )
     increment = pixels.get("TimeIncrement", "0")
     duration, notes = _number(increment), tuple[str, ...]()
     if frames > 1 and (duration is None or duration < 0):
         notes = (f"its TimeIncrement '{shown(increment, 20)}' is no time between moments, and is not used",)
-    return Layout(frames, size, names=names if len(names) == size and all(names) else (),
-                  colours=colours if len(colours) == size else (), duration=max(0.0, duration or 0.0)), notes
+    return Layout(
+        frames,
+        size,
+        names=names if len(names) == size and all(names) else (),
+        colours=colours if len(colours) == size else (),
+        duration=max(0.0, duration or 0.0),
+    ), notes
 
 
 _ANNOTATION = re.compile(r'<M K="deformnb ([a-z]+)">([^<]{1,400})</M>')
@@ -511,8 +568,12 @@ def _annotated(header: Header, text: str) -> Header:
         frame = Grid((1, 1, 1), (1.0, 1.0, 1.0), origin, rows)  # type: ignore[arg-type]
     except (DeformError, ValueError) as error:
         raise fail(header.path, f"its annotations of deformnb are damaged: {shown(error, 200)}") from error
-    return replace(header, origin=frame.origin, direction=frame.direction,
-                   is_labels=True if found.get("labels") == ["yes"] else header.is_labels)
+    return replace(
+        header,
+        origin=frame.origin,
+        direction=frame.direction,
+        is_labels=True if found.get("labels") == ["yes"] else header.is_labels,
+    )
 
 
 def _number(text: str) -> float | None:
@@ -531,8 +592,9 @@ def _imagej_lengths(path: Path, fields: dict[str, str], tags: Tags) -> tuple[Flo
         return None, "", _unused_resolution(path, tags)
     across, down = _ratio(tags, XRES), _ratio(tags, YRES)
     depth = fields.get("spacing") or None
-    lengths, notes = _taken({"x": None if across is None else repr(across), "y": None if down is None else repr(down),
-                             "z": depth})
+    lengths, notes = _taken(
+        {"x": None if across is None else repr(across), "y": None if down is None else repr(down), "z": depth}
+    )
     spacing, unit, more = _in_one_unit(lengths, [unit, fields.get("yunit", unit), fields.get("zunit", unit)])
     return spacing, unit, notes + more
 
@@ -550,6 +612,7 @@ _MOST_CLASSIC = 2**32 - 2**25
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
     """Write a volume as OME-TIFF, a page for each slice."""
+
     def pages() -> Iterator[NDArray[Any]]:
         for number, page in enumerate(volume.values):
             yield page.astype(stored_dtype(volume), copy=False)
@@ -560,8 +623,15 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
     write_pages(pages(), path, volume, SINGLE, overwrite=overwrite, identity=UUID(checksum[:32]))
 
 
-def write_pages(pages: Iterator[NDArray[Any]], path: Path, like: Volume, layout: Layout, *, overwrite: bool,
-                identity: UUID | None = None) -> None:
+def write_pages(
+    pages: Iterator[NDArray[Any]],
+    path: Path,
+    like: Volume,
+    layout: Layout,
+    *,
+    overwrite: bool,
+    identity: UUID | None = None,
+) -> None:
     """Write pages [y, x], or [y, x, part] of colours, as OME-TIFF: of each moment all channels, of these all slices.
 
     Parameters
@@ -584,10 +654,19 @@ def write_pages(pages: Iterator[NDArray[Any]], path: Path, like: Volume, layout:
     colour: dict[str, Any] = {"photometric": "rgb" if is_colour else "minisblack"}
     if layout.kind == "rgba":
         colour["extrasamples"] = ["unassalpha"]
-    with atomic_write(path, overwrite=overwrite, needed=size) as file, tifffile.TiffWriter(
-            file, bigtiff=size > _MOST_CLASSIC, ome=True, byteorder="<") as writer:
-        writer.write(pages, shape=shape, dtype=dtype, software="deformnb", **_resolution(grid),
-                     metadata=_ome_metadata(like, layout, identity or uuid4(), is_colour), **colour)
+    with (
+        atomic_write(path, overwrite=overwrite, needed=size) as file,
+        tifffile.TiffWriter(file, bigtiff=size > _MOST_CLASSIC, ome=True, byteorder="<") as writer,
+    ):
+        writer.write(
+            pages,
+            shape=shape,
+            dtype=dtype,
+            software="deformnb",
+            **_resolution(grid),
+            metadata=_ome_metadata(like, layout, identity or uuid4(), is_colour),
+            **colour,
+        )
 
 
 def _resolution(grid: Grid) -> dict[str, Any]:
@@ -600,16 +679,22 @@ def _resolution(grid: Grid) -> dict[str, Any]:
 def _ome_metadata(like: Volume, layout: Layout, identity: UUID, is_colour: bool) -> dict[str, Any]:
     """Metadata as tifffile takes them for the description of the first page."""
     grid = like.grid
-    about: dict[str, Any] = {"axes": "TCZYXS" if is_colour else "TCZYX", "Name": like.name, "Creator": "deformnb",
-                             "UUID": str(identity)}
+    about: dict[str, Any] = {
+        "axes": "TCZYXS" if is_colour else "TCZYX",
+        "Name": like.name,
+        "Creator": "deformnb",
+        "UUID": str(identity),
+    }
     for axis, length in zip("XYZ", grid.spacing, strict=True):
         about |= {f"PhysicalSize{axis}": length, f"PhysicalSize{axis}Unit": grid.unit or _NO_UNIT}
     if layout.duration:
         about |= {"TimeIncrement": layout.duration, "TimeIncrementUnit": "s"}
     if layout.channels > 1 and not is_colour:
         about["Channel"] = {"Name": list(layout.names), "Color": [_colour_code(colour) for colour in layout.colours]}
-    own = {"deformnb origin": " ".join(map(repr, grid.origin)),
-           "deformnb direction": " ".join(repr(value) for row in grid.direction for value in row)}
+    own = {
+        "deformnb origin": " ".join(map(repr, grid.origin)),
+        "deformnb direction": " ".join(repr(value) for row in grid.direction for value in row),
+    }
     return about | {"MapAnnotation": own | ({"deformnb labels": "yes"} if like.is_labels else {})}
 
 

@@ -25,17 +25,58 @@ from deformnb.io.headers import fail, shown, volume_shape
 from deformnb.volume.volume import optional_package
 
 # NumPy's code and how many of it make one value: a rational is a pair. Texts and undefined bytes (S) stay bytes.
-_FIELD_TYPES = {1: ("u1", 1), 2: ("S1", 1), 3: ("u2", 1), 4: ("u4", 1), 5: ("u4", 2), 6: ("i1", 1), 7: ("S1", 1),
-                8: ("i2", 1), 9: ("i4", 1), 10: ("i4", 2), 11: ("f4", 1), 12: ("f8", 1), 13: ("u4", 1), 16: ("u8", 1),
-                17: ("i8", 1), 18: ("u8", 1)}
+_FIELD_TYPES = {
+    1: ("u1", 1),
+    2: ("S1", 1),
+    3: ("u2", 1),
+    4: ("u4", 1),
+    5: ("u4", 2),
+    6: ("i1", 1),
+    7: ("S1", 1),
+    8: ("i2", 1),
+    9: ("i4", 1),
+    10: ("i4", 2),
+    11: ("f4", 1),
+    12: ("f8", 1),
+    13: ("u4", 1),
+    16: ("u8", 1),
+    17: ("i8", 1),
+    18: ("u8", 1),
+}
 KIND, WIDTH, HEIGHT, DESCRIPTION, SAMPLES, XRES, YRES, RESOLUTION_UNIT = 254, 256, 257, 270, 277, 282, 283, 296
 _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL = 258, 259, 262, 266
 _STRIPS, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR = 273, 278, 279, 284, 292, 317
 _TILE_WIDTH, _TILE_HEIGHT, _TILES, _TILE_BYTES, _EXTRA, _FORMAT, _TABLES = 322, 323, 324, 325, 338, 339, 347
 _DEPTH, _TILE_DEPTH = 32997, 32998
-_USED = {KIND, DESCRIPTION, XRES, YRES, RESOLUTION_UNIT, WIDTH, HEIGHT, _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL,
-         _STRIPS, SAMPLES, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR, _TILE_WIDTH, _TILE_HEIGHT, _TILES,
-         _TILE_BYTES, _EXTRA, _FORMAT, _TABLES, _DEPTH, _TILE_DEPTH}
+_USED = {
+    KIND,
+    DESCRIPTION,
+    XRES,
+    YRES,
+    RESOLUTION_UNIT,
+    WIDTH,
+    HEIGHT,
+    _BITS,
+    _COMPRESSION,
+    _PHOTOMETRIC,
+    _FILL,
+    _STRIPS,
+    SAMPLES,
+    _ROWS,
+    _STRIP_BYTES,
+    _PLANAR,
+    _T4,
+    _PREDICTOR,
+    _TILE_WIDTH,
+    _TILE_HEIGHT,
+    _TILES,
+    _TILE_BYTES,
+    _EXTRA,
+    _FORMAT,
+    _TABLES,
+    _DEPTH,
+    _TILE_DEPTH,
+}
 
 MOST_PAGES = 100_000
 _MOST_FIELDS = 4096
@@ -44,12 +85,31 @@ _MOST_VALUE = 2**22  # places of half a million strips
 _MASK_OR_PREVIEW = 0b101  # bits of a page's kind: a smaller copy of another page, a mask of its transparency
 
 # By the number of a compression: codecs of bytes, and codecs of pictures, which know shape, type and byte order.
-_BYTES = {1: "none", 5: "LZW", 8: "deflate", 32946: "deflate", 50013: "deflate", 32773: "PackBits", 34925: "lzma",
-          50000: "zstd", 34926: "zstd"}
+_BYTES = {
+    1: "none",
+    5: "LZW",
+    8: "deflate",
+    32946: "deflate",
+    50013: "deflate",
+    32773: "PackBits",
+    34925: "lzma",
+    50000: "zstd",
+    34926: "zstd",
+}
 _FAX = {2: "ccittrle", 3: "ccittfax3", 4: "ccittfax4"}
 _JPEG = (7, 34892, 33007)
-_PICTURES = {**dict.fromkeys(_JPEG, "jpeg8"), 34712: "jpeg2k", 33004: "jpeg2k", 33005: "jpeg2k", 34887: "lerc",
-             34933: "png", 50001: "webp", 34927: "webp", 50002: "jpegxl", 52546: "jpegxl"}
+_PICTURES = {
+    **dict.fromkeys(_JPEG, "jpeg8"),
+    34712: "jpeg2k",
+    33004: "jpeg2k",
+    33005: "jpeg2k",
+    34887: "lerc",
+    34933: "png",
+    50001: "webp",
+    34927: "webp",
+    50002: "jpegxl",
+    52546: "jpegxl",
+}
 _PREDICTORS = (1, 2, 3)
 
 # imagecodecs' decoder of JPEG XR ends the process on damaged data (within 400 mutants of a small file).
@@ -127,9 +187,12 @@ class Page:
             # Of plain voxels one byte more than there should be is enough to see that there are too many.
             most = self.packed_bytes(lines) + 1 if self.compression == 1 else int(count)
             block = self._unpacked(file.read(min(int(count), most)), lines, (bottom - top, right - left))
-            target = out[max(top, y0) - y0:min(bottom, y1) - y0, max(left, x0) - x0:min(right, x1) - x0,
-                         plane:plane + 1 if self.is_planar else None]
-            target[:] = block[max(y0 - top, 0):min(bottom, y1) - top, max(x0 - left, 0):min(right, x1) - left]
+            target = out[
+                max(top, y0) - y0 : min(bottom, y1) - y0,
+                max(left, x0) - x0 : min(right, x1) - x0,
+                plane : plane + 1 if self.is_planar else None,
+            ]
+            target[:] = block[max(y0 - top, 0) : min(bottom, y1) - top, max(x0 - left, 0) : min(right, x1) - left]
         return out if self.samples > 1 else out[..., 0]
 
     def packed_bytes(self, rows: int) -> int:
@@ -150,8 +213,11 @@ class Page:
         except MissingPackageError as error:
             raise MissingPackageError(f"{shown(self.path.name)}: {error}") from error
         except (ValueError, RuntimeError) as error:
-            raise fail(self.path, f"a part of a page should have {expected} bytes but {shown(error).rstrip('.')}: the "
-                                  "file is cut short or damaged.") from error
+            raise fail(
+                self.path,
+                f"a part of a page should have {expected} bytes but {shown(error).rstrip('.')}: the "
+                "file is cut short or damaged.",
+            ) from error
 
     def _numbers(self, data: bytes, rows: int) -> NDArray[Any]:
         """Unpacked bytes as numbers [y, x, sample]."""
@@ -197,7 +263,8 @@ class Page:
         if self.is_planar:  # each plane is a picture in grey
             return {"tables": self.tables}
         colours = optional_package("tifffile").tifffile.jpeg_decode_colorspace(
-            self.photometric, 1, (0,) if self.has_extra else (), False)
+            self.photometric, 1, (0,) if self.has_extra else (), False
+        )
         return {"tables": self.tables, "colorspace": colours[0], "outcolorspace": colours[1]}
 
 
@@ -246,7 +313,7 @@ def _directory(path: Path, file: BinaryIO, order: str, big: bool, offset: int) -
         length = int(code[1]) * values * number
         if length > _MOST_VALUE:
             raise fail(path, f"the field {tag} claims {length} bytes; the file is damaged.")
-        inline = body[start + 4 + struct.calcsize(word):start + size]
+        inline = body[start + 4 + struct.calcsize(word) : start + size]
         place = struct.unpack(order + word, inline)[0]
         value = inline[:length] if length <= len(inline) else _at(path, file, place, length)
         tags[tag] = value if code == "S1" else np.frombuffer(value, order + code)
@@ -286,13 +353,17 @@ def _one(path: Path, tags: Tags, tag: int, missing: int | None = None) -> int:
         raise fail(path, f"a page lacks the field {tag} or it is no whole number; the file is damaged.")
     most = int((*whole_numbers(tags, SAMPLES)[:1].tolist(), 1)[0]) if tag in (_BITS, _FORMAT) else 1
     if (value != value[0]).any() or value.size not in (1, most):
-        raise fail(path, f"the field {tag} should be one number but is {shown(value.tolist(), 60)}; the file is "
-                         "damaged, or its samples are of several types, which is not supported.")
+        raise fail(
+            path,
+            f"the field {tag} should be one number but is {shown(value.tolist(), 60)}; the file is "
+            "damaged, or its samples are of several types, which is not supported.",
+        )
     return int(value[0])
 
 
 def page_of(path: Path, order: str, tags: Tags) -> Page:
     """The page that fields describe, if its pixels can be read and all of its parts lie in the file."""
+
     def one(tag: int, missing: int | None = None) -> int:
         return _one(path, tags, tag, missing)
 
@@ -306,12 +377,30 @@ def page_of(path: Path, order: str, tags: Tags) -> Page:
     volume_shape(path, [width, height], dtype.itemsize * samples)
     tiled = _TILES in tags
     part = (one(_TILE_HEIGHT), one(_TILE_WIDTH)) if tiled else (min(one(_ROWS, height), height), width)
-    offsets, counts = (whole_numbers(tags, tag).astype(np.int64)  # beyond 2**63 is less than 0, which is refused too
-                       for tag in ((_TILES, _TILE_BYTES) if tiled else (_STRIPS, _STRIP_BYTES)))
+    offsets, counts = (
+        whole_numbers(tags, tag).astype(np.int64)  # beyond 2**63 is less than 0, which is refused too
+        for tag in ((_TILES, _TILE_BYTES) if tiled else (_STRIPS, _STRIP_BYTES))
+    )
     tables = tags.get(_TABLES)
-    page = Page(path, (height, width), dtype, bits, part, offsets, counts, compression, one(_PREDICTOR, 1), photometric,
-                samples, is_planar and samples > 1, tiled, one(_FILL, 1) == 2,
-                bytes(tables) if tables is not None else None, one(_T4, 0), _EXTRA in tags)
+    page = Page(
+        path,
+        (height, width),
+        dtype,
+        bits,
+        part,
+        offsets,
+        counts,
+        compression,
+        one(_PREDICTOR, 1),
+        photometric,
+        samples,
+        is_planar and samples > 1,
+        tiled,
+        one(_FILL, 1) == 2,
+        bytes(tables) if tables is not None else None,
+        one(_T4, 0),
+        _EXTRA in tags,
+    )
     _check_packing(page, one(_FILL, 1), one(_PLANAR, 1))
     _check_parts(page)
     return page
@@ -322,8 +411,11 @@ def _check_colours(path: Path, photometric: int, samples: int, compression: int)
     is_grey = photometric in (0, 1, 4) or (photometric == 3 and samples == 1)
     is_colour = (photometric == 2 and samples >= 3) or (photometric == 6 and samples == 3 and compression in _JPEG)
     if not (is_grey or is_colour) or not 1 <= samples <= 1024:
-        raise fail(path, f"its pixels are colours of a kind that is not read ({samples} samples, photometric "
-                         f"{photometric}); save them as RGB or as grey values.")
+        raise fail(
+            path,
+            f"its pixels are colours of a kind that is not read ({samples} samples, photometric "
+            f"{photometric}); save them as RGB or as grey values.",
+        )
 
 
 def _dtype(path: Path, bits: int, form: int, order: str) -> np.dtype[Any]:
@@ -336,8 +428,11 @@ def _dtype(path: Path, bits: int, form: int, order: str) -> np.dtype[Any]:
 def _check_packing(page: Page, fill: int, planar: int) -> None:
     path, compression = page.path, page.compression
     if compression in _UNSAFE:
-        raise fail(path, f"it is packed as {_UNSAFE[compression]}, whose decoder ends Python where data are damaged, "
-                         "so it is not read; save it with deflate.")
+        raise fail(
+            path,
+            f"it is packed as {_UNSAFE[compression]}, whose decoder ends Python where data are damaged, "
+            "so it is not read; save it with deflate.",
+        )
     if compression not in {**_BYTES, **_FAX, **_PICTURES}:
         raise fail(path, f"the compression {compression} is not supported; save it uncompressed or with deflate.")
     if compression in _FAX and (page.bits, page.samples) != (1, 1):
@@ -346,8 +441,11 @@ def _check_packing(page: Page, fill: int, planar: int) -> None:
     packed = compression not in (1, 32773, *_FAX)  # as of libtiff: others have no predictor
     of_type = packed and page.bits % 8 == 0 and page.bits != 24 and (page.predictor == 2 or page.dtype.kind == "f")
     if fill not in (1, 2) or planar not in (1, 2) or page.predictor not in _PREDICTORS or (numbers and not of_type):
-        raise fail(path, f"its order of bits ({fill}) or of samples ({planar}), or its predictor ({page.predictor}), "
-                         "is not supported; save it uncompressed.")
+        raise fail(
+            path,
+            f"its order of bits ({fill}) or of samples ({planar}), or its predictor ({page.predictor}), "
+            "is not supported; save it uncompressed.",
+        )
 
 
 def _check_parts(page: Page) -> None:

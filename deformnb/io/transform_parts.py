@@ -15,8 +15,9 @@ from deformnb.volume.volume import Grid
 Part = Identity | Affine | DisplacementField | BSplineField
 
 
-def sampled_parts(field: AbstractField, grid: Grid, progress: Progress | None = None, *,
-                  exact: tuple[type, ...] = ()) -> list[Part]:
+def sampled_parts(
+    field: AbstractField, grid: Grid, progress: Progress | None = None, *, exact: tuple[type, ...] = ()
+) -> list[Part]:
     """The parts of a field in the order in which a place of the result is looked up in them.
 
     Each part that is not affine is sampled on the grid, which is enlarged by as much as the parts looked up before it

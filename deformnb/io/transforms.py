@@ -72,16 +72,27 @@ TRANSFORM_FORMATS: dict[str, TransformFormat] = {
     "itk hdf5": TransformFormat((".h5", ".hdf5"), read_itk, write_itk, "HDF5 file of ITK's transforms"),
     "ants matrix": TransformFormat((".mat",), read_itk, None, "matrix of ANTs or ITK"),
     "elastix": TransformFormat((".txt",), read_itk, None, "parameter file of elastix, or text of ITK's transforms"),
-    "nrrd": TransformFormat((".nrrd", ".nhdr"), read_displacements, write_displacements, "displacements as NRRD",
-                            is_volume=True),
-    "nifti": TransformFormat((".nii.gz", ".nii"), read_displacements, write_displacements, "displacements as NIfTI",
-                             is_volume=True),
-    "metaimage": TransformFormat((".mha", ".mhd"), read_displacements, write_displacements,
-                                 "displacements as MetaImage", is_volume=True),
-    "vti": TransformFormat((".vti",), read_vti_field, write_vti_field, "displacements as VTK image data",
-                           is_volume=True),
-    "ngff": TransformFormat((".zarr",), read_ngff, write_ngff, "OME-NGFF 0.6 with displacements in Zarr",
-                            is_volume=True, is_folder=True, states_unit=True),
+    "nrrd": TransformFormat(
+        (".nrrd", ".nhdr"), read_displacements, write_displacements, "displacements as NRRD", is_volume=True
+    ),
+    "nifti": TransformFormat(
+        (".nii.gz", ".nii"), read_displacements, write_displacements, "displacements as NIfTI", is_volume=True
+    ),
+    "metaimage": TransformFormat(
+        (".mha", ".mhd"), read_displacements, write_displacements, "displacements as MetaImage", is_volume=True
+    ),
+    "vti": TransformFormat(
+        (".vti",), read_vti_field, write_vti_field, "displacements as VTK image data", is_volume=True
+    ),
+    "ngff": TransformFormat(
+        (".zarr",),
+        read_ngff,
+        write_ngff,
+        "OME-NGFF 0.6 with displacements in Zarr",
+        is_volume=True,
+        is_folder=True,
+        states_unit=True,
+    ),
 }
 """All kinds of transform files by name."""
 
@@ -105,8 +116,9 @@ def is_transform(path: str | os.PathLike[str], *, images: bool = False) -> bool:
 
 def transform_suffixes(*, writing: bool = False) -> str:
     """The endings of transform files, for messages; with ``writing`` those that can be written."""
-    return ", ".join(suffix for row in TRANSFORM_FORMATS.values() for suffix in row.suffixes
-                     if not writing or row.write is not None)
+    return ", ".join(
+        suffix for row in TRANSFORM_FORMATS.values() for suffix in row.suffixes if not writing or row.write is not None
+    )
 
 
 def _row(path: Path) -> TransformFormat | None:
@@ -200,8 +212,11 @@ def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
     field, row = read_transform(place), _row(place)
     assert row is not None
     stated = stated_remark(place)
-    rows = {"file": shown(place.name), "kind": row.description,
-            "maps": stated or "backward, as transforms for resampling do; the file does not say it"}
+    rows = {
+        "file": shown(place.name),
+        "kind": row.description,
+        "maps": stated or "backward, as transforms for resampling do; the file does not say it",
+    }
     for number, part in enumerate(field.steps, 1):
         rows[f"part {number}"] = _describe_part(part)
     return rows
@@ -211,17 +226,24 @@ def _describe_part(part: AbstractField) -> str:
     if isinstance(part, DisplacementField) and isinstance(part.lattice, Grid):
         lattice = part.lattice
         longest = float(np.sqrt(np.max(np.einsum("zyxc,zyxc->zyx", part.values, part.values))))
-        return (f"displacements at {' x '.join(map(str, lattice.shape[::-1]))} nodes (x, y, z), spacing "
-                f"{' x '.join(f'{s:.6g}' for s in lattice.spacing)}, up to {longest:.4g} long")
+        return (
+            f"displacements at {' x '.join(map(str, lattice.shape[::-1]))} nodes (x, y, z), spacing "
+            f"{' x '.join(f'{s:.6g}' for s in lattice.spacing)}, up to {longest:.4g} long"
+        )
     if isinstance(part, BSplineField):
         longest = float(np.sqrt((np.asarray(part.coefficients) ** 2).sum(axis=-1).max()))
         spacing = np.linalg.norm(np.asarray(part.axes), axis=0)
-        return (f"B-spline of order {part.order} with {' x '.join(map(str, part.counts.tolist()))} coefficients (x, y, "
-                f"z), spacing {' x '.join(f'{s:.6g}' for s in spacing)}, up to {longest:.4g} long")
+        return (
+            f"B-spline of order {part.order} with {' x '.join(map(str, part.counts.tolist()))} coefficients (x, y, "
+            f"z), spacing {' x '.join(f'{s:.6g}' for s in spacing)}, up to {longest:.4g} long"
+        )
     if isinstance(part, Affine):
         determinant = abs(float(np.linalg.det(part.matrix)))
-        return (f"affine map, which makes volumes {1 / determinant:.4g} times as large" if determinant > 0 else
-                "affine map, whose matrix has no inverse")
+        return (
+            f"affine map, which makes volumes {1 / determinant:.4g} times as large"
+            if determinant > 0
+            else "affine map, whose matrix has no inverse"
+        )
     if isinstance(part, Identity):
         return "identity"
     return f"interpolant of {len(part.ids)} landmarks" if isinstance(part, RBFInterpolant) else type(part).__name__
@@ -242,9 +264,16 @@ def check_transform_target(path: str | os.PathLike[str], *, overwrite: bool = Tr
     check_target(place, overwrite=overwrite, folder_marks=("zarr.json", ".zgroup") if row.is_folder else ())
 
 
-def write_transform(transform: AbstractField | HasField, path: str | os.PathLike[str], grid: Grid | VolumeLike, *,
-                    inverse: str | os.PathLike[str] | None = None, direction: str = "backward",
-                    overwrite: bool = True, progress: Progress | None = None) -> None:
+def write_transform(
+    transform: AbstractField | HasField,
+    path: str | os.PathLike[str],
+    grid: Grid | VolumeLike,
+    *,
+    inverse: str | os.PathLike[str] | None = None,
+    direction: str = "backward",
+    overwrite: bool = True,
+    progress: Progress | None = None,
+) -> None:
     """Write a deformation for ITK, ANTs, 3D Slicer, elastix, VTK or readers of OME-NGFF.
 
     Parameters
@@ -297,8 +326,9 @@ def _half(progress: Progress, begin: float) -> Progress:
     return lambda share: progress(begin + share / 2)
 
 
-def _write(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,
-           progress: Progress | None) -> None:
+def _write(
+    field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool, progress: Progress | None
+) -> None:
     row = _row(path)
     assert row is not None
     assert row.write is not None
@@ -311,4 +341,4 @@ def _remark(transform: AbstractField | HasField, direction: str) -> str:
     if not isinstance(transform, Inverse):
         return REMARKS[direction]
     worst = float(transform.error[transform.reached].max(initial=0.0))
-    return (f"{FORWARD}; residual {worst:.3g} at {100 * transform.share:.4g} % of the nodes, no promise at the others")
+    return f"{FORWARD}; residual {worst:.3g} at {100 * transform.share:.4g} % of the nodes, no promise at the others"

@@ -39,8 +39,9 @@ def read_header(path: Path) -> Header:
     dtype = file.dtype(array)
     extent, geometry = _geometry(file)
     cells = array.within("CellData")
-    sizes = [high - low + (0 if cells and high > low else 1)
-             for low, high in zip(extent[::2], extent[1::2], strict=True)]
+    sizes = [
+        high - low + (0 if cells and high > low else 1) for low, high in zip(extent[::2], extent[1::2], strict=True)
+    ]
     shape, more = volume_shape(path, sizes, dtype.itemsize)
     axes = np.asarray(geometry["direction"]) * np.asarray(geometry["spacing"])
     corner = np.array(extent[::2]) + (0.5 if cells else 0.0) * (np.array(sizes) >= 1)
@@ -50,8 +51,16 @@ def read_header(path: Path) -> Header:
         notes += ("the values belong to cells: voxels lie at the cells' centres",)
     voxels = file.stored(array, math.prod(shape))
     labels = True if array.attributes.get("Name") == _LABELS else None
-    return Header(path, shape, dtype, lambda: stream_blocks(path, voxels.open, shape, dtype), is_labels=labels,
-                  notes=notes + more, unit=_UNIT, **geometry)
+    return Header(
+        path,
+        shape,
+        dtype,
+        lambda: stream_blocks(path, voxels.open, shape, dtype),
+        is_labels=labels,
+        notes=notes + more,
+        unit=_UNIT,
+        **geometry,
+    )
 
 
 def _choose(file: VtkXml) -> tuple[Tag, tuple[str, ...]]:
@@ -97,8 +106,15 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
     _write(path, xml, volume.values, dtype, overwrite, progress)
 
 
-def write_vectors(values: NDArray[Any], grid: Grid, name: str, remark: str, path: Path, overwrite: bool,
-                  progress: Progress | None = None) -> None:
+def write_vectors(
+    values: NDArray[Any],
+    grid: Grid,
+    name: str,
+    remark: str,
+    path: Path,
+    overwrite: bool,
+    progress: Progress | None = None,
+) -> None:
     """Write vectors (nz, ny, nx, 3) as VTI; the remark is a comment at the start, without two hyphens side by side."""
     xml = _xml(grid, "Vectors", name, values.dtype, f"<!-- {remark} -->\n")
     _write(path, xml, values, values.dtype, overwrite, progress)
@@ -107,8 +123,11 @@ def write_vectors(values: NDArray[Any], grid: Grid, name: str, remark: str, path
 def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
     """The vectors (nz, ny, nx, 3) of a VTI file's points: those that are active, or the first array of vectors."""
     file = VtkXml(path, "ImageData")
-    arrays = [tag for tag in file.tags if tag.name == "DataArray" and tag.within("PointData")
-              and tag.attributes.get("NumberOfComponents") == "3"]
+    arrays = [
+        tag
+        for tag in file.tags
+        if tag.name == "DataArray" and tag.within("PointData") and tag.attributes.get("NumberOfComponents") == "3"
+    ]
     if not arrays:
         raise fail(path, "it has no array of three components at its points, so it is no displacement field.")
     owner = file.first("PointData")
@@ -126,8 +145,9 @@ def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
     return stored.values().reshape(*shape, 3).astype(stored.dtype.newbyteorder("=")), grid
 
 
-def _write(path: Path, xml: bytes, values: NDArray[Any], dtype: np.dtype[Any], overwrite: bool,
-           progress: Progress | None) -> None:
+def _write(
+    path: Path, xml: bytes, values: NDArray[Any], dtype: np.dtype[Any], overwrite: bool, progress: Progress | None
+) -> None:
     size = values.size * dtype.itemsize
     blocks = -(-size // _BLOCK)
     with atomic_write(path, overwrite=overwrite, needed=packed_bytes(size)) as file:
@@ -146,7 +166,7 @@ def _blocks(values: NDArray[Any], dtype: np.dtype[Any], progress: Progress | Non
         data = waiting + bytes(piece)
         whole = len(data) // _BLOCK * _BLOCK
         for start in range(0, whole, _BLOCK):
-            yield data[start:start + _BLOCK]
+            yield data[start : start + _BLOCK]
         waiting = data[whole:]
     if waiting:
         yield waiting
@@ -154,6 +174,7 @@ def _blocks(values: NDArray[Any], dtype: np.dtype[Any], progress: Progress | Non
 
 def _xml(grid: Grid, kind: str, name: str, dtype: np.dtype[Any], comment: str = "") -> bytes:
     """All before the numbers; ``kind`` is "Scalars" or "Vectors"."""
+
     def words(values: Any) -> str:
         return " ".join(map(repr, values))
 

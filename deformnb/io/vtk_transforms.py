@@ -52,8 +52,9 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
     turned = np.asarray(lattice.direction)
     plain = lattice.direction == IDENTITY
     nz, ny, nx = lattice.shape
-    image = pyvista.ImageData(dimensions=(nx, ny, nz), spacing=lattice.spacing,
-                              origin=lattice.origin if plain else (0.0, 0.0, 0.0))
+    image = pyvista.ImageData(
+        dimensions=(nx, ny, nz), spacing=lattice.spacing, origin=lattice.origin if plain else (0.0, 0.0, 0.0)
+    )
     image.point_data["displacement"] = (field.on_grid(lattice) @ turned).reshape(-1, 3)
     image.point_data.active_scalars_name = "displacement"
     made = vtk.vtkGridTransform()
@@ -78,8 +79,9 @@ def read_vti_field(path: Path, _grid: Grid | None) -> AbstractField:
     return checked_displacements(path, *read_vectors(path))
 
 
-def write_vti_field(field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool,
-                    progress: Progress | None) -> None:
+def write_vti_field(
+    field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool, progress: Progress | None
+) -> None:
     """Write the displacements at the voxels of a grid, float32, as vectors named displacement_backward or _forward."""
     name = f"displacement_{remark.partition(':')[0]}"
     write_vectors(field.on_grid(grid), grid, name, remark, path, overwrite, progress)

@@ -22,8 +22,18 @@ from deformnb.io.codecs import unpack_bytes
 from deformnb.io.headers import fail, integers, shown
 from deformnb.io.streams import Pieces, Stream, from_text, take
 
-TYPES = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Int64": "i8",
-         "UInt64": "u8", "Float32": "f4", "Float64": "f8"}
+TYPES = {
+    "Int8": "i1",
+    "UInt8": "u1",
+    "Int16": "i2",
+    "UInt16": "u2",
+    "Int32": "i4",
+    "UInt32": "u4",
+    "Int64": "i8",
+    "UInt64": "u8",
+    "Float32": "f4",
+    "Float64": "f8",
+}
 """NumPy's codes of the types of arrays."""
 
 # Real files have some twenty tags; time series with many arrays a few hundred.
@@ -113,8 +123,9 @@ class VtkXml:
 
     def _start(self, parser: Any, name: str, attributes: dict[str, str]) -> None:
         if len(self.tags) >= _MOST_TAGS or len(self._open) > _DEEPEST:
-            raise fail(self.path, f"its XML has more than {_MOST_TAGS} tags or deep nesting; it is no {self._called} "
-                                  "file.")
+            raise fail(
+                self.path, f"its XML has more than {_MOST_TAGS} tags or deep nesting; it is no {self._called} file."
+            )
         around = self._open[-1] if self._open else None
         if around is not None and around.begin >= 0 and around.end < 0:
             around.end = parser.CurrentByteIndex
@@ -198,8 +209,10 @@ class StoredArray:
             raise
 
     def _wrong(self, present: int | str) -> Exception:
-        return fail(self.file.path, f"the header needs {self.size} bytes of numbers but the array has {present}: it "
-                                    "is cut short or damaged.")
+        return fail(
+            self.file.path,
+            f"the header needs {self.size} bytes of numbers but the array has {present}: it is cut short or damaged.",
+        )
 
     def _pieces(self, file: BinaryIO) -> Iterator[bytes]:
         if self.tag.attributes["format"] == "ascii":
@@ -224,9 +237,10 @@ class StoredArray:
         mark = head.find(b"_", head.find(b">") + 1)
         offset = integers(self.file.path, "offset", self.tag.attributes.get("offset", ""), 1)[0]
         size = self.file.path.stat().st_size
-        if mark < 0 or head[head.find(b">") + 1:mark].strip() or not 0 <= offset <= size:
-            raise fail(self.file.path, f"the appended data do not begin with _ or the offset {offset} is outside the "
-                                       "file.")
+        if mark < 0 or head[head.find(b">") + 1 : mark].strip() or not 0 <= offset <= size:
+            raise fail(
+                self.file.path, f"the appended data do not begin with _ or the offset {offset} is outside the file."
+            )
         return encoding == "raw", start + mark + 1 + offset, size
 
     def _from_text(self, file: BinaryIO) -> Iterator[bytes]:
@@ -278,8 +292,10 @@ class StoredArray:
             except MissingPackageError:
                 raise
             except ValueError as error:
-                raise fail(self.file.path, f"block {index} of an array should unpack to {expected} bytes: it is cut "
-                                           "short or damaged.") from error
+                raise fail(
+                    self.file.path,
+                    f"block {index} of an array should unpack to {expected} bytes: it is cut short or damaged.",
+                ) from error
 
 
 _CODECS = {"vtkZLibDataCompressor": "deflate", "vtkLZMADataCompressor": "lzma", "vtkLZ4DataCompressor": "lz4"}

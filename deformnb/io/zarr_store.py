@@ -30,14 +30,16 @@ class PlainFiles(LocalStore):
         if not stat.S_ISREG(mode):
             raise fail(self.root, f"its {key} is no plain file but a folder, a pipe or a device; it is not read.")
 
-    async def get(self, key: str, prototype: BufferPrototype | None = None,
-                  byte_range: ByteRequest | None = None) -> Buffer | None:
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
         """As of LocalStore."""
         self._check(key)
         return await super().get(key, prototype, byte_range)
 
-    async def get_partial_values(self, prototype: BufferPrototype,
-                                 key_ranges: Iterable[tuple[str, ByteRequest | None]]) -> list[Buffer | None]:
+    async def get_partial_values(
+        self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, ByteRequest | None]]
+    ) -> list[Buffer | None]:
         """As of LocalStore."""
         wanted = list(key_ranges)
         for key, _ in wanted:

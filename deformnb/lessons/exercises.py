@@ -57,9 +57,11 @@ class Result:
     def words_html(self) -> str:
         """The words without the drawing."""
         colour = _COLOURS[self.right]
-        return (f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em; '
-                f'line-height: 1.4"><b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
-                f"{html.escape(translate(self.text))}</div>")
+        return (
+            f'<div role="status" style="border-left: 4px solid {colour}; padding: 6px 12px; max-width: 46em; '
+            f'line-height: 1.4"><b style="color: {colour}; background: #fff; padding: 0 4px">{self._word}</b> '
+            f"{html.escape(translate(self.text))}</div>"
+        )
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,10 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
     def __init__(self, exercise: AbstractExercise, studio: object) -> None:
         session = session_of(studio)
         if session is None:
-            raise DeformError(f"the result follows a studio, got {shown_value(studio)}; run the cell of the studio "
-                              "first, and give the studio itself.")
+            raise DeformError(
+                f"the result follows a studio, got {shown_value(studio)}; run the cell of the studio "
+                "first, and give the studio itself."
+            )
         super().__init__()
         self.add_class("dnb-followed-result")
         self._exercise, self._session = exercise, session
@@ -58,8 +60,10 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
     def _judge(self, _change: Any = None) -> None:
         self.result = self._exercise.judge(self._session)
         drawing = f'<div style="flex: none; width: 230px">{self.result.drawing}</div>' if self.result.drawing else ""
-        self.value = (f'<div style="display: flex; gap: 12px; align-items: center; min-height: {_HEIGHT}px">'
-                      f"{self.result.words_html()}{drawing}</div>")  # low, so that the picture below is seen too
+        self.value = (
+            f'<div style="display: flex; gap: 12px; align-items: center; min-height: {_HEIGHT}px">'
+            f"{self.result.words_html()}{drawing}</div>"
+        )  # low, so that the picture below is seen too
 
     def close(self) -> None:
         """Follow no more."""

@@ -90,23 +90,52 @@ class Lesson:
 
 LESSONS: dict[str, Lesson] = {
     "coordinates": Lesson(
-        "Coordinates and grids", "1_coordinates_and_grids.ipynb", (30, 40),
-        ("read and write places on a picture as two numbers", "describe how D'Arcy Thompson compared two animals",
-         "recognise a shear, a taper and a polar grid, and say which of his pairs are so simple",
-         "turn a carp into a boarfish by dragging, and say where it grew"), coordinates.EXERCISES),
+        "Coordinates and grids",
+        "1_coordinates_and_grids.ipynb",
+        (30, 40),
+        (
+            "read and write places on a picture as two numbers",
+            "describe how D'Arcy Thompson compared two animals",
+            "recognise a shear, a taper and a polar grid, and say which of his pairs are so simple",
+            "turn a carp into a boarfish by dragging, and say where it grew",
+        ),
+        coordinates.EXERCISES,
+    ),
     "kernels": Lesson(
-        "Interpolation and kernels", "2_interpolation_and_kernels.ipynb", (30, 40),
-        ("interpolate between known values", "say what a kernel and its support radius are",
-         "solve for the weights of two points", "choose a support radius for a purpose"), kernels.EXERCISES),
+        "Interpolation and kernels",
+        "2_interpolation_and_kernels.ipynb",
+        (30, 40),
+        (
+            "interpolate between known values",
+            "say what a kernel and its support radius are",
+            "solve for the weights of two points",
+            "choose a support radius for a purpose",
+        ),
+        kernels.EXERCISES,
+    ),
     "affine": Lesson(
-        "Rigid, similar, affine", "3_rigid_similar_affine.ipynb", (20, 30),
-        ("tell rigid, similar and affine maps apart by what they keep",
-         "count the numbers of a map and the points that determine it", "find how an affine map changes areas",
-         "turn a carp without bending it"), affine.EXERCISES),
+        "Rigid, similar, affine",
+        "3_rigid_similar_affine.ipynb",
+        (20, 30),
+        (
+            "tell rigid, similar and affine maps apart by what they keep",
+            "count the numbers of a map and the points that determine it",
+            "find how an affine map changes areas",
+            "turn a carp without bending it",
+        ),
+        affine.EXERCISES,
+    ),
     "folding": Lesson(
-        "Folding, inverses and cutting", "4_folding_inverses_and_cutting.ipynb", (30, 40),
-        ("say which place arrives where, and undo a map on a line", "explain why the computer looks backwards",
-         "recognise a fold by the sign of a determinant, and avoid it", "say when a map must be cut"),
-        folding.EXERCISES),
+        "Folding, inverses and cutting",
+        "4_folding_inverses_and_cutting.ipynb",
+        (30, 40),
+        (
+            "say which place arrives where, and undo a map on a line",
+            "explain why the computer looks backwards",
+            "recognise a fold by the sign of a determinant, and avoid it",
+            "say when a map must be cut",
+        ),
+        folding.EXERCISES,
+    ),
 }
 """Lessons by name."""

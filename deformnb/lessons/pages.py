@@ -66,8 +66,9 @@ def lesson_start(name: str, volume: VolumeLike) -> Deformation:
     return _PAGES[name].begin(as_volume(volume))
 
 
-def write_lesson_page(name: str, path: str | os.PathLike[str], *, language: str | None = None,
-                      overwrite: bool = True) -> None:
+def write_lesson_page(
+    name: str, path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True
+) -> None:
     """Write a lesson's picture as one offline file in which points can be dragged; it warns when tissue leaves the box.
 
     Parameters
@@ -121,12 +122,25 @@ def _one(volume: Volume) -> Deformation:
 
 
 _PAGES = {
-    "coordinates": _Page(_nodes, "Drag the points until the carp is a boarfish: short, and almost as high as long. "
-                         "Each point has the name of its node.", ("strength", "shows", "density", "reset", "download")),
-    "kernels": _Page(_corners, "The corners hold the picture. Double-click on the back to add a point, and drag it up: "
-                     "how far does it reach?", ("strength", "kernel", "shows", "density", "reset")),
-    "affine": _Page(_ends, "Nothing but head and tail holds this carp. Drag both: it turns and grows as a whole.",
-                    ("strength", "shows", "density", "reset")),
-    "folding": _Page(_one, "Drag the point to the right, farther and farther, until the page reports a fold. How far "
-                     "did you come?", ("strength", "shows", "density", "reset")),
+    "coordinates": _Page(
+        _nodes,
+        "Drag the points until the carp is a boarfish: short, and almost as high as long. "
+        "Each point has the name of its node.",
+        ("strength", "shows", "density", "reset", "download"),
+    ),
+    "kernels": _Page(
+        _corners,
+        "The corners hold the picture. Double-click on the back to add a point, and drag it up: how far does it reach?",
+        ("strength", "kernel", "shows", "density", "reset"),
+    ),
+    "affine": _Page(
+        _ends,
+        "Nothing but head and tail holds this carp. Drag both: it turns and grows as a whole.",
+        ("strength", "shows", "density", "reset"),
+    ),
+    "folding": _Page(
+        _one,
+        "Drag the point to the right, farther and farther, until the page reports a fold. How far did you come?",
+        ("strength", "shows", "density", "reset"),
+    ),
 }

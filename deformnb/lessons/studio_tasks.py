@@ -105,16 +105,19 @@ class FishTask(AbstractExercise):
         except DeformError as error:
             return self._no(str(error))
         if abs(score.percent) < _NEAR and np.abs(score.before - score.distances).max() < _NEAR:
-            return self._no("Nothing has been dragged yet. Drag the points to where their nodes belong, and check "
-                            "again.")
+            return self._no(
+                "Nothing has been dragged yet. Drag the points to where their nodes belong, and check again."
+            )
         drawing = grids_svg(score, grids)
         said = f"Your fish: {score}. {_advice(score)}"
         if score.percent >= self.percent:
             return Result(True, f"{said} {self.praise}", drawing)
         more = f"{self.percent:g} % is enough for a boarfish."
         if score.percent < 0:
-            more = ("Your grid is farther away than at the start: are some points exchanged? Ctrl+Z in the studio goes "
-                    "back.")
+            more = (
+                "Your grid is farther away than at the start: are some points exchanged? Ctrl+Z in the studio goes "
+                "back."
+            )
         return Result(False, f"{said} {more}", drawing)
 
 
@@ -135,16 +138,20 @@ def grids_svg(score: GridScore, grids: ThompsonMap) -> str:
 
     def lines(nodes: np.ndarray, style: str) -> str:
         drawn = (" ".join(f"{a:.1f},{b:.1f}" for a, b in line) for line in [*nodes, *nodes.transpose(1, 0, 2)])
-        return "".join(f'<polyline points="{line}" fill="none" {style} vector-effect="non-scaling-stroke"/>'
-                       for line in drawn)
+        return "".join(
+            f'<polyline points="{line}" fill="none" {style} vector-effect="non-scaling-stroke"/>' for line in drawn
+        )
 
     a, b = score.reached[score.worst]
     box = f"{low[0] - edge:.1f} {low[1] - edge:.1f} {size[0] + 2 * edge:.1f} {size[1] + 2 * edge:.1f}"
-    words = translate("Thompson's grid dashed in orange, yours in blue, and a circle around the node that is farthest "
-                      "away")
-    return (f'<svg viewBox="{box}" role="img" aria-label="{words}" '
-            f'style="width: 100%; max-width: 420px; max-height: 420px; background: #fff"><title>{words}</title>'
-            + lines(grids.target_nodes, 'stroke="#d55e00" stroke-width="1.5" stroke-dasharray="5 3"')
-            + lines(score.reached, 'stroke="#0072b2" stroke-width="1.5"')
-            + f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{edge:.1f}" fill="none" stroke="#000" stroke-width="1.5" '
-            'vector-effect="non-scaling-stroke"/></svg>')
+    words = translate(
+        "Thompson's grid dashed in orange, yours in blue, and a circle around the node that is farthest away"
+    )
+    return (
+        f'<svg viewBox="{box}" role="img" aria-label="{words}" '
+        f'style="width: 100%; max-width: 420px; max-height: 420px; background: #fff"><title>{words}</title>'
+        + lines(grids.target_nodes, 'stroke="#d55e00" stroke-width="1.5" stroke-dasharray="5 3"')
+        + lines(score.reached, 'stroke="#0072b2" stroke-width="1.5"')
+        + f'<circle cx="{a:.1f}" cy="{b:.1f}" r="{edge:.1f}" fill="none" stroke="#000" stroke-width="1.5" '
+        'vector-effect="non-scaling-stroke"/></svg>'
+    )

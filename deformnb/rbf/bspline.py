@@ -80,8 +80,10 @@ class BSplineField(AbstractField):
         if shape is None:  # a tree of JAX without arrays
             return
         if len(shape) != dim + 1 or shape[-1] != dim or min(shape[:-1]) <= self.order:
-            raise DeformError(f"coefficients of shape {tuple(shape)} do not fit: a B-spline of order {self.order} has "
-                              f"at least {self.order + 1} along each of its {dim} axes, of {dim} components each.")
+            raise DeformError(
+                f"coefficients of shape {tuple(shape)} do not fit: a B-spline of order {self.order} has "
+                f"at least {self.order + 1} along each of its {dim} axes, of {dim} components each."
+            )
 
     def __repr__(self) -> str:
         counts = " x ".join(map(str, self.counts.tolist()))
@@ -180,8 +182,8 @@ class BSplineField(AbstractField):
         out = np.empty((self.dim, r.shape[1], c.shape[1]), dtype=np.float32)
         step = max(1, BLOCK // max(1, c.shape[1]))
         for start in range(0, r.shape[1], step):  # all places of a volume at once would take 24 bytes each
-            places = r[:, start:start + step, None] + c[:, None, :]
-            out[:, start:start + step] = np.moveaxis(self.displacement(np.moveaxis(places, 0, -1)), -1, 0)
+            places = r[:, start : start + step, None] + c[:, None, :]
+            out[:, start : start + step] = np.moveaxis(self.displacement(np.moveaxis(places, 0, -1)), -1, 0)
         return out
 
     def _along(self, index: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
@@ -196,8 +198,9 @@ class BSplineField(AbstractField):
     def _cell(self, xp: Any, index: Any, eps: float = float(np.finfo(np.float64).eps)) -> tuple[Any, Any, Any]:
         """The first coefficient (n, dim) that counts at an index (n, dim), the place after it, and which are moved."""
         low, high = self.domain
-        parts = [_cell_of(xp, index[:, k], low[k], high[k], int(self.counts[k]), self.order, eps)
-                 for k in range(self.dim)]
+        parts = [
+            _cell_of(xp, index[:, k], low[k], high[k], int(self.counts[k]), self.order, eps) for k in range(self.dim)
+        ]
         inside = parts[0][2]
         for part in parts[1:]:
             inside = inside & part[2]

@@ -56,10 +56,14 @@ SAME_DISPLACEMENT = 1e-9
 # that keep near points apart (the error of a fit was 5e-8 of it at 100).
 LONGEST_SHARE = 100.0
 
-_LIMITED = (f"the support radius is limited to {LONGEST_SHARE:g} times the largest distance between control points; "
-            "beyond that the map hardly changes")
-_UNHELD = (" nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel with the "
-           "trend affine stays calm")
+_LIMITED = (
+    f"the support radius is limited to {LONGEST_SHARE:g} times the largest distance between control points; "
+    "beyond that the map hardly changes"
+)
+_UNHELD = (
+    " nothing holds the affine trend, which may shear or stretch without bounds; a Wendland kernel with the "
+    "trend affine stays calm"
+)
 
 # Places whose distances to all others are computed at a time.
 _ENDS = 256
@@ -162,13 +166,16 @@ def diameter(points: ControlPoints) -> float | None:
     return diameter_of(at_rest(points)) or None
 
 
-def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend,
-            smoothing: float) -> PreparedPoints:
+def prepare(
+    points: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend, smoothing: float
+) -> PreparedPoints:
     """Check, merge and centre the active points; see the table at the top of this module."""
     count = int(points.active.sum())
     if count > MOST_POINTS:
-        raise DeformError(f"{count} control points are more than the {MOST_POINTS} that a fit takes; switch some "
-                          "off or thin them out.")
+        raise DeformError(
+            f"{count} control points are more than the {MOST_POINTS} that a fit takes; switch some "
+            "off or thin them out."
+        )
     active = points if count == len(points) else points.take(np.flatnonzero(points.active))
     radius = _radius(active, kernel, support, trend)
     size = diameter(active)
@@ -186,9 +193,21 @@ def prepare(points: ControlPoints, kernel: type[AbstractKernel], support: float 
         span = span._replace(quadrics=quadrics, bend=bend)
         remark += _bent(len(targets), points.dim, kernel, bool(bend.any()))
     ids = active.ids if len(first) == len(active) else tuple(active.ids[k] for k in first.tolist())
-    return PreparedPoints(targets, displacements, weights, origin, radius, span, name, ids,
-                          (*limited, *notes, *remark),
-                          np.where(np.isnan(active.radius), radius, active.radius)[first], active, missed, place_of)
+    return PreparedPoints(
+        targets,
+        displacements,
+        weights,
+        origin,
+        radius,
+        span,
+        name,
+        ids,
+        (*limited, *notes, *remark),
+        np.where(np.isnan(active.radius), radius, active.radius)[first],
+        active,
+        missed,
+        place_of,
+    )
 
 
 def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float | None, trend: Trend) -> float:
@@ -207,9 +226,17 @@ def _radius(active: ControlPoints, kernel: type[AbstractKernel], support: float 
     return radius
 
 
-def _merge(points: ControlPoints, radius: float, near: float, smoothing: float) -> tuple[
-        NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.intp], tuple[str, ...], float,
-        NDArray[np.intp]]:
+def _merge(
+    points: ControlPoints, radius: float, near: float, smoothing: float
+) -> tuple[
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.intp],
+    tuple[str, ...],
+    float,
+    NDArray[np.intp],
+]:
     """Points nearer than ``near`` become one.
 
     Returns targets, displacements, weights, first positions, notes, how far a point is from what it shares, and the
@@ -282,8 +309,9 @@ def _thinly(spreads: NDArray[np.float64]) -> str:
     return "" if wide == len(spreads) else "on one line" if wide == 1 else "in one plane"
 
 
-def _determined_trend(trend: Trend, kernel: type[AbstractKernel], n: int, shape: tuple[int, ...],
-                      where: str) -> tuple[str, tuple[str, ...]]:
+def _determined_trend(
+    trend: Trend, kernel: type[AbstractKernel], n: int, shape: tuple[int, ...], where: str
+) -> tuple[str, tuple[str, ...]]:
     """The trend that n points determine whose span has a basis of this shape, and a note if another was requested."""
     dim, rank = shape
     if n == 0 or trend.name in ("none", "translation"):
@@ -330,16 +358,22 @@ def _near_pairs(targets: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray
     return first, near[first, column + 1].astype(np.intp)
 
 
-def torn_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], ids: tuple[int, ...],
-               most: int = 3) -> list[tuple[int, int]]:
+def torn_pairs(
+    targets: NDArray[np.float64], sources: NDArray[np.float64], ids: tuple[int, ...], most: int = 3
+) -> list[tuple[int, int]]:
     """Ids of points that share a source and have different targets: no map without folds does that."""
     size = diameter_of(targets)
     pairs = scipy.spatial.cKDTree(sources).query_pairs(SAME_PLACE * size) if len(sources) > 1 and size else set()
     return [(ids[i], ids[j]) for i, j in sorted(pairs)[:most]]
 
 
-def crossing_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], ids: tuple[int, ...],
-                   linear: NDArray[np.float64], most: int = 3) -> list[tuple[int, int]]:
+def crossing_pairs(
+    targets: NDArray[np.float64],
+    sources: NDArray[np.float64],
+    ids: tuple[int, ...],
+    linear: NDArray[np.float64],
+    most: int = 3,
+) -> list[tuple[int, int]]:
     """Ids of neighbouring points that the fit pulls past one another; ``linear`` is T's trend (dim, dim).
 
     Beside the trend the displacement changes by more than the distance. Head on the map must fold between them; four
@@ -357,7 +391,10 @@ def crossing_pairs(targets: NDArray[np.float64], sources: NDArray[np.float64], i
     ratio = np.linalg.norm(beside, axis=1) / np.maximum(np.linalg.norm(along, axis=1), COLLAPSED * gap)
     # In quarters of an octave: neither rounding nor a small move changes who is named.
     degree = np.round(4 * np.log2(np.maximum(ratio, 1.0)))
-    pairs = {(min(i, j), max(i, j)): d for i, j, d, r in zip(
-        first.tolist(), second.tolist(), degree.tolist(), ratio.tolist(), strict=True) if r > 1}
+    pairs = {
+        (min(i, j), max(i, j)): d
+        for i, j, d, r in zip(first.tolist(), second.tolist(), degree.tolist(), ratio.tolist(), strict=True)
+        if r > 1
+    }
     worst = sorted(pairs, key=lambda pair: (-pairs[pair], ids[pair[0]], ids[pair[1]]))[:most]
     return [(ids[i], ids[j]) for i, j in sorted(worst) if pairs[i, j] >= pairs[worst[0]] - FAR_BEHIND]

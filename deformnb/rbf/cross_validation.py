@@ -54,8 +54,9 @@ def left_out(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nug
     return _single_errors(*_reduced(x, d, kernel, trend, nugget))
 
 
-def left_out_together(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats,
-                      blocks: Sequence[Positions]) -> list[Floats]:
+def left_out_together(
+    x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats, blocks: Sequence[Positions]
+) -> list[Floats]:
     """Errors (k, dim) of the points of each block (k positions), which are left out together.
 
     They are NaN where the points that remain do not determine the polynomials of the trend.
@@ -74,8 +75,9 @@ def left_out_together(x: Floats, d: Floats, kernel: type[AbstractKernel], trend:
     return _block_errors(c, c @ d, blocks)
 
 
-def prediction_errors(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats,
-                      balls: Sequence[Positions]) -> Floats:
+def prediction_errors(
+    x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats, balls: Sequence[Positions]
+) -> Floats:
     """Lengths (n, 2) of the errors of each point, left out alone and with its ball; NaN where that is empty.
 
     Raises

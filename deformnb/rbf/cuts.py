@@ -100,12 +100,16 @@ def cuts_outside(cuts: Sequence[Cut], low: ArrayLike, high: ArrayLike) -> tuple[
     lines = [np.linspace(a, b, _BOX_NODES if b > a else 1) for a, b in zip(low, high, strict=True)]
     nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(low))
     cell = float(np.linalg.norm(high - low)) / (_BOX_NODES - 1)
-    return tuple(f"cut {cut.name or k + 1} lies outside of the volume and parts nothing; move it onto the picture."
-                 for k, cut in enumerate(cuts) if cut.enabled and not _crosses(cut.region, nodes, cell, low, high))
+    return tuple(
+        f"cut {cut.name or k + 1} lies outside of the volume and parts nothing; move it onto the picture."
+        for k, cut in enumerate(cuts)
+        if cut.enabled and not _crosses(cut.region, nodes, cell, low, high)
+    )
 
 
-def _crosses(region: AbstractRegion, nodes: NDArray[np.float64], cell: float, low: NDArray[np.float64],
-             high: NDArray[np.float64]) -> bool:
+def _crosses(
+    region: AbstractRegion, nodes: NDArray[np.float64], cell: float, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> bool:
     """Whether the boundary of a region, or the drawn part of a line that stops, lies in a box."""
     if any(getattr(region, "stops", ())):
         v = np.asarray(region.vertices)  # type: ignore[attr-defined]
@@ -122,8 +126,10 @@ def points_of_regions(points: ControlPoints, regions: Sequence[AbstractRegion]) 
     if not chosen:
         return {}
     sides = [tuple(row) for row in sides_of(regions, points.source[chosen]).tolist()]
-    return {region: points.take([k for k, s in zip(chosen, sides, strict=True) if s == region])
-            for region in sorted(set(sides))}
+    return {
+        region: points.take([k for k, s in zip(chosen, sides, strict=True) if s == region])
+        for region in sorted(set(sides))
+    }
 
 
 # ---- the rules -------------------------------------------------------------------------------------------------------
@@ -171,8 +177,14 @@ CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _by_source, "p
 """Rules for the visible region beside a cut, by name; the first is the default."""
 
 
-def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[Sides], rule: str, softness: float,
-           xp: Any = np) -> tuple[Any, Any]:
+def decide(
+    here: Sequence[Any],
+    there: Sequence[Sequence[Any]],
+    sides: Sequence[Sides],
+    rule: str,
+    softness: float,
+    xp: Any = np,
+) -> tuple[Any, Any]:
     """The visible region at places x, and its opacity.
 
     Parameters
@@ -194,8 +206,14 @@ def decide(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[
     return choice, xp.where(opacity > _OPAQUE, 1.0, opacity)
 
 
-def is_doubtful(here: Sequence[Any], there: Sequence[Sequence[Any]], sides: Sequence[Sides], softness: float,
-                error: float, xp: Any = np) -> Any:
+def is_doubtful(
+    here: Sequence[Any],
+    there: Sequence[Sequence[Any]],
+    sides: Sequence[Sides],
+    softness: float,
+    error: float,
+    xp: Any = np,
+) -> Any:
     """Check where distances that may be wrong by ``error`` leave :func:`decide` in doubt; parameters as there.
 
     What surely lies in a region, and would surely show what lies in it too, is seen by either rule. Elsewhere there is
@@ -245,8 +263,10 @@ class Choice:
         All places go through one loop over the edges of each cut.
         """
         apart = [jnp.stack(parts) - o for parts, o in zip(zip(*places, strict=True), self.origin, strict=True)]
-        within = jnp.stack([sum(f * a for f, a in zip(row, apart, strict=True)).astype(self.softness.dtype)
-                            for row in self.frame], axis=-1)
+        within = jnp.stack(
+            [sum(f * a for f, a in zip(row, apart, strict=True)).astype(self.softness.dtype) for row in self.frame],
+            axis=-1,
+        )
         measured = [lax.optimization_barrier(region(within)) for region in self.regions]
         first, *others = [[part[k] for part in measured] for k in range(len(places))]
         return first, others
@@ -360,12 +380,21 @@ class Decoupled(AbstractField):
 
     def choice(self, sides: Sequence[Sides], dtype: Any = np.float64) -> Choice:
         """The choice among some regions, for compiled functions of places by components, by distances of a type."""
-        frame, origin = (np.eye(self.dim), np.zeros(self.dim)) if self.plane is None else (
-            self.plane.frame[:2], self.plane.origin)
-        regions = jax.tree.map(lambda part: np.asarray(part, min(part.dtype, np.dtype(dtype))),
-                               tuple(region.of_few_shapes() for region in self.regions))
-        return Choice(regions, np.asarray(frame, np.float64), np.asarray(origin, np.float64),
-                      tuple(tuple(map(np.bool_, side)) for side in sides), dtype(self.softness), self.rule)
+        frame, origin = (
+            (np.eye(self.dim), np.zeros(self.dim)) if self.plane is None else (self.plane.frame[:2], self.plane.origin)
+        )
+        regions = jax.tree.map(
+            lambda part: np.asarray(part, min(part.dtype, np.dtype(dtype))),
+            tuple(region.of_few_shapes() for region in self.regions),
+        )
+        return Choice(
+            regions,
+            np.asarray(frame, np.float64),
+            np.asarray(origin, np.float64),
+            tuple(tuple(map(np.bool_, side)) for side in sides),
+            dtype(self.softness),
+            self.rule,
+        )
 
     def _decided(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
         here = self._distances(x, xp)
@@ -378,8 +407,9 @@ class Decoupled(AbstractField):
             x = (x - xp.asarray(self.plane.origin)) @ xp.asarray(self.plane.frame[:2]).T
         return [r.signed_distance(x) if xp is np else r(x) for r in self.regions]
 
-    def seen_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike,
-                          resolution: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    def seen_on_outer_sum(
+        self, rows: ArrayLike, columns: ArrayLike, resolution: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
         moves = [f.on_outer_sum(r, c, resolution) for f in self.fields]

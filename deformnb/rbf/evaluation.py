@@ -120,8 +120,9 @@ def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKerne
     dim, linear, h = len(p), leaves.linear, leaves.quadratic
     start = tuple(sum(linear[m, k] * p[k] for k in range(dim)) + leaves.constant[m] for m in range(dim))
     if h is not None:
-        start = tuple(start[m] + sum(h[m, k, j] * p[k] * p[j] for k in range(dim) for j in range(dim))
-                      for m in range(dim))
+        start = tuple(
+            start[m] + sum(h[m, k, j] * p[k] * p[j] for k in range(dim) for j in range(dim)) for m in range(dim)
+        )
 
     def add(total: tuple[Any, ...], offset: list[Any], a: Any, phi: Any) -> tuple[Any, ...]:
         return tuple(total[m] + a[m] * phi for m in range(dim))
@@ -134,8 +135,9 @@ def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) 
     dim, linear, h = len(p), leaves.linear, leaves.quadratic
     start = tuple(linear[m, k] + 0 * p[0] for m in range(dim) for k in range(dim))
     if h is not None:
-        start = tuple(start[m * dim + k] + 2 * sum(h[m, k, j] * p[j] for j in range(dim))
-                      for m in range(dim) for k in range(dim))
+        start = tuple(
+            start[m * dim + k] + 2 * sum(h[m, k, j] * p[j] for j in range(dim)) for m in range(dim) for k in range(dim)
+        )
 
     def add(total: tuple[Any, ...], offset: list[Any], a: Any, slope: Any) -> tuple[Any, ...]:
         along = [slope * o for o in offset]
@@ -144,8 +146,13 @@ def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) 
     return _over_centers(p, leaves, start, lambda s, square: 2 * square * kernel.slope(s), add)
 
 
-def _over_centers(p: tuple[Any, ...], leaves: Leaves, start: tuple[Any, ...], radial: Callable[[Any, Any], Any],
-                  add: Callable[..., tuple[Any, ...]]) -> tuple[Any, ...]:
+def _over_centers(
+    p: tuple[Any, ...],
+    leaves: Leaves,
+    start: tuple[Any, ...],
+    radial: Callable[[Any, Any], Any],
+    add: Callable[..., tuple[Any, ...]],
+) -> tuple[Any, ...]:
     """Add the share of every centre to the sums ``start``.
 
     Parameters
@@ -210,9 +217,12 @@ def _reaching(leaves: Leaves, low: Any, high: Any) -> Leaves:
     def taken(array: Any) -> Any:
         return jnp.take(array, order, axis=0, mode="fill", fill_value=0)
 
-    return leaves._replace(centers=taken(leaves.centers), coefficients=taken(leaves.coefficients),
-                           scales=None if leaves.scales is None else taken(leaves.scales),
-                           count=jnp.sum(is_near, dtype=leaves.count.dtype))
+    return leaves._replace(
+        centers=taken(leaves.centers),
+        coefficients=taken(leaves.coefficients),
+        scales=None if leaves.scales is None else taken(leaves.scales),
+        count=jnp.sum(is_near, dtype=leaves.count.dtype),
+    )
 
 
 def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
@@ -250,21 +260,29 @@ def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) 
 _evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
-def at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
-               dtype: Any) -> NDArray[Any]:
+def at_lattice(
+    rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+) -> NDArray[Any]:
     """Displacements (dim, R, C) at relative points ``rows[:, r] + columns[:, c]``."""
     return _at_lattice(rows, columns, leaves, kernel, dtype, _displacement)
 
 
-def jacobian_at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
-                        kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
+def jacobian_at_lattice(
+    rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+) -> NDArray[Any]:
     """Derivatives (dim, dim, R, C) of D with respect to the relative coordinates, as :func:`at_lattice`."""
     dim = len(rows)
     return _at_lattice(rows, columns, leaves, kernel, dtype, _jacobian).reshape(dim, dim, rows.shape[1], -1)
 
 
-def _at_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
-                dtype: Any, what: Sum) -> NDArray[Any]:
+def _at_lattice(
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    leaves: Leaves,
+    kernel: type[AbstractKernel],
+    dtype: Any,
+    what: Sum,
+) -> NDArray[Any]:
     dim, n = rows.shape
     if is_culled(kernel, leaves.count):
         return _culled_lattice(rows, columns, leaves, kernel, dtype, what)
@@ -280,16 +298,23 @@ def checked_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
     return held, jnp.isfinite(sum(jnp.vdot(one, one) for one in held))
 
 
-def _components(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel],
-                shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
+def _components(
+    rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], shape: tuple[int, ...]
+) -> tuple[tuple[Any, ...], Any]:
     return checked_parts(one.reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
 
 
 _evaluate_components = compiled(_components, static_argnames=("kernel", "shape"))
 
 
-def lattice_on_device(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
-                      kernel: type[AbstractKernel], dtype: Any, shape: tuple[int, ...]) -> tuple[tuple[Any, ...], Any]:
+def lattice_on_device(
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    leaves: Leaves,
+    kernel: type[AbstractKernel],
+    dtype: Any,
+    shape: tuple[int, ...],
+) -> tuple[tuple[Any, ...], Any]:
     """:func:`at_lattice` for those that read it in the memory of a GPU.
 
     Returns
@@ -308,15 +333,17 @@ def at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[Abstract
     return _at_points(points, leaves, kernel, dtype, _displacement)
 
 
-def jacobian_at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel],
-                       dtype: Any) -> NDArray[Any]:
+def jacobian_at_points(
+    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+) -> NDArray[Any]:
     """Derivatives (dim, dim, n) of D with respect to the relative coordinates, as :func:`at_points`."""
     dim = len(points)
     return _at_points(points, leaves, kernel, dtype, _jacobian).reshape(dim, dim, -1)
 
 
-def _at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any,
-               what: Sum) -> NDArray[Any]:
+def _at_points(
+    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
+) -> NDArray[Any]:
     dim, n = points.shape
     if is_culled(kernel, leaves.count) and n > 64:
         return _culled_points(points, leaves, kernel, dtype, what)
@@ -347,8 +374,9 @@ class RadialSum:
 
     def relative(self, places: Sequence[Any]) -> tuple[Any, ...]:
         """Components of places, relative, in the type of the leaves."""
-        return tuple(((x - o) * self.scale).astype(self.leaves.centers.dtype)
-                     for x, o in zip(places, self.origin, strict=True))
+        return tuple(
+            ((x - o) * self.scale).astype(self.leaves.centers.dtype) for x, o in zip(places, self.origin, strict=True)
+        )
 
     def __call__(self, places: Sequence[Any]) -> list[Any]:
         """Components of the displacements at places (components of one shape), in the type of these."""
@@ -408,8 +436,10 @@ def _reached(low: NDArray[np.float64], high: NDArray[np.float64], leaves: Leaves
     n = int(leaves.count)
     x = np.asarray(leaves.centers)[:n]
     reach = np.ones(n) if leaves.scales is None else 1 / np.asarray(leaves.scales)[:n]
-    gap = sum(np.maximum(np.maximum(low[:, None, k] - x[None, :, k], x[None, :, k] - high[:, None, k]), 0.0) ** 2
-              for k in range(x.shape[1]))
+    gap = sum(
+        np.maximum(np.maximum(low[:, None, k] - x[None, :, k], x[None, :, k] - high[:, None, k]), 0.0) ** 2
+        for k in range(x.shape[1])
+    )
     tile, centre = np.nonzero(gap < reach**2)
     counts = np.bincount(tile, minlength=len(low))
     place = np.arange(len(tile)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -427,8 +457,14 @@ def _reached(low: NDArray[np.float64], high: NDArray[np.float64], leaves: Leaves
     if leaves.quadratic is not None:
         bent = m @ np.asarray(leaves.quadratic)  # [component, tile, coordinate]
         linear, constant = linear + 2 * bent.transpose(1, 0, 2), constant + (bent * m).sum(axis=2).T
-    return Reached(taken(leaves.centers) - m[:, None], taken(leaves.coefficients), linear, constant,
-                   counts.astype(np.int32), scales)
+    return Reached(
+        taken(leaves.centers) - m[:, None],
+        taken(leaves.coefficients),
+        linear,
+        constant,
+        counts.astype(np.int32),
+        scales,
+    )
 
 
 def _tiles(rows: Any, columns: Any, reached: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
@@ -462,8 +498,9 @@ def local_sums(leaves: Leaves) -> NDArray[np.float64]:
     return np.minimum(near, squares.sum(axis=0))
 
 
-def _over_tiles(rows: NDArray[Any], columns: NDArray[Any], leaves: Leaves, kernel: type[AbstractKernel],
-                dtype: Any, what: Sum) -> NDArray[Any]:
+def _over_tiles(
+    rows: NDArray[Any], columns: NDArray[Any], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
+) -> NDArray[Any]:
     """Values (T, components, r, c) at ``rows[t, :, i] + columns[t, :, j]`` of T tiles."""
     center = columns.mean(axis=2, keepdims=True)  # the lines of a tile are small numbers then
     rows, columns = rows + center, columns - center
@@ -484,8 +521,14 @@ def _over_tiles(rows: NDArray[Any], columns: NDArray[Any], leaves: Leaves, kerne
 
         own = Reached(*(a if a is None or a.dtype == np.int32 else a.astype(dtype) for a in map(widened, reached)))
         with float64():
-            found = _evaluate_tiles(widened((rows[at] - middle[at]).astype(dtype)), widened(columns[at].astype(dtype)),
-                                    own, common, kernel=kernel, what=what)
+            found = _evaluate_tiles(
+                widened((rows[at] - middle[at]).astype(dtype)),
+                widened(columns[at].astype(dtype)),
+                own,
+                common,
+                kernel=kernel,
+                what=what,
+            )
         parts.append(np.asarray(found)[:count])
     return np.concatenate(parts)
 
@@ -498,8 +541,14 @@ def _cut(lines: NDArray[np.float64], side: int) -> NDArray[np.float64]:
     return filled.reshape(len(lines), count, side).transpose(1, 0, 2)
 
 
-def _culled_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves,
-                    kernel: type[AbstractKernel], dtype: Any, what: Sum) -> NDArray[Any]:
+def _culled_lattice(
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    leaves: Leaves,
+    kernel: type[AbstractKernel],
+    dtype: Any,
+    what: Sum,
+) -> NDArray[Any]:
     r, c = _cut(rows, min(_BOX[0], rows.shape[1])), _cut(columns, min(_BOX[1], columns.shape[1]))
     first, second = np.repeat(r, len(c), axis=0), np.tile(c, (len(r), 1, 1))
     out = _over_tiles(first, second, leaves, kernel, dtype, what)
@@ -508,8 +557,9 @@ def _culled_lattice(rows: NDArray[np.float64], columns: NDArray[np.float64], lea
     return whole[:, : rows.shape[1], : columns.shape[1]]
 
 
-def _culled_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any,
-                   what: Sum) -> NDArray[Any]:
+def _culled_points(
+    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
+) -> NDArray[Any]:
     """Points in any order: by cells of half a support, and blocks of neighbours of these."""
     n, block = points.shape[1], 256
     cells = np.floor(2 * points).clip(-(2**20), 2**20)

@@ -41,8 +41,15 @@ FRONT_ONLY = "max(0,min(1,(0.7-z)/0.3))"
 
 CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
-    "sin": (np.sin, 1), "cos": (np.cos, 1), "tan": (np.tan, 1), "exp": (np.exp, 1), "log": (np.log, 1),
-    "sqrt": (np.sqrt, 1), "abs": (np.abs, 1), "min": (np.minimum, 2), "max": (np.maximum, 2),
+    "sin": (np.sin, 1),
+    "cos": (np.cos, 1),
+    "tan": (np.tan, 1),
+    "exp": (np.exp, 1),
+    "log": (np.log, 1),
+    "sqrt": (np.sqrt, 1),
+    "abs": (np.abs, 1),
+    "min": (np.minimum, 2),
+    "max": (np.maximum, 2),
 }
 """Functions by name, with their number of arguments."""
 
@@ -50,8 +57,13 @@ FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
 _PRODUCT = re.compile(rf"(\d[\d.]*(?:e[+-]?\d+)?|\bz|\bpi|\))\s*(z\b|pi\b|(?:{'|'.join(FUNCTIONS)})\(|\()")
 
 _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Pow: operator.pow, ast.USub: operator.neg, ast.UAdd: operator.pos,
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
 }
 
 
@@ -233,7 +245,9 @@ def interpolate(knots: ArrayLike) -> Weights:
 
 
 EXTRUSIONS: dict[str, Callable[..., Weights]] = {
-    "replicate": replicate, "modulate": modulate, "interpolate": interpolate,
+    "replicate": replicate,
+    "modulate": modulate,
+    "interpolate": interpolate,
 }
 """All extrusion rules by name; the first is the default."""
 
@@ -449,6 +463,7 @@ def extrude(plane: Plane, grid: Grid | VolumeLike, maps: Sequence[AbstractField]
     3
     """
     if not isinstance(plane, Plane):
-        raise DeformError(f"a Plane is needed to extrude from, got {shown_value(plane)}; Plane.along(volume, view) "
-                          "makes one.")
+        raise DeformError(
+            f"a Plane is needed to extrude from, got {shown_value(plane)}; Plane.along(volume, view) makes one."
+        )
     return Extrusion(plane, plane.depth_range(grid), tuple(maps), *weights)

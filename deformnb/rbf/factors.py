@@ -62,8 +62,9 @@ class Matrix(Protocol):
         """``(Phi + nugget) b``."""
 
 
-def matrix_of(points: PreparedPoints, nugget: Floats, scales: Floats | None,
-              kernel: type[AbstractKernel]) -> tuple[Matrix, Floats]:
+def matrix_of(
+    points: PreparedPoints, nugget: Floats, scales: Floats | None, kernel: type[AbstractKernel]
+) -> tuple[Matrix, Floats]:
     """The matrix of points, taken from those that are kept where it can be.
 
     Parameters
@@ -203,8 +204,10 @@ class _Band:
 
     def product(self, b: Floats) -> Floats:
         (i, j, value), n = self._pairs, len(b)
-        columns = [self._diagonal * c + np.bincount(i, value * c[j], n) + np.bincount(j, value * c[i], n)
-                   for c in b[self._order].T]
+        columns = [
+            self._diagonal * c + np.bincount(i, value * c[j], n) + np.bincount(j, value * c[i], n)
+            for c in b[self._order].T
+        ]
         return np.stack(columns, axis=1)[self._back]
 
 
@@ -218,9 +221,13 @@ class _Sparse:
         n, whole = len(x), np.arange(len(x))
         self.size = (int((j - i).max(initial=0)) + 1) * n
         _check_size(self.size, len(i), n)
-        entries = np.concatenate([profile_of(np.zeros(1), kernel)[0] + nugget,
-                                  profile_of(square * scales[j] ** 2, kernel),
-                                  profile_of(square * scales[i] ** 2, kernel)])
+        entries = np.concatenate(
+            [
+                profile_of(np.zeros(1), kernel)[0] + nugget,
+                profile_of(square * scales[j] ** 2, kernel),
+                profile_of(square * scales[i] ** 2, kernel),
+            ]
+        )
         places = (np.concatenate([whole, i, j]), np.concatenate([whole, j, i]))
         self._matrix = scipy.sparse.csc_array((entries, places), shape=(n, n))
         self._solve = scipy.sparse.linalg.splu(self._matrix).solve
@@ -327,8 +334,9 @@ class _Kept:
         self._bases: tuple[_Base, ...] = ()
         self._lock = threading.Lock()
 
-    def like(self, points: PreparedPoints, nugget: Floats,
-             kernel: type[AbstractKernel]) -> tuple[_Base, NDArray[np.intp]] | None:
+    def like(
+        self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]
+    ) -> tuple[_Base, NDArray[np.intp]] | None:
         """The newest with the same kernel, support and smoothing that few points have left, and which these are."""
         most = min(_MOST_MOVED, points.count // 8)
         for base in self._bases:
@@ -384,9 +392,11 @@ def _neighbours(x: Floats, reach: float) -> tuple[NDArray[Any], NDArray[Any], Fl
 
 def _check_size(size: int, pairs: int, n: int) -> None:
     if size > _LARGEST_FACTOR:
-        raise DeformError(f"the support radius holds {2 * pairs // n} neighbours of each of these {n} control "
-                          "points on average, too many for the memory of a solve; give a smaller support radius, or "
-                          "leave it to the points.")
+        raise DeformError(
+            f"the support radius holds {2 * pairs // n} neighbours of each of these {n} control "
+            "points on average, too many for the memory of a solve; give a smaller support radius, or "
+            "leave it to the points."
+        )
 
 
 def kernel_values(x: Floats, y: Floats, kernel: type[AbstractKernel]) -> Floats:

@@ -154,8 +154,9 @@ class AbstractField(ABC):
         points = np.asarray(rows, dtype=np.float64)[:, :, None] + np.asarray(columns, dtype=np.float64)[:, None, :]
         return np.asarray(np.moveaxis(self.displacement(np.moveaxis(points, 0, -1)), -1, 0), dtype=np.float32)
 
-    def seen_on_outer_sum(self, rows: ArrayLike, columns: ArrayLike,
-                          resolution: float) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    def seen_on_outer_sum(
+        self, rows: ArrayLike, columns: ArrayLike, resolution: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """:meth:`on_outer_sum` together with the opacity (R, C); None if nothing is hidden anywhere."""
         if not self.has_cuts:
             return self.on_outer_sum(rows, columns, resolution), None
@@ -210,15 +211,19 @@ def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = N
     if isinstance(own, AbstractField):
         return own if grid is None else in_unit(own, as_grid(grid).unit)
     if isinstance(given, type) or not callable(own) or "grid" not in list(signature(own).parameters)[:1]:
-        raise DeformError(f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
-                          "Deformation.on_picture(volume, view, points) make one of control points.")
+        raise DeformError(
+            f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
+            "Deformation.on_picture(volume, view, points) make one of control points."
+        )
     if grid is None:
         raise DeformError(f"a {type(given).__name__} has a field for each grid; give one: grid=volume (or its Grid).")
     lattice = as_grid(grid)
     translated = getattr(given, "own_grid", as_grid)(lattice)
     if translated != lattice:
-        raise DeformError("this deformation was made when the volume had another spacing, so that its field lies in "
-                          "other coordinates; deformation.apply(volume) deforms the volume all the same.")
+        raise DeformError(
+            "this deformation was made when the volume had another spacing, so that its field lies in "
+            "other coordinates; deformation.apply(volume) deforms the volume all the same."
+        )
     return own(lattice)
 
 
@@ -239,8 +244,10 @@ def as_transform_field(given: AbstractField | HasField, grid: Grid | VolumeLike)
     if field.dim != 3:
         raise DeformError("a transform is a map of space, and this field is over a plane; extrude it first.")
     if field.has_cuts:
-        raise DeformError("this deformation has cuts, which hide tissue and where displacements jump; a transform can "
-                          "hold neither. Switch the cuts off, or deform volumes here: dn.warp, deformnb warp.")
+        raise DeformError(
+            "this deformation has cuts, which hide tissue and where displacements jump; a transform can "
+            "hold neither. Switch the cuts off, or deform volumes here: dn.warp, deformnb warp."
+        )
     return field
 
 
@@ -326,7 +333,6 @@ class DisplacementField(AbstractField):
         for m, part in enumerate(np.moveaxis(np.asarray(self.values), -1, 0)):
             ndimage.map_coordinates(part, index, output=out[m], order=1, mode="nearest")
         return np.moveaxis(out, 0, -1).reshape(x.shape)
-
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """Exact for what is interpolated: the slopes of the cell a point lies in.
@@ -667,8 +673,9 @@ def blend(*fields: AbstractField | HasField, grid: Grid | VolumeLike | None = No
     return Identity(3) if not known else known[0] if len(known) == 1 else Blended(known)
 
 
-def _of_one_dimension(fields: Sequence[AbstractField | HasField], grid: Grid | VolumeLike | None,
-                      verb: str) -> tuple[AbstractField, ...]:
+def _of_one_dimension(
+    fields: Sequence[AbstractField | HasField], grid: Grid | VolumeLike | None, verb: str
+) -> tuple[AbstractField, ...]:
     known = tuple(as_field(f, grid) for f in fields)
     unit = next((f.unit for f in known if f.unit), "")
     known = tuple(in_unit(f, unit) for f in known)

@@ -87,8 +87,9 @@ class AbstractFitSettings:
             if isinstance(given, str) or not isinstance(kept.kernel, str) or not is_finite(kept.radius):
                 raise TypeError
         except TypeError:
-            raise DeformError("the chosen support of a step must be a radius and the name of a kernel, got "
-                              f"{given!r:.60}.") from None
+            raise DeformError(
+                f"the chosen support of a step must be a radius and the name of a kernel, got {given!r:.60}."
+            ) from None
         check_support(kept.radius)
         return kept if self.support is None and kept.kernel == self.kernel else None
 
@@ -158,11 +159,22 @@ class FitSettings(AbstractFitSettings):
         ----------
         lone : support radius where the points do not determine it, such as :func:`lone_support`.
         """
-        return {"kernel": self.kernel, "support": self.support_for(points) or lone, "trend": self.trend,
-                "smoothing": self.smoothing}
+        return {
+            "kernel": self.kernel,
+            "support": self.support_for(points) or lone,
+            "trend": self.trend,
+            "smoothing": self.smoothing,
+        }
 
-    def fits(self, points: ControlPoints, parts: Sequence[RigidPart] = (), cuts: Sequence[AbstractRegion] = (), *,
-             lone: float | None = None, previous: Mapping[Sides, Any] | None = None) -> dict[Sides, Fit | TipBlend]:
+    def fits(
+        self,
+        points: ControlPoints,
+        parts: Sequence[RigidPart] = (),
+        cuts: Sequence[AbstractRegion] = (),
+        *,
+        lone: float | None = None,
+        previous: Mapping[Sides, Any] | None = None,
+    ) -> dict[Sides, Fit | TipBlend]:
         """Fit control points in each region between cuts that has some; without cuts there is one region.
 
         Beside cuts that stop inside the body every region has a :class:`~deformnb.rbf.slits.TipBlend`.
@@ -185,17 +197,26 @@ class FitSettings(AbstractFitSettings):
 
         def fit(_sides: Sides, own: ControlPoints, last: Any) -> Fit:
             dragged = scaled_points(own, parts, self.strength)
-            return fit_points(dragged, moved, stages=self.stages, direction=self.direction, previous=last,
-                              **self.arguments(own, lone))
+            return fit_points(
+                dragged, moved, stages=self.stages, direction=self.direction, previous=last, **self.arguments(own, lone)
+            )
 
         if any(map(is_slit, cuts)):
             return dict(fits_beside_slits(points, cuts, fit, before))
         every = points_of_regions(points, cuts) if cuts else {(): points}
         return {sides: fit(sides, own, before.get(sides)) for sides, own in every.items()}
 
-    def fit(self, points: ControlPoints, parts: Sequence[RigidPart] = (), cuts: Sequence[AbstractRegion] = (), *,
-            cut_rule: str = "source", softness: float = 0.0, lone: float | None = None,
-            previous: AbstractField | None = None) -> AbstractField:
+    def fit(
+        self,
+        points: ControlPoints,
+        parts: Sequence[RigidPart] = (),
+        cuts: Sequence[AbstractRegion] = (),
+        *,
+        cut_rule: str = "source",
+        softness: float = 0.0,
+        lone: float | None = None,
+        previous: AbstractField | None = None,
+    ) -> AbstractField:
         """As :meth:`fits`, joined to one displacement.
 
         Parameters
@@ -208,8 +229,11 @@ class FitSettings(AbstractFitSettings):
         The only fit, or with cuts a :class:`~deformnb.rbf.cuts.Decoupled`.
         """
         check_slits(cuts, cut_rule)
-        before: Any = (dict(zip(previous.sides, previous.fields, strict=True)) if isinstance(previous, Decoupled)
-                       else {(): previous})
+        before: Any = (
+            dict(zip(previous.sides, previous.fields, strict=True))
+            if isinstance(previous, Decoupled)
+            else {(): previous}
+        )
         found = self.fits(points, parts, cuts, lone=lone, previous=before)
         if not cuts:
             return found[()]

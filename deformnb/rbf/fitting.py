@@ -16,9 +16,15 @@ from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS, Trend, trend_named
 
 
-def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
-            support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
-            previous: RBFInterpolant | LocalFits | None = None) -> RBFInterpolant | LocalFits:
+def fit_rbf(
+    points: ControlPoints,
+    *,
+    kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+    previous: RBFInterpolant | LocalFits | None = None,
+) -> RBFInterpolant | LocalFits:
     """Fit the displacement of control points.
 
     Solves ``[Phi + lambda diag(1/w), P; P^T, 0] [alpha; gamma] = [d; 0]`` (Eqs. 3-4 of the paper; 9 in space) for all
@@ -62,8 +68,10 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
     chosen = trend_named(trend)
     _check_pairing(kind, chosen, smoothing)
     if points.has_own_radii and kind.order > 0:
-        raise DeformError(f"control points have support radii of their own, and the {kind.name} kernel, which has no "
-                          "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii.")
+        raise DeformError(
+            f"control points have support radii of their own, and the {kind.name} kernel, which has no "
+            "end, knows none; choose a Wendland kernel or the Gaussian, or clear their radii."
+        )
     if radius is None and previous is not None and previous.kernel is kind:
         same = set(previous.ids) <= set(points.ids) and int(previous.count) == len(previous.ids)
         radius = float(previous.support) if same and len(previous.ids) == int(points.active.sum()) else None
@@ -83,8 +91,14 @@ def fit_rbf(points: ControlPoints, *, kernel: str | type[AbstractKernel] | Abstr
         raise refusal from None
 
 
-def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
-                   support: float | None = None, trend: str = "affine", smoothing: float = 0.0) -> RBFInterpolant:
+def fit_one_system(
+    points: ControlPoints,
+    *,
+    kernel: str | type[AbstractKernel] | AbstractKernel | Phi = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+) -> RBFInterpolant:
     """:func:`fit_rbf` for what needs the whole system of a fit, which has at most 2000 points.
 
     Raises
@@ -97,15 +111,20 @@ def fit_one_system(points: ControlPoints, *, kernel: str | type[AbstractKernel] 
         fit = fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
         if isinstance(fit, RBFInterpolant):
             return fit
-        raise DeformError(f"the system of all {count} control points is singular, and the fit is one of "
-                          f"{len(fit.fits)} local ones; use a smaller support, a Wendland kernel, or a little "
-                          "smoothing.")
-    raise DeformError(f"{count} control points are more than the {LARGEST_SET} whose whole system can be looked at; "
-                      "switch some off or thin them out.")
+        raise DeformError(
+            f"the system of all {count} control points is singular, and the fit is one of "
+            f"{len(fit.fits)} local ones; use a smaller support, a Wendland kernel, or a little "
+            "smoothing."
+        )
+    raise DeformError(
+        f"{count} control points are more than the {LARGEST_SET} whose whole system can be looked at; "
+        "switch some off or thin them out."
+    )
 
 
-def _resolve_kernel(kernel: str | type[AbstractKernel] | AbstractKernel | Phi,
-                    support: float | None) -> tuple[type[AbstractKernel], float | None]:
+def _resolve_kernel(
+    kernel: str | type[AbstractKernel] | AbstractKernel | Phi, support: float | None
+) -> tuple[type[AbstractKernel], float | None]:
     kind = kernel_named(kernel)
     if isinstance(kernel, AbstractKernel):
         return kind, kernel.support if support is None else support

@@ -234,8 +234,9 @@ class ForwardFit(AbstractField):
     def _sources(self) -> Array:
         """The sources of the control points, (n, dim)."""
         fits = self.forward.fits if isinstance(self.forward, LocalFits) else (self.forward,)
-        every = [np.asarray(f.origin) + float(f.support) * np.asarray(f.centers, np.float64)[: int(f.count)]
-                 for f in fits]
+        every = [
+            np.asarray(f.origin) + float(f.support) * np.asarray(f.centers, np.float64)[: int(f.count)] for f in fits
+        ]
         return np.unique(np.concatenate(every), axis=0)  # boxes of local fits share some
 
     @cached_property
@@ -295,8 +296,9 @@ class ForwardFit(AbstractField):
             self._keep_certain(x, error, left, y, *newton(first, y[left], left, at, tolerance, _MOST_STEPS))
         return x, error
 
-    def _keep_certain(self, x: Array, error: Array, left: NDArray[np.intp], y: Array, x_new: Array,
-                      error_new: Array) -> None:
+    def _keep_certain(
+        self, x: Array, error: Array, left: NDArray[np.intp], y: Array, x_new: Array, error_new: Array
+    ) -> None:
         """Take places that are certain, and of the others those with a smaller residual."""
         certain = self._certain(y[left], error_new, determinant(self._derivative(x_new)))
         x[left[certain]], error[left[certain]] = x_new[certain], error_new[certain]
@@ -347,8 +349,14 @@ def _divided(a: list[list[Any]], b: Any) -> Any:
     if len(a) == 2:
         c = [[a[1][1], -a[0][1]], [-a[1][0], a[0][0]]]
     else:
-        c = [[a[(k + 1) % 3][(m + 1) % 3] * a[(k + 2) % 3][(m + 2) % 3]
-              - a[(k + 1) % 3][(m + 2) % 3] * a[(k + 2) % 3][(m + 1) % 3] for k in range(3)] for m in range(3)]
+        c = [
+            [
+                a[(k + 1) % 3][(m + 1) % 3] * a[(k + 2) % 3][(m + 2) % 3]
+                - a[(k + 1) % 3][(m + 2) % 3] * a[(k + 2) % 3][(m + 1) % 3]
+                for k in range(3)
+            ]
+            for m in range(3)
+        ]
     det = sum(a[0][k] * c[k][0] for k in range(len(a)))
     is_flat = jnp.abs(det) < _SMALLEST
     found = [sum(row[k] * b[..., k] for k in range(len(a))) / jnp.where(is_flat, 1.0, det) for row in c]
@@ -361,6 +369,7 @@ def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
 
 def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
     """The root of a residual, for each place (..., dim) by itself; ends when no place gets better."""
+
     def squared(r: Any) -> Any:
         return jnp.sum(r * r, axis=-1)
 

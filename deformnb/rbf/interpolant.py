@@ -60,10 +60,14 @@ from deformnb.volume.volume import Grid
 # singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
 MOST_GAIN = 1e5
 
-FOLDS = ("the map folds between its control points (det J <= 0): a larger support radius, the thin-plate kernel, "
-         "smaller drags or several stages help")
-POOR = ("the control points predict each other worse than their affine trend alone does: the map between them is a "
-        "guess; smoothing, other points or another support radius help")
+FOLDS = (
+    "the map folds between its control points (det J <= 0): a larger support radius, the thin-plate kernel, "
+    "smaller drags or several stages help"
+)
+POOR = (
+    "the control points predict each other worse than their affine trend alone does: the map between them is a "
+    "guess; smoothing, other points or another support radius help"
+)
 
 # Rounding errors of the terms of a sum add up like a random walk: the error of float32 evaluation was measured at 1.5
 # to 14 times (once 36 times, thin plate) ulp * sqrt(sum alpha^2) * max |phi|, for every kernel, 8 to 512 points and
@@ -82,8 +86,20 @@ _STEEPEST_POWER = 5.0
 
 
 @pytree(
-    data_fields=["centers", "coefficients", "linear", "constant", "origin", "support", "count", "scales", "nugget",
-                 "quadratic", "largest", "missed"],
+    data_fields=[
+        "centers",
+        "coefficients",
+        "linear",
+        "constant",
+        "origin",
+        "support",
+        "count",
+        "scales",
+        "nugget",
+        "quadratic",
+        "largest",
+        "missed",
+    ],
     meta_fields=["kernel", "trend", "of_points", "ids", "unit"],
 )
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,8 +153,10 @@ class RBFInterpolant(AbstractField):
 
     def __repr__(self) -> str:
         count = len(self.ids)
-        return (f"<RBFInterpolant: {count} {'point' if count == 1 else 'points'} "
-                f"{'in the plane' if self.dim == 2 else 'in space'}, {self.kernel.name}, trend {self.trend}>")
+        return (
+            f"<RBFInterpolant: {count} {'point' if count == 1 else 'points'} "
+            f"{'in the plane' if self.dim == 2 else 'in space'}, {self.kernel.name}, trend {self.trend}>"
+        )
 
     @property
     def dim(self) -> int:
@@ -174,7 +192,8 @@ class RBFInterpolant(AbstractField):
         targets = self.origin + self.support * np.asarray(self.centers, dtype=np.float64)[:n]
         given = self.displacement(targets)
         return targets, given if self.nugget is None else given + (
-            np.asarray(self.nugget)[:n, None] * np.asarray(self.coefficients)[:n])
+            np.asarray(self.nugget)[:n, None] * np.asarray(self.coefficients)[:n]
+        )
 
     def folds_between_points(self) -> bool:
         """Check for ``det(1 + dD/dx) <= 0`` at a control point, beside it or between them.
@@ -372,8 +391,9 @@ class RBFInterpolant(AbstractField):
 
     def radial_sum(self, dtype: Any) -> RadialSum:
         """The sum over the centres for compiled functions, in float32 or float64; see :meth:`type_within`."""
-        return RadialSum(self._leaves(dtype), np.asarray(self.origin, np.float64), np.float64(1 / self.support),
-                         self.kernel)
+        return RadialSum(
+            self._leaves(dtype), np.asarray(self.origin, np.float64), np.float64(1 / self.support), self.kernel
+        )
 
     def _leaves(self, dtype: Any) -> Leaves:
         if self.is_culled:
@@ -396,12 +416,24 @@ def alike(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
     """Fits that move something, in their order, in groups of those that one compiled loop can evaluate."""
     moving = (fit for fit in fits if not fit.is_identity)
     # A sum by tiles has a loop of its own.
-    return [list(group) for _, group in groupby(moving, lambda fit: (
-        fit.kernel, np.shape(fit.centers), fit.scales is None, fit.quadratic is None, fit.is_culled and id(fit)))]
+    return [
+        list(group)
+        for _, group in groupby(
+            moving,
+            lambda fit: (
+                fit.kernel,
+                np.shape(fit.centers),
+                fit.scales is None,
+                fit.quadratic is None,
+                fit.is_culled and id(fit),
+            ),
+        )
+    ]
 
 
-def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
-               ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def moved_back(
+    fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Places (dim, n) moved by fits of one group of :func:`alike`, each evaluated where the one before leads, in the
     type that is exact enough.
 
@@ -415,8 +447,10 @@ def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], reso
     places (dim, n), and for each fit the lengths (S, dim) of the ranges of what those before it have moved them by.
     """
     first = fits[0]
-    reaches = [float(np.linalg.norm(np.abs(places - np.reshape(fit.origin, (-1, 1))).max(axis=1)) / fit.support)
-               for fit in fits]
+    reaches = [
+        float(np.linalg.norm(np.abs(places - np.reshape(fit.origin, (-1, 1))).max(axis=1)) / fit.support)
+        for fit in fits
+    ]
     dtype = _common_type(fits, reaches, resolution, known)
     if first.is_culled:
         d = at_points(first._relative(places.T)[0], first._leaves(dtype), first.kernel, dtype)
@@ -427,8 +461,9 @@ def moved_back(fits: Sequence[RBFInterpolant], places: NDArray[np.float64], reso
     return ends, spread
 
 
-def _common_type(fits: Sequence[RBFInterpolant], reaches: Iterable[float], resolution: float,
-                 known: dict[Any, Any]) -> Any:
+def _common_type(
+    fits: Sequence[RBFInterpolant], reaches: Iterable[float], resolution: float, known: dict[Any, Any]
+) -> Any:
     """The type that is exact enough for all fits, each up to so many supports from its origin."""
     for fit, reach in zip(fits, reaches, strict=True):
         key = id(fit), int(np.ceil(np.log2(max(reach, 1.0))))
@@ -459,14 +494,27 @@ def places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
 _solve = compiled(solve, static_argnames=("kernel", "trend"))
 
 
-def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
-                   previous: RBFInterpolant | None) -> RBFInterpolant:
+def solve_prepared(
+    ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float, previous: RBFInterpolant | None
+) -> RBFInterpolant:
     """Fit points that were checked; see :func:`~deformnb.rbf.fitting.fit_rbf`. Without points it is the identity."""
     n, dim = ready.targets.shape
     if n == 0:
         zero = np.zeros((CAPACITIES[0], dim))
-        return RBFInterpolant(zero, zero, np.zeros((dim, dim)), np.zeros(dim), np.zeros(dim), 1.0, 0, kernel, "none",
-                              ready.notes, (), largest=0.0)
+        return RBFInterpolant(
+            zero,
+            zero,
+            np.zeros((dim, dim)),
+            np.zeros(dim),
+            np.zeros(dim),
+            1.0,
+            0,
+            kernel,
+            "none",
+            ready.notes,
+            (),
+            largest=0.0,
+        )
     size = capacity(n)
     x, d, nugget = np.zeros((size, dim)), np.zeros((size, dim)), np.ones(size)
     x[:n], d[:n], nugget[:n] = ready.relative, ready.displacements / ready.support, smoothing / ready.weights
@@ -477,8 +525,22 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
         scales[:n] = ready.support / ready.radii
     if not d.any():  # exactly the identity, which a solve would miss by rounding
         zero = np.zeros((dim, dim))
-        return RBFInterpolant(x, np.zeros((size, dim)), zero, zero[0], ready.origin, ready.support, n, kernel,
-                              ready.trend, ready.notes, ready.ids, scales, smoothed, largest=0.0)
+        return RBFInterpolant(
+            x,
+            np.zeros((size, dim)),
+            zero,
+            zero[0],
+            ready.origin,
+            ready.support,
+            n,
+            kernel,
+            ready.trend,
+            ready.notes,
+            ready.ids,
+            scales,
+            smoothed,
+            largest=0.0,
+        )
     turn = np.eye(dim) if previous is None or previous.dim != dim else _rotation_of(previous)
     most = RESIDUAL * np.abs(d).max() + ROUNDING * np.abs(x).max()
     is_whole = n > dim + 1 and ready.span.basis.shape[1] == dim  # enough points, and not all on a line or in a plane
@@ -487,13 +549,15 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
     with float64():
         solved = None
         if (kernel.order == 0 and (scales is None or (kernel.compact and n > DENSE))) or (
-                kernel.order in (1, 2) and scales is None and ready.trend != "quadratic" and is_whole):
+            kernel.order in (1, 2) and scales is None and ready.trend != "quadratic" and is_whole
+        ):
             solved, origin = _solve_factored(ready, d[:n], nugget[:n], own, turn, kernel, most)
             x[:n] = (ready.targets - origin) / ready.support
         # A nearly singular matrix beside polynomials has no Cholesky factor; elimination may still interpolate by it.
         if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
-            solved = _solve(x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel,
-                            trend=ready.trend)
+            solved = _solve(
+                x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend
+            )
         alpha, linear, constant, miss = map(np.asarray, solved[:4])
         bent = None if solved.quadratic is None else np.asarray(solved.quadratic) * ready.support
     if scales is not None and not np.abs(alpha).max() <= MOST_GAIN * np.abs(d).max():
@@ -510,8 +574,24 @@ def solve_prepared(ready: PreparedPoints, kernel: type[AbstractKernel], smoothin
         missed, notes = missed + _MISSED_MORE * own_miss, (*notes, nearly_singular(own_miss, ready.closest))
     r, coefficients = ready.support, np.zeros((size, dim))
     coefficients[:n] = alpha[:n] * r
-    return RBFInterpolant(x, coefficients, linear * r, constant * r, origin, r, n, kernel, ready.trend, notes,
-                          ready.ids, scales, smoothed, bent, float(np.linalg.norm(d, axis=1).max()) * r, missed)
+    return RBFInterpolant(
+        x,
+        coefficients,
+        linear * r,
+        constant * r,
+        origin,
+        r,
+        n,
+        kernel,
+        ready.trend,
+        notes,
+        ready.ids,
+        scales,
+        smoothed,
+        bent,
+        float(np.linalg.norm(d, axis=1).max()) * r,
+        missed,
+    )
 
 
 class TooFlatError(DeformError):
@@ -524,14 +604,18 @@ _MISSED_MORE = 3.0
 
 def nearly_singular(miss: float, closest: str) -> str:
     """The note on a fit that misses its targets by a length."""
-    return (f"the system is nearly singular (closest are {closest}): the map misses its targets by up to {miss:.1g}; a "
-            "smaller support, a Wendland kernel or a little smoothing would not")
+    return (
+        f"the system is nearly singular (closest are {closest}): the map misses its targets by up to {miss:.1g}; a "
+        "smaller support, a Wendland kernel or a little smoothing would not"
+    )
 
 
 def _too_flat(ready: PreparedPoints, kernel: type[AbstractKernel]) -> str:
-    return (f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {ready.count} control "
-            f"points: the system is singular to working precision (closest are {ready.closest}). Use a smaller "
-            "support, a Wendland kernel, or a little smoothing.")
+    return (
+        f"the {kernel.name} kernel with support {ready.support:.6g} is too flat for these {ready.count} control "
+        f"points: the system is singular to working precision (closest are {ready.closest}). Use a smaller "
+        "support, a Wendland kernel, or a little smoothing."
+    )
 
 
 # Where points have moved since a matrix was factored its residual is a little larger; beyond this share of what is
@@ -539,10 +623,17 @@ def _too_flat(ready: PreparedPoints, kernel: type[AbstractKernel]) -> str:
 _UPDATED = 1e-2
 
 
-def _solve_factored(ready: PreparedPoints, d: NDArray[np.float64], nugget: NDArray[np.float64],
-                    scales: NDArray[np.float64] | None, turn: NDArray[np.float64], kernel: type[AbstractKernel],
-                    most: float) -> tuple[Solved, NDArray[np.float64]]:
+def _solve_factored(
+    ready: PreparedPoints,
+    d: NDArray[np.float64],
+    nugget: NDArray[np.float64],
+    scales: NDArray[np.float64] | None,
+    turn: NDArray[np.float64],
+    kernel: type[AbstractKernel],
+    most: float,
+) -> tuple[Solved, NDArray[np.float64]]:
     """The fit by a factored matrix, one that is kept where that is exact enough, and the origin of its places."""
+
     def solve_by(matrix: Matrix, origin: NDArray[np.float64]) -> Solved:
         x = (ready.targets - origin) / ready.support
         if kernel.order:
@@ -576,10 +667,15 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     targets, displacements = fit._dragged()
     sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
     torn = torn_pairs(targets, sources, fit.ids)
-    crossed = [pair for pair in crossing_pairs(targets, sources, fit.ids, map_linear)
-               if pair not in torn and _folds_between(fit, *(targets[fit.ids.index(i)] for i in pair))]
-    notes = [f"control points {i} and {j} share a source and have different targets: the map folds between them"
-             for i, j in torn]
+    crossed = [
+        pair
+        for pair in crossing_pairs(targets, sources, fit.ids, map_linear)
+        if pair not in torn and _folds_between(fit, *(targets[fit.ids.index(i)] for i in pair))
+    ]
+    notes = [
+        f"control points {i} and {j} share a source and have different targets: the map folds between them"
+        for i, j in torn
+    ]
     notes += [f"control points {i} and {j} are pulled past each other: the map folds there" for i, j in crossed]
     is_plain = fit.trend == "affine_exact" or (fit.trend in ("affine", "quadratic") and fit.kernel.order >= 2)
     if is_plain and np.linalg.norm(map_linear, 2) > STEEP:
@@ -591,8 +687,10 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     if fit.trend in _COLLAPSES and spread[0] < NO_ANGLE * spread[1]:
         notes.append(f"the sources nearly coincide: {_COLLAPSES[fit.trend]}")
     elif is_plain and np.linalg.cond(map_linear) > 1 / NO_ANGLE:
-        notes.append("the sources lie on one line or in one plane and the targets do not: the affine trend presses "
-                     "everything flat")
+        notes.append(
+            "the sources lie on one line or in one plane and the targets do not: the affine trend presses "
+            "everything flat"
+        )
     return tuple(notes)
 
 

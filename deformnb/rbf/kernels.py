@@ -110,6 +110,7 @@ class AbstractKernel(ABC):
 
 def _derivative(function: Callable[[Any], Any], least: float) -> Callable[[Any], Any]:
     """The derivative of a function of numbers, element by element; below ``least`` that at ``least``."""
+
     def derivative(x: Any) -> Any:
         x = jnp.maximum(x, least)
         return jax.jvp(function, (x,), (jnp.ones_like(x),))[1]
@@ -148,13 +149,32 @@ class _Digits(NamedTuple):
 _DIGITS = {
     # up to 4.5e-18 / z
     np.dtype(np.float64): _Digits(
-        np.int64, 52, 1023, 0x3FE6A09E667F3BCD, 0x4330000000000000, (0.6931471804855391, 7.440617110012397e-11),
-        (0.333333333333333486, 0.199999999999492548, 0.142857143131850435, 0.111111055387920751,
-         0.0909144643700562618, 0.0766580419567697147, 0.0730886585948460551)),
+        np.int64,
+        52,
+        1023,
+        0x3FE6A09E667F3BCD,
+        0x4330000000000000,
+        (0.6931471804855391, 7.440617110012397e-11),
+        (
+            0.333333333333333486,
+            0.199999999999492548,
+            0.142857143131850435,
+            0.111111055387920751,
+            0.0909144643700562618,
+            0.0766580419567697147,
+            0.0730886585948460551,
+        ),
+    ),
     # up to 8.1e-10 / z
     np.dtype(np.float32): _Digits(
-        np.int32, 23, 127, 0x3F3504F3, 0x4B000000, (0.693145751953125, 1.4286068202862268e-06),
-        (0.333333881909, 0.199887707824, 0.149358640111)),
+        np.int32,
+        23,
+        127,
+        0x3F3504F3,
+        0x4B000000,
+        (0.693145751953125, 1.4286068202862268e-06),
+        (0.333333881909, 0.199887707824, 0.149358640111),
+    ),
 }
 
 
@@ -372,8 +392,20 @@ class Quintic(AbstractKernel):
 
 
 KERNELS: dict[str, type[AbstractKernel]] = {
-    k.name: k for k in (WendlandC2, WendlandC0, WendlandC4, ThinPlate, Gaussian, Multiquadric, InverseMultiquadric,
-                        InverseQuadratic, Cubic, Quintic, Linear)
+    k.name: k
+    for k in (
+        WendlandC2,
+        WendlandC0,
+        WendlandC4,
+        ThinPlate,
+        Gaussian,
+        Multiquadric,
+        InverseMultiquadric,
+        InverseQuadratic,
+        Cubic,
+        Quintic,
+        Linear,
+    )
 }
 """All kernels by name; the first is the default."""
 
@@ -414,9 +446,17 @@ _KINDS = ("profile", "slope")
 _MOST = 4096  # distances at a time: those between 64 points
 
 
-def register_kernel(kernel: Phi | type[AbstractKernel], *, name: str | None = None, derivative: Phi | None = None,
-                    order: int = 0, compact: bool = False, title: str | None = None,
-                    shares: tuple[float, ...] | None = None, gaps: float | None = None) -> type[AbstractKernel]:
+def register_kernel(
+    kernel: Phi | type[AbstractKernel],
+    *,
+    name: str | None = None,
+    derivative: Phi | None = None,
+    order: int = 0,
+    compact: bool = False,
+    title: str | None = None,
+    shares: tuple[float, ...] | None = None,
+    gaps: float | None = None,
+) -> type[AbstractKernel]:
     """Add a radial function to the kernels that fits, steps, documents, menus and exported pages take by name.
 
     It is checked here, once: that JAX can compile it, that it and its derivative are finite from the point to a
@@ -458,9 +498,22 @@ def register_kernel(kernel: Phi | type[AbstractKernel], *, name: str | None = No
     'matern_52'
     >>> del KERNELS["matern_52"]
     """
-    kind: Any = kernel if isinstance(kernel, type) else _kernel_of(kernel, derivative, {
-        "name": _name_of(kernel) if name is None else name, "order": order, "compact": compact, "title": title,
-        "shares": shares, "gaps": gaps})
+    kind: Any = (
+        kernel
+        if isinstance(kernel, type)
+        else _kernel_of(
+            kernel,
+            derivative,
+            {
+                "name": _name_of(kernel) if name is None else name,
+                "order": order,
+                "compact": compact,
+                "title": title,
+                "shares": shares,
+                "gaps": gaps,
+            },
+        )
+    )
     _check_names(kind)
     with float64():
         _check_values(kind)
@@ -473,7 +526,7 @@ def _name_of(kernel: Phi) -> str:
     name = getattr(kernel, "__name__", "")
     if name.isidentifier():
         return str(name)
-    raise DeformError("a kernel needs a name, by which documents know it: register_kernel(function, name=\"...\").")
+    raise DeformError('a kernel needs a name, by which documents know it: register_kernel(function, name="...").')
 
 
 def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[AbstractKernel]:
@@ -496,54 +549,82 @@ def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[
         return ends(s, own_slope(rho) / (2 * rho))
 
     is_wide = given["compact"] or given["order"] in (2, 3)
-    usual = {"title": str(given["name"]).replace("_", " ").capitalize(), "gaps": np.inf if is_wide else 1.0,
-             "shares": (0.25, 0.5, 1.0, 2.0, 4.0) if given["compact"] else (1.0,) if is_wide else
-             (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)}
+    usual = {
+        "title": str(given["name"]).replace("_", " ").capitalize(),
+        "gaps": np.inf if is_wide else 1.0,
+        "shares": (0.25, 0.5, 1.0, 2.0, 4.0)
+        if given["compact"]
+        else (1.0,)
+        if is_wide
+        else (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0),
+    }
     named = {key: usual[key] if value is None else value for key, value in given.items()}
-    return type(str(given["name"]), (AbstractKernel,), {
-        **named, "profile": staticmethod(profile), "slope": staticmethod(slope), "made_of": staticmethod(phi),
-        "__doc__": phi.__doc__ or "A kernel of your own.", "__module__": __name__})
+    return type(
+        str(given["name"]),
+        (AbstractKernel,),
+        {
+            **named,
+            "profile": staticmethod(profile),
+            "slope": staticmethod(slope),
+            "made_of": staticmethod(phi),
+            "__doc__": phi.__doc__ or "A kernel of your own.",
+            "__module__": __name__,
+        },
+    )
 
 
 def _check_names(kind: type[AbstractKernel]) -> None:
     name = getattr(kind, "name", None)
     if not (issubclass(kind, AbstractKernel) and isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name)):
-        raise DeformError("the name of a kernel is up to 40 lower-case letters, digits and \"_\", got "
-                          f"{shown_value(name)}; give name=\"...\", or set it in a subclass of AbstractKernel.")
+        raise DeformError(
+            'the name of a kernel is up to 40 lower-case letters, digits and "_", got '
+            f'{shown_value(name)}; give name="...", or set it in a subclass of AbstractKernel.'
+        )
     if name in BUILT_IN:
         raise DeformError(f"{name!r} is a kernel of deformnb, and its documents mean that one; choose another name.")
     if kind.order not in range(_HIGHEST_ORDER + 1) or isinstance(kind.order, bool):
-        raise DeformError(f"the order of the kernel {name!r} is 0, 1, 2 or 3, got {shown_value(kind.order)}: no trend "
-                          "holds the polynomials of a higher one.")
+        raise DeformError(
+            f"the order of the kernel {name!r} is 0, 1, 2 or 3, got {shown_value(kind.order)}: no trend "
+            "holds the polynomials of a higher one."
+        )
     if not isinstance(kind.title, str) or kind.title in [k.title for k in KERNELS.values() if k.name != name]:
-        raise DeformError(f"the title of the kernel {name!r} is a text that no other kernel has, got "
-                          f"{shown_value(kind.title)}.")
+        raise DeformError(
+            f"the title of the kernel {name!r} is a text that no other kernel has, got {shown_value(kind.title)}."
+        )
     if not (kind.shares and all(is_finite(v) and v > 0 for v in kind.shares) and kind.gaps > 0):
-        raise DeformError(f"shares and gaps of the kernel {name!r} are positive numbers, got {kind.shares} and "
-                          f"{kind.gaps}.")
+        raise DeformError(
+            f"shares and gaps of the kernel {name!r} are positive numbers, got {kind.shares} and {kind.gaps}."
+        )
 
 
 def _check_values(kind: type[AbstractKernel]) -> None:
     """Refuse a kernel that JAX cannot compile, that is not finite, jumps or has another derivative than is given."""
-    rho = np.concatenate([[0.0, NEAREST], np.geomspace(1e-5, 0.01, 30), np.linspace(0.02, 1.5, 149),
-                          np.geomspace(1.6, _FARTHEST, 60)])
+    rho = np.concatenate(
+        [[0.0, NEAREST], np.geomspace(1e-5, 0.01, 30), np.linspace(0.02, 1.5, 149), np.geomspace(1.6, _FARTHEST, 60)]
+    )
     found = {}
     for what in _KINDS:
         found[what] = values = _computed(kind, what, rho**2)
         if not np.isfinite(values).all():
-            raise DeformError(f"the kernel {kind.name!r} {'' if what == 'profile' else 'has a derivative that '}"
-                              f"is not finite at rho = {rho[~np.isfinite(values)][0]:.4g}; a fit needs it from 0 to "
-                              f"{_FARTHEST:.0f}: give its limit there, as by jnp.where.")
+            raise DeformError(
+                f"the kernel {kind.name!r} {'' if what == 'profile' else 'has a derivative that '}"
+                f"is not finite at rho = {rho[~np.isfinite(values)][0]:.4g}; a fit needs it from 0 to "
+                f"{_FARTHEST:.0f}: give its limit there, as by jnp.where."
+            )
     phi, slope = found["profile"], found["slope"]
     size = np.abs(phi[rho <= 1]).max()
     if size == 0 or abs(phi[0] - phi[1]) > 1e-3 * size:
-        raise DeformError(f"the kernel {kind.name!r} jumps next to its point, from {phi[0]:.4g} to {phi[1]:.4g} within "
-                          "a millionth of the support: a displacement would; a kernel is continuous.")
+        raise DeformError(
+            f"the kernel {kind.name!r} jumps next to its point, from {phi[0]:.4g} to {phi[1]:.4g} within "
+            "a millionth of the support: a displacement would; a kernel is continuous."
+        )
     if kind.compact:
         last = float(_computed(kind, "profile", np.array([1 - 1e-9]))[0])
         if abs(last) > 1e-3 * size or phi[rho > 1].any():
-            raise DeformError(f"the kernel {kind.name!r} is {last:.4g} at rho = 1, where a compact kernel ends at 0; "
-                              "leave compact=True out, or let it end there.")
+            raise DeformError(
+                f"the kernel {kind.name!r} is {last:.4g} at rho = 1, where a compact kernel ends at 0; "
+                "leave compact=True out, or let it end there."
+            )
     middle, h = rho[(rho > 0.02) & (rho < 1.5)], 1e-5
     high, low = (_computed(kind, "profile", (middle + step) ** 2) for step in (h, -h))
     wanted, given = (high - low) / (2 * h), 2 * middle * slope[(rho > 0.02) & (rho < 1.5)]
@@ -551,8 +632,10 @@ def _check_values(kind: type[AbstractKernel]) -> None:
     wrong = np.abs(wanted - given) > 1e-4 * np.abs(given).max() + 1e-6 * size
     if wrong.sum() > 4:  # a kink within a difference is no fault
         at = int(np.flatnonzero(wrong)[0])
-        raise DeformError(f"the derivative of the kernel {kind.name!r} is {given[at]:.6g} at rho = {middle[at]:.3g}, "
-                          f"and its values there rise by {wanted[at]:.6g}; leave it out, and JAX finds it.")
+        raise DeformError(
+            f"the derivative of the kernel {kind.name!r} is {given[at]:.6g} at rho = {middle[at]:.3g}, "
+            f"and its values there rise by {wanted[at]:.6g}; leave it out, and JAX finds it."
+        )
 
 
 def _computed(kind: type[AbstractKernel], what: str, s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -564,12 +647,16 @@ def _computed(kind: type[AbstractKernel], what: str, s: NDArray[np.float64]) -> 
         return np.full(s.shape, np.nan)
     except Exception as error:  # a user's function may raise anything
         first = str(error).strip().split("\n")[0]
-        raise DeformError(f"the {what} of the kernel {kind.name!r} cannot be compiled: {first[:160]} Write it "
-                          "with jax.numpy, element by element: jnp.exp for math.exp and np.exp, jnp.where for "
-                          "if.") from error
+        raise DeformError(
+            f"the {what} of the kernel {kind.name!r} cannot be compiled: {first[:160]} Write it "
+            "with jax.numpy, element by element: jnp.exp for math.exp and np.exp, jnp.where for "
+            "if."
+        ) from error
     if found.shape != padded.shape or found.dtype != np.float64:
-        raise DeformError(f"the {what} of the kernel {kind.name!r} gives {found.dtype} of shape {found.shape} for "
-                          f"{padded.size} distances; it is a number for each, element by element.")
+        raise DeformError(
+            f"the {what} of the kernel {kind.name!r} gives {found.dtype} of shape {found.shape} for "
+            f"{padded.size} distances; it is a number for each, element by element."
+        )
     return found[: s.size]
 
 
@@ -577,14 +664,17 @@ def _check_order(kind: type[AbstractKernel]) -> None:
     """Refuse a kernel whose matrices are not positive definite beside the polynomials of its order."""
     if _is_definite(kind, kind.order):
         return
-    others = [(sign, order) for sign, order in product((1, -1), range(_HIGHEST_ORDER + 1))
-              if _is_definite(kind, order, sign)]
+    others = [
+        (sign, order) for sign, order in product((1, -1), range(_HIGHEST_ORDER + 1)) if _is_definite(kind, order, sign)
+    ]
     remedy = "no fit with it would be well posed; choose another function"
     if others:
         sign, order = others[0]
         remedy = f"{'it' if sign > 0 else 'its negative'} is of order {order}: register that"
-    raise DeformError(f"the kernel {kind.name!r} is not conditionally positive definite of order {kind.order} in the "
-                      f"plane and in space; {remedy}.")
+    raise DeformError(
+        f"the kernel {kind.name!r} is not conditionally positive definite of order {kind.order} in the "
+        f"plane and in space; {remedy}."
+    )
 
 
 def _is_definite(kind: type[AbstractKernel], order: int, sign: int = 1) -> bool:
@@ -609,5 +699,5 @@ def _beside_polynomials(phi: NDArray[np.float64], x: NDArray[np.float64], order:
         return phi
     pairs = [x[:, a] * x[:, b] for a in range(x.shape[1]) for b in range(a + 1)]
     columns = np.column_stack([np.ones(len(x)), *(x.T if order > 1 else []), *(pairs if order > 2 else [])])
-    rest = np.linalg.qr(columns, mode="complete")[0][:, columns.shape[1]:]
+    rest = np.linalg.qr(columns, mode="complete")[0][:, columns.shape[1] :]
     return np.asarray(rest.T @ phi @ rest)

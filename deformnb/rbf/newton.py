@@ -37,8 +37,9 @@ def map_of(field: AbstractField) -> BackwardMap:
     return BackwardMap(lambda y, _: field.displacement(y), lambda y, _: field.jacobian(y))
 
 
-def searched(x: Array, at: BackwardMap, tolerance: float, max_iterations: int,
-             start: Array | None) -> tuple[Array, Array]:
+def searched(
+    x: Array, at: BackwardMap, tolerance: float, max_iterations: int, start: Array | None
+) -> tuple[Array, Array]:
     """The best places found for points x (N, dim), and their errors, from two or three starts."""
     d = at.displacement(x, np.arange(len(x)))
     starts = (start, np.where(np.isfinite(d), x - d, x), x)
@@ -66,8 +67,9 @@ def lengths_of(r: Array) -> Array:
     return np.where(np.isfinite(error), error, np.inf)
 
 
-def newton(start: Array, x: Array, numbers: NDArray[np.intp], at: BackwardMap, tolerance: float,
-           max_iterations: int) -> tuple[Array, Array]:
+def newton(
+    start: Array, x: Array, numbers: NDArray[np.intp], at: BackwardMap, tolerance: float, max_iterations: int
+) -> tuple[Array, Array]:
     """The best places y found from ``start`` and their errors |y + D(y) - x|."""
     y = start.copy()
     r = y + at.displacement(y, numbers) - x

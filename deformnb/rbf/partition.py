@@ -50,8 +50,7 @@ _LONGEST = 4.0  # diameters of the points of a fit that a compact kernel's suppo
 _SHORTEST = 0.05  # and at least
 
 
-@pytree(data_fields=["fits", "low", "high", "margin", "frame", "missed"],
-         meta_fields=["remarks", "ids", "unit"])
+@pytree(data_fields=["fits", "low", "high", "margin", "frame", "missed"], meta_fields=["remarks", "ids", "unit"])
 @dataclass(frozen=True, eq=False, repr=False)
 class LocalFits(AbstractField):
     """Fits of the points in and around boxes that tile space, blended across the faces of these.
@@ -177,8 +176,19 @@ def _stacked(fits: tuple[RBFInterpolant, ...], dtype: Any) -> RBFInterpolant:
         rest = size - len(fit.centers)
         scales = np.pad(np.ones(len(fit.centers)) if fit.scales is None else fit.scales, (0, rest)) if own else None
         centers, coefficients = (np.pad(a, ((0, rest), (0, 0))) for a in (fit.centers, fit.coefficients))
-        return RBFInterpolant(centers, coefficients, fit.linear, fit.constant, fit.origin, fit.support, fit.count,
-                              fit.kernel, fit.trend, scales=scales, quadratic=fit.quadratic)
+        return RBFInterpolant(
+            centers,
+            coefficients,
+            fit.linear,
+            fit.constant,
+            fit.origin,
+            fit.support,
+            fit.count,
+            fit.kernel,
+            fit.trend,
+            scales=scales,
+            quadratic=fit.quadratic,
+        )
 
     found: RBFInterpolant = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), dtype=dtype), *map(plain, fits))
     return found
@@ -240,9 +250,11 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
     counts = [int(fit.count) for fit in fits]
     field = LocalFits(tuple(fits), low, high, margin, frame, (), ready.ids, ready.missed)
     deviation = _deviation(field, ready, kernel, smoothing, tree)
-    note = (f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
-            f"to {max(counts)} points, blended; between points they deviate by up to {_rounded_up(deviation):.2g} from "
-            "the fit of all")
+    note = (
+        f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
+        f"to {max(counts)} points, blended; between points they deviate by up to {_rounded_up(deviation):.2g} from "
+        "the fit of all"
+    )
     return replace(field, remarks=(*ready.notes, note, *worst.of_points))
 
 
@@ -328,12 +340,23 @@ def _part_of(ready: PreparedPoints, at: NDArray[np.int64]) -> PreparedPoints:
     origin = x.mean(axis=0)
     bent = quadric_span(x - origin, np.eye(x.shape[1])) if ready.trend == "quadratic" else ()
     span = Span(np.eye(x.shape[1]), ridge_of(*spreads_of(x, x + d)), *bent)
-    return replace(ready, targets=x, displacements=d, weights=ready.weights[at], radii=ready.radii[at], origin=origin,
-                   span=span, ids=tuple(ready.ids[k] for k in at.tolist()), notes=(), missed=0.0)
+    return replace(
+        ready,
+        targets=x,
+        displacements=d,
+        weights=ready.weights[at],
+        radii=ready.radii[at],
+        origin=origin,
+        span=span,
+        ids=tuple(ready.ids[k] for k in at.tolist()),
+        notes=(),
+        missed=0.0,
+    )
 
 
-def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float,
-               tree: Any) -> float:
+def _deviation(
+    field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: float, tree: Any
+) -> float:
     """Four times the largest difference to fits of more points found, in gaps between points all over their hull.
 
     Every wide fit is compared in the middle of its points, where it is nearly the fit of all. The largest difference
@@ -351,8 +374,9 @@ def _deviation(field: LocalFits, ready: PreparedPoints, kernel: type[AbstractKer
     return _MISSED * worst
 
 
-def _widest(ready: PreparedPoints, near: NDArray[Any], kernel: type[AbstractKernel],
-            smoothing: float) -> RBFInterpolant:
+def _widest(
+    ready: PreparedPoints, near: NDArray[Any], kernel: type[AbstractKernel], smoothing: float
+) -> RBFInterpolant:
     """The fit of these nearest points, or of half as many where their system is singular."""
     try:
         return _fit_part(_part_of(ready, np.sort(near)), kernel, smoothing)

@@ -41,8 +41,10 @@ def _by_name(places: HasPlaces, which: str) -> dict[str, int]:
     for k, name in enumerate(places.names):
         if not name or name in found:
             why = f"{shown_value(name)} comes more than once" if name else f"landmark {k + 1} has no name"
-            raise DeformError(f"of the {which} landmarks {why}, so that they cannot be paired by name; correct it, or "
-                              'pair them with pair="order".')
+            raise DeformError(
+                f"of the {which} landmarks {why}, so that they cannot be paired by name; correct it, or "
+                'pair them with pair="order".'
+            )
         found[name] = k
     return found
 
@@ -116,8 +118,10 @@ class ControlPoints:
         moved = int((self.source != self.target).any(axis=1).sum())
         named = [name[:20] for name in self.names if name]
         names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
-        return (f"<ControlPoints: {len(self)} {'point' if len(self) == 1 else 'points'} "
-                f"{'in the plane' if self.dim == 2 else 'in space'}, {moved} moved{': ' if names else ''}{names}>")
+        return (
+            f"<ControlPoints: {len(self)} {'point' if len(self) == 1 else 'points'} "
+            f"{'in the plane' if self.dim == 2 else 'in space'}, {moved} moved{': ' if names else ''}{names}>"
+        )
 
     @property
     def _of_each(self) -> dict[str, NDArray[Any]]:
@@ -142,23 +146,38 @@ class ControlPoints:
         good = np.isnan(self.radius) | (self.radius > 0) & (self.radius <= LARGEST_COORDINATE)
         if not good.all():
             k = int(np.flatnonzero(~good)[0])
-            raise DeformError(f"the radius of {self.label(k)} is {self.radius[k]}; a radius is a positive length, or "
-                              "nan for the one that all points have.")
+            raise DeformError(
+                f"the radius of {self.label(k)} is {self.radius[k]}; a radius is a positive length, or "
+                "nan for the one that all points have."
+            )
 
     @classmethod
-    def from_arrays(cls, source: ArrayLike, target: ArrayLike | None = None, *, ids: Sequence[int] | None = None,
-                    names: Sequence[str] | None = None, active: ArrayLike | None = None,
-                    weight: ArrayLike | None = None, next_id: int = 0, locked: ArrayLike | None = None,
-                    radius: ArrayLike | None = None, unit: str = "") -> ControlPoints:
+    def from_arrays(
+        cls,
+        source: ArrayLike,
+        target: ArrayLike | None = None,
+        *,
+        ids: Sequence[int] | None = None,
+        names: Sequence[str] | None = None,
+        active: ArrayLike | None = None,
+        weight: ArrayLike | None = None,
+        next_id: int = 0,
+        locked: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        unit: str = "",
+    ) -> ControlPoints:
         """Points from arrays of shape (N, 2) or (N, 3); the targets are the sources where not given."""
         s = _as_points(source, "source")
         t = s.copy() if target is None else _as_points(target, "target")
         n = len(s)
         return cls(
-            s, t, tuple(range(n)) if ids is None else tuple(_of_each(ids, np.int64, "ids").tolist()),
+            s,
+            t,
+            tuple(range(n)) if ids is None else tuple(_of_each(ids, np.int64, "ids").tolist()),
             tuple(str(name) for name in ([""] * n if names is None else _listed(names, "names"))),
             np.ones(n, dtype=bool) if active is None else _of_each(active, np.bool_, "switches"),
-            np.ones(n) if weight is None else _of_each(weight, np.float64, "weights"), next_id,
+            np.ones(n) if weight is None else _of_each(weight, np.float64, "weights"),
+            next_id,
             None if locked is None else _of_each(locked, np.bool_, "locks"),  # type: ignore[arg-type]
             # None becomes nan: a list may leave out single radii
             None if radius is None else _of_each(radius, np.float64, "radii"),  # type: ignore[arg-type]
@@ -177,8 +196,9 @@ class ControlPoints:
         if to in ("", self.unit) or not self.unit:
             return self
         factor = ratio(self.unit, to)
-        return replace(self, source=self.source * factor, target=self.target * factor, radius=self.radius * factor,
-                       unit=to)
+        return replace(
+            self, source=self.source * factor, target=self.target * factor, radius=self.radius * factor, unit=to
+        )
 
     @classmethod
     def from_landmarks(cls, moving: HasPlaces, fixed: HasPlaces, *, pair: str = "name") -> Paired:
@@ -211,11 +231,14 @@ class ControlPoints:
         """
         for side in (moving, fixed):
             if not all(hasattr(side, name) for name in ("points", "names", "active")):
-                raise DeformError(f"Landmarks are needed, got {shown_value(side)}; Landmarks(points, names) makes "
-                                  "some.")
+                raise DeformError(
+                    f"Landmarks are needed, got {shown_value(side)}; Landmarks(points, names) makes some."
+                )
         if moving.points.shape[1] != fixed.points.shape[1]:
-            raise DeformError(f"the moving landmarks have {moving.points.shape[1]} coordinates and the fixed ones "
-                              f"{fixed.points.shape[1]}; they must have the same.")
+            raise DeformError(
+                f"the moving landmarks have {moving.points.shape[1]} coordinates and the fixed ones "
+                f"{fixed.points.shape[1]}; they must have the same."
+            )
         counts = len(moving.points), len(fixed.points)
         if pair == "order":
             found = [(k, k) for k in range(min(counts))]
@@ -225,14 +248,22 @@ class ControlPoints:
         else:
             raise DeformError(f'landmarks are paired by "name" or by "order", got {shown_value(pair)}.')
         a, b = ([each[which] for each in found] for which in (0, 1))
-        active = [np.ones(n, bool) if side.active is None else side.active
-                  for side, n in zip((moving, fixed), counts, strict=True)]
+        active = [
+            np.ones(n, bool) if side.active is None else side.active
+            for side, n in zip((moving, fixed), counts, strict=True)
+        ]
         own, other = (getattr(side, "unit", "") for side in (moving, fixed))
-        points = cls.from_arrays(moving.points[a], fixed.points[b] * ratio(other, own),
-                                 active=active[0][a] & active[1][b], unit=own or other,
-                                 names=[moving.names[k] or fixed.names[j] for k, j in found])
-        left = [tuple(side.names[k] or f"landmark {k + 1}" for k in range(n) if k not in used)
-                for side, n, used in zip((moving, fixed), counts, (set(a), set(b)), strict=True)]
+        points = cls.from_arrays(
+            moving.points[a],
+            fixed.points[b] * ratio(other, own),
+            active=active[0][a] & active[1][b],
+            unit=own or other,
+            names=[moving.names[k] or fixed.names[j] for k, j in found],
+        )
+        left = [
+            tuple(side.names[k] or f"landmark {k + 1}" for k in range(n) if k not in used)
+            for side, n, used in zip((moving, fixed), counts, (set(a), set(b)), strict=True)
+        ]
         return Paired(points, *left)
 
     @classmethod
@@ -249,11 +280,16 @@ class ControlPoints:
         if not isinstance(other, ControlPoints):
             return NotImplemented
         return (
-            self.ids == other.ids and self.names == other.names and self.next_id == other.next_id
-            and np.array_equal(self.source, other.source) and np.array_equal(self.target, other.target)
-            and np.array_equal(self.active, other.active) and np.array_equal(self.weight, other.weight)
+            self.ids == other.ids
+            and self.names == other.names
+            and self.next_id == other.next_id
+            and np.array_equal(self.source, other.source)
+            and np.array_equal(self.target, other.target)
+            and np.array_equal(self.active, other.active)
+            and np.array_equal(self.weight, other.weight)
             and np.array_equal(self.locked, other.locked)
-            and np.array_equal(self.radius, other.radius, equal_nan=True) and self.unit == other.unit
+            and np.array_equal(self.radius, other.radius, equal_nan=True)
+            and self.unit == other.unit
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -280,15 +316,22 @@ class ControlPoints:
         except ValueError:
             raise DeformError(f"there is no control point {shown_value(point)}; there are {list(self.ids)}.") from None
 
-    def add(self, source: ArrayLike, target: ArrayLike | None = None, *, name: str = "",
-            weight: float = 1.0) -> ControlPoints:
+    def add(
+        self, source: ArrayLike, target: ArrayLike | None = None, *, name: str = "", weight: float = 1.0
+    ) -> ControlPoints:
         """One more point, under the id ``next_id``; its target is its source unless given."""
         s = self._one_place(source, "source")[None]
         t = s if target is None else self._one_place(target, "target")[None]
         return ControlPoints(
-            np.concatenate([self.source, s]), np.concatenate([self.target, t]), (*self.ids, self.next_id),
-            (*self.names, name), np.append(self.active, True), np.append(self.weight, weight), self.next_id + 1,
-            np.append(self.locked, False), np.append(self.radius, np.nan),
+            np.concatenate([self.source, s]),
+            np.concatenate([self.target, t]),
+            (*self.ids, self.next_id),
+            (*self.names, name),
+            np.append(self.active, True),
+            np.append(self.weight, weight),
+            self.next_id + 1,
+            np.append(self.locked, False),
+            np.append(self.radius, np.nan),
         )
 
     def _one_place(self, value: ArrayLike, what: str) -> NDArray[np.float64]:
@@ -304,14 +347,29 @@ class ControlPoints:
         """Drop the point with this id at another target."""
         return self.edit(point, target=target)
 
-    def edit(self, point: int, *, source: ArrayLike | None = None, target: ArrayLike | None = None,
-             name: str | None = None, active: bool | None = None, weight: float | None = None,
-             locked: bool | None = None, radius: float | None = None) -> ControlPoints:
+    def edit(
+        self,
+        point: int,
+        *,
+        source: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        name: str | None = None,
+        active: bool | None = None,
+        weight: float | None = None,
+        locked: bool | None = None,
+        radius: float | None = None,
+    ) -> ControlPoints:
         """Change what is given of the point with this id; a radius of nan is again the one that all points have."""
         k = self.index(point)
         changed: dict[str, Any] = {}
-        for key, value in (("source", source), ("target", target), ("active", active), ("weight", weight),
-                           ("locked", locked), ("radius", radius)):
+        for key, value in (
+            ("source", source),
+            ("target", target),
+            ("active", active),
+            ("weight", weight),
+            ("locked", locked),
+            ("radius", radius),
+        ):
             if value is not None:
                 array = np.array(getattr(self, key))
                 array[k] = self._one_place(value, key) if array.ndim == 2 else _one(value, array.dtype, key)
@@ -331,8 +389,15 @@ class ControlPoints:
         if k and not -len(self) <= min(k) <= max(k) < len(self):
             raise DeformError(f"there are {len(self)} control points; positions {min(k)} to {max(k)} were requested.")
         return ControlPoints(
-            self.source[k], self.target[k], tuple(self.ids[p] for p in k), tuple(self.names[p] for p in k),
-            self.active[k], self.weight[k], self.next_id, self.locked[k], self.radius[k],
+            self.source[k],
+            self.target[k],
+            tuple(self.ids[p] for p in k),
+            tuple(self.names[p] for p in k),
+            self.active[k],
+            self.weight[k],
+            self.next_id,
+            self.locked[k],
+            self.radius[k],
         )
 
     def scaled(self, strength: float) -> ControlPoints:
@@ -343,8 +408,11 @@ class ControlPoints:
 
     def has_places_of(self, other: ControlPoints) -> bool:
         """True if the same points are active as in another set, with the same sources: they were dragged at most."""
-        return (self.ids == other.ids and np.array_equal(self.active, other.active)
-                and np.array_equal(self.source, other.source))
+        return (
+            self.ids == other.ids
+            and np.array_equal(self.active, other.active)
+            and np.array_equal(self.source, other.source)
+        )
 
     @property
     def has_own_radii(self) -> bool:
@@ -362,8 +430,9 @@ def as_control_points(given: Any) -> ControlPoints:
     if not isinstance(given, ControlPoints) and callable(make) and not isinstance(given, type):
         given = make()
     if not isinstance(given, ControlPoints):
-        raise DeformError(f"ControlPoints are needed, got {shown_value(given)}; ControlPoints.from_arrays(source, "
-                          "target) makes them.")
+        raise DeformError(
+            f"ControlPoints are needed, got {shown_value(given)}; ControlPoints.from_arrays(source, target) makes them."
+        )
     return given
 
 

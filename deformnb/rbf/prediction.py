@@ -105,15 +105,29 @@ def usual_candidates(dim: int) -> tuple[Candidate, ...]:
     >>> len(usual_candidates(2))
     36
     """
-    splines = [("thin_plate", "affine"), ("linear", "affine"), ("cubic", "affine"), ("thin_plate", "quadratic"),
-               ("cubic", "quadratic")]
+    splines = [
+        ("thin_plate", "affine"),
+        ("linear", "affine"),
+        ("cubic", "affine"),
+        ("thin_plate", "quadratic"),
+        ("cubic", "quadratic"),
+    ]
     plate = ("thin_plate" if dim == 2 else "linear", "affine")
     splines.sort(key=lambda spline: spline != plate)
-    found = [Candidate(FitSettings(kernel=kernel, trend=trend, smoothing=smoothing, support=1.0, direction=direction),
-                       PLAIN if (kernel, trend) == plate and not smoothing else OTHER)
-             for kernel, trend in splines for smoothing in SMOOTHINGS for direction in _DIRECTIONS]
-    compact = [Candidate(FitSettings(support=share, direction=direction), COMPACT)
-               for share in SHARES for direction in _DIRECTIONS]
+    found = [
+        Candidate(
+            FitSettings(kernel=kernel, trend=trend, smoothing=smoothing, support=1.0, direction=direction),
+            PLAIN if (kernel, trend) == plate and not smoothing else OTHER,
+        )
+        for kernel, trend in splines
+        for smoothing in SMOOTHINGS
+        for direction in _DIRECTIONS
+    ]
+    compact = [
+        Candidate(FitSettings(support=share, direction=direction), COMPACT)
+        for share in SHARES
+        for direction in _DIRECTIONS
+    ]
     return (*found, *compact)
 
 
@@ -183,8 +197,12 @@ class ChosenFit:
 
     def _repr_html_(self) -> str:
         head = "".join(f"<th>{title}</th>" for title in ("fit", *_TITLES))
-        rows = "".join("<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in (
-            described(row.settings), *_cells(row))) + "</tr>" for row in self.tried)
+        rows = "".join(
+            "<tr>"
+            + "".join(f"<td>{html.escape(text)}</td>" for text in (described(row.settings), *_cells(row)))
+            + "</tr>"
+            for row in self.tried
+        )
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
         return f"<p>{html.escape(described(self.settings))}</p><table><tr>{head}</tr>{rows}</table>{notes}"
 
@@ -214,8 +232,12 @@ def described(settings: FitSettings) -> str:
     return f"{settings.direction}, {settings.kernel}, {settings.trend} trend{support}{smoothing}"
 
 
-def choose_fit(points: ControlPoints | Sequence[ControlPoints], *, candidates: Sequence[Candidate] | None = None,
-               progress: Progress | None = None) -> ChosenFit:
+def choose_fit(
+    points: ControlPoints | Sequence[ControlPoints],
+    *,
+    candidates: Sequence[Candidate] | None = None,
+    progress: Progress | None = None,
+) -> ChosenFit:
     """Choose the fit that predicts left-out control points best.
 
     Parameters
@@ -251,8 +273,13 @@ def choose_fit(points: ControlPoints | Sequence[ControlPoints], *, candidates: S
     notes: tuple[str, ...] = ()
     few = [s for s in map(_distinct, sets) if len(s) >= s.dim + 4 and s.displacement.any()]
     if not few:
-        return ChosenFit(FitSettings(), FitSettings().fit(given[0]), notes=(
-            f"{max(map(len, sets))} control points are too few to leave some of them out; this is the default fit",))
+        return ChosenFit(
+            FitSettings(),
+            FitSettings().fit(given[0]),
+            notes=(
+                f"{max(map(len, sets))} control points are too few to leave some of them out; this is the default fit",
+            ),
+        )
     judged = [_evenly(s) for s in few]
     if any(len(a) < len(b) for a, b in zip(judged, few, strict=True)):
         notes = (f"the fits are judged by {sum(map(len, judged))} of {sum(map(len, few))} control points",)
@@ -270,8 +297,9 @@ def _best(tried: list[TriedFit], points: ControlPoints, notes: tuple[str, ...]) 
     """The first of the least score, of those that do not fold as long as there are some."""
     ranked = sorted(tried, key=lambda row: (bool(row.why), row.folds, np.round(np.log(row.score), _ALIKE)))
     if ranked[0].why:
-        raise DeformError(f"none of the {len(tried)} candidates can be fitted to these control points: "
-                          f"{ranked[0].why}.")
+        raise DeformError(
+            f"none of the {len(tried)} candidates can be fitted to these control points: {ranked[0].why}."
+        )
     if ranked[0].folds:
         notes += ("every fit that was tried folds between the control points",)
     first = _smoothest(ranked, _size(points.target))
@@ -285,8 +313,13 @@ def _smoothest(ranked: Sequence[TriedFit], size: float) -> TriedFit:
     best = ranked[0]
     if best.error <= 10 * _NONE * size:  # nothing is to be smoothed
         return best
-    alike = [row for row in ranked if row.folds == best.folds and row.score <= _NEAR * best.score
-             and replace(row.settings, smoothing=best.settings.smoothing) == best.settings]
+    alike = [
+        row
+        for row in ranked
+        if row.folds == best.folds
+        and row.score <= _NEAR * best.score
+        and replace(row.settings, smoothing=best.settings.smoothing) == best.settings
+    ]
     return max(alike, key=lambda row: row.settings.smoothing)
 
 
@@ -326,6 +359,7 @@ def blocks_of(places: Array, halvings: int) -> Blocks:
     >>> [block.tolist() for block in blocks_of(np.array([[0.0, 0], [9, 1], [1, 0], [8, 0]]), 1)]
     [[0, 2], [1, 3]]
     """
+
     def halved(index: NDArray[np.intp], left: int) -> Blocks:
         if not left or len(index) < 2:
             return [index]
@@ -395,8 +429,13 @@ def _is_plain(ready: PreparedPoints, settings: FitSettings) -> bool:
     """Whether the fit is one linear system: no trend that shrinks, nothing merged, no radii of their own."""
     span, is_bent = ready.span, settings.trend == "quadratic"
     is_shrunk = bool(np.any(span.ridge)) or (is_bent and span.bend is not None and bool(np.any(span.bend)))
-    return (ready.trend == settings.trend and settings.trend in ("affine", "affine_exact", "quadratic")
-            and not is_shrunk and ready.count == len(ready.active) and not ready.active.has_own_radii)
+    return (
+        ready.trend == settings.trend
+        and settings.trend in ("affine", "affine_exact", "quadratic")
+        and not is_shrunk
+        and ready.count == len(ready.active)
+        and not ready.active.has_own_radii
+    )
 
 
 class _LinearSystem:

@@ -73,8 +73,9 @@ class AbstractRegion(ABC):
         return np.zeros((0, self.dim))
 
 
-def _inside(region: AbstractRegion, low: NDArray[np.float64], high: NDArray[np.float64],
-            count: int) -> NDArray[np.float64]:
+def _inside(
+    region: AbstractRegion, low: NDArray[np.float64], high: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
     """The nodes of a lattice over a box that lie inside a region."""
     step = max(float((high - low).max()) / max(count - 1, 1), 1e-300)
     lines = [np.linspace(a, b, int(np.ceil((b - a) / step)) + 1) for a, b in zip(low, high, strict=True)]
@@ -86,8 +87,10 @@ def _array_of(values: Any, what: str, least: int, dims: tuple[int, ...]) -> NDAr
     given = real_array(values)
     array = np.zeros(0) if given is None else given
     if array.ndim != 2 or array.shape[1] not in dims or not least <= len(array) <= LARGEST_SHAPE:
-        raise DeformError(f"the {what} must be {least} to {LARGEST_SHAPE} places of {' or '.join(map(str, dims))} "
-                          f"coordinates, got shape {array.shape}.")
+        raise DeformError(
+            f"the {what} must be {least} to {LARGEST_SHAPE} places of {' or '.join(map(str, dims))} "
+            f"coordinates, got shape {array.shape}."
+        )
     if not np.isfinite(array).all() or np.abs(array).max(initial=0.0) > 1e15:
         raise DeformError(f"the {what} must be finite numbers below 1e15.")
     return array
@@ -242,7 +245,7 @@ class _Outline(AbstractRegion):
         low, high = np.zeros(len(edge)), np.ones(len(edge))
         if not self.is_closed:
             low[0], high[-1] = -np.inf, np.inf
-        normal = xp.stack([-edge[:, 1], edge[:, 0]], axis=-1) / xp.sqrt((edge ** 2).sum(-1, keepdims=True))
+        normal = xp.stack([-edge[:, 1], edge[:, 0]], axis=-1) / xp.sqrt((edge**2).sum(-1, keepdims=True))
         if self.is_closed:
             w = v - v[:1]  # far from the origin the products would cancel
             normal = normal * xp.where(_cross(w, xp.roll(w, -1, axis=0)).sum() > 0, -1.0, 1.0)
@@ -331,8 +334,10 @@ class Line(_Outline):
         object.__setattr__(self, "vertices", tuple(map(tuple, v.tolist())))
         stops = any_array(self.stops)
         if stops.shape != (2,) or stops.dtype != np.bool_:
-            raise DeformError("the stops of a line are two of True and False, for its first vertex and its last, got "
-                              f"{self.stops!r:.60}.")
+            raise DeformError(
+                "the stops of a line are two of True and False, for its first vertex and its last, got "
+                f"{self.stops!r:.60}."
+            )
         object.__setattr__(self, "stops", tuple(stops.tolist()))
         _refuse_crossing(v, "line (its ends go on straight)", is_closed=False)
 
@@ -369,7 +374,7 @@ class Line(_Outline):
         """The places where a cut stops, each with the direction in which the line would go on, divided by L."""
         v = xp.asarray(self.vertices, dtype=float) if xp is np else xp.asarray(self.vertices)
         edges = v[1:] - v[:-1]
-        lengths = xp.sqrt((edges ** 2).sum(-1))
+        lengths = xp.sqrt((edges**2).sum(-1))
         ends = ((v[0], -edges[0] / lengths[0]), (v[-1], edges[-1] / lengths[-1]))
         return [(tip, 2.0 * e / lengths.sum()) for (tip, e), is_tip in zip(ends, self.stops, strict=True) if is_tip]
 
@@ -410,8 +415,13 @@ def _refuse_crossing(v: NDArray[np.float64], what: str, *, is_closed: bool) -> N
         raise DeformError(f"the {what} crosses itself: its edges {i + 1} and {j + 1} meet. Draw it without a loop.")
 
 
-def _meet(start: NDArray[np.float64], edge: NDArray[np.float64], length: NDArray[np.float64], low: NDArray[np.float64],
-          high: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _meet(
+    start: NDArray[np.float64],
+    edge: NDArray[np.float64],
+    length: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> NDArray[np.bool_]:
     """Pairs of edges ``start + t edge``, t from low to high, that have a place in common."""
     away, d, e = start[None] - start[:, None], edge[:, None], edge[None]
     size, det = length[:, None] * length[None], _cross(d, e)
@@ -508,16 +518,21 @@ class Mask(AbstractRegion):
         flat = np.zeros((counts[1], counts[0]), dtype=bool)
         # What hides the rest is enough; on an oblique picture places so dense that no pixel between others stays empty.
         depth = int(along.argmax(axis=1).sum()) - 1  # of the array: the axis that is neither u nor v
-        surface = (self.values.any(axis=depth, keepdims=True) if is_aligned
-                   else self.values & ~ndimage.binary_erosion(self.values))
+        surface = (
+            self.values.any(axis=depth, keepdims=True)
+            if is_aligned
+            else self.values & ~ndimage.binary_erosion(self.values)
+        )
         index = np.argwhere(surface)[:, ::-1].astype(np.float64)
         counted = [1 if is_aligned else int(np.ceil(2 * s / min(grid.spacing))) for s in grid.spacing]
         for offset in product(*((np.arange(n) + 0.5) / n - 0.5 for n in counted)):
             at = plane.to_plane(grid.index_to_point(index + np.array(offset)))[:, :2]
             cell = np.clip(np.round((at - origin) / spacing).astype(int), 0, counts - 1)
             flat[cell[:, 1], cell[:, 0]] = True
-        return Mask(flat, Raster((int(counts[1]), int(counts[0])), (spacing[0], spacing[1]),
-                                 (float(origin[0]), float(origin[1]))))
+        return Mask(
+            flat,
+            Raster((int(counts[1]), int(counts[0])), (spacing[0], spacing[1]), (float(origin[0]), float(origin[1]))),
+        )
 
     @property
     def dim(self) -> int:
@@ -601,7 +616,7 @@ def _box_distance(values: NDArray[np.bool_], spacing: NDArray[np.float64]) -> ND
     square = np.zeros(values.shape)
     for axis, (at, h) in enumerate(zip(nearest, spacing, strict=True)):
         own = np.arange(values.shape[axis]).reshape([-1 if k == axis else 1 for k in range(values.ndim)])
-        square += np.maximum(np.abs(at - own) - 0.5, 0.0) ** 2 * h ** 2
+        square += np.maximum(np.abs(at - own) - 0.5, 0.0) ** 2 * h**2
     return np.sqrt(square)
 
 

@@ -90,8 +90,9 @@ class RigidMotion:
         object.__setattr__(self, "shift", tuple(t.tolist()))
 
     @classmethod
-    def turn(cls, degrees: float, about: ArrayLike, shift: ArrayLike | None = None,
-             axis: ArrayLike | None = None) -> RigidMotion:
+    def turn(
+        cls, degrees: float, about: ArrayLike, shift: ArrayLike | None = None, axis: ArrayLike | None = None
+    ) -> RigidMotion:
         """A turn about a place, then a shift.
 
         Parameters
@@ -188,8 +189,9 @@ _WEIGHT_SLOPES: dict[str, Callable[[Any], Any]] = {
 """The derivatives of :data:`WEIGHTS`."""
 
 
-def drift_and_weight(x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...],
-            xp: Any) -> tuple[Any, Any]:
+def drift_and_weight(
+    x: Any, back: list[Any], distances: list[Any], scales: Any, weights: tuple[str, ...], xp: Any
+) -> tuple[Any, Any]:
     """L(x) - x and w(x) from every part's motion and distance."""
     weight = weight_of(distances, scales, weights, xp)
     if len(back) == 1:
@@ -212,8 +214,7 @@ def weight_of(distances: list[Any], scales: Any, weights: tuple[str, ...], xp: A
     return weight
 
 
-def weight_gradient(distances: list[Any], slopes: list[Any], scales: Any,
-                    weights: tuple[str, ...]) -> tuple[Any, Any]:
+def weight_gradient(distances: list[Any], slopes: list[Any], scales: Any, weights: tuple[str, ...]) -> tuple[Any, Any]:
     """w (n) and its gradient (n, dim), from every part's distance (n) and the gradient of that."""
     units = [d / float(s) for d, s in zip(distances, scales, strict=True)]
     values = [WEIGHTS[name](t) for t, name in zip(units, weights, strict=True)]
@@ -224,8 +225,9 @@ def weight_gradient(distances: list[Any], slopes: list[Any], scales: Any,
     return np.prod(values, axis=0), gradient
 
 
-def drift_gradient(x: NDArray[np.float64], back: list[Any], distances: list[Any], slopes: list[Any],
-                   matrices: Any) -> NDArray[np.float64]:
+def drift_gradient(
+    x: NDArray[np.float64], back: list[Any], distances: list[Any], slopes: list[Any], matrices: Any
+) -> NDArray[np.float64]:
     """The derivative (n, dim, dim) of L(x) - x.
 
     With the shares ``p_k = d_k^-2 / sum_j d_j^-2`` of the parts, ``dp_k = 2 p_k (sum_j p_j q_j - q_k)`` and
@@ -237,8 +239,10 @@ def drift_gradient(x: NDArray[np.float64], back: list[Any], distances: list[Any]
     least = np.min(distances, axis=0)
     raw = [np.where(d > least, (least / np.where(d > 0, d, 1.0)) ** 2, 1.0) for d in distances]
     shares = [r / sum(raw) for r in raw]
-    rates = [np.where(d[:, None] > 0, g / np.where(d > 0, d, 1.0)[:, None], 0.0)
-             for d, g in zip(distances, slopes, strict=True)]
+    rates = [
+        np.where(d[:, None] > 0, g / np.where(d > 0, d, 1.0)[:, None], 0.0)
+        for d, g in zip(distances, slopes, strict=True)
+    ]
     mean = sum(p[:, None] * q for p, q in zip(shares, rates, strict=True))
     out = np.zeros((*x.shape, x.shape[1]))
     for p, q, y, turn in zip(shares, rates, back, turns, strict=True):
@@ -261,18 +265,26 @@ _kept: OrderedDict[Any, NDArray[np.float32]] = OrderedDict()
 _keeping = threading.Lock()
 
 
-def kept_distances(region: AbstractRegion, matrix: NDArray[np.float64], shift: NDArray[np.float64],
-                   rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float32]:
+def kept_distances(
+    region: AbstractRegion,
+    matrix: NDArray[np.float64],
+    shift: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+) -> NDArray[np.float32]:
     """Distances (R, C) of a part from the places ``rows[:, r] + columns[:, c]``, measured where these lie in it.
 
     They are cached from the last edit if they are the same: a drag moves points, and no parts.
     """
-    return _remembered((region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes()),
-                       lambda: np.maximum(region.signed_distance(_outer_sum(rows, columns) @ matrix.T + shift), 0.0))
+    return _remembered(
+        (region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes()),
+        lambda: np.maximum(region.signed_distance(_outer_sum(rows, columns) @ matrix.T + shift), 0.0),
+    )
 
 
-def kept_gradients(region: AbstractRegion, rows: NDArray[np.float64],
-                   columns: NDArray[np.float64]) -> NDArray[np.float32]:
+def kept_gradients(
+    region: AbstractRegion, rows: NDArray[np.float64], columns: NDArray[np.float64]
+) -> NDArray[np.float32]:
     """The same for distances beside a part that stays, with their gradients: (R C, 1 + dim)."""
 
     def make() -> NDArray[np.float64]:
@@ -353,8 +365,10 @@ class RigidPart:
         if self.pivot is not None:
             pivot = _numbers(self.pivot)
             if pivot.shape != (self.region.dim,) or not np.isfinite(pivot).all():
-                raise DeformError(f"the pivot of a rigid part in {self.region.dim} dimensions must be as many finite "
-                                  f"numbers, got {self.pivot}.")
+                raise DeformError(
+                    f"the pivot of a rigid part in {self.region.dim} dimensions must be as many finite "
+                    f"numbers, got {self.pivot}."
+                )
             object.__setattr__(self, "pivot", tuple(pivot.tolist()))
 
     @property
@@ -442,8 +456,9 @@ class RigidInterpolant(AbstractField):
             return super().jacobian_on_outer_sum(r, c)
         measured = [kept_gradients(region, r, c) for region in self.regions]  # a drag moves no parts
         shape = (r.shape[1], c.shape[1])
-        weight, rate = weight_gradient([m[:, 0] for m in measured], [m[:, 1:] for m in measured], self.scales,
-                                       self.weights)
+        weight, rate = weight_gradient(
+            [m[:, 0] for m in measured], [m[:, 1:] for m in measured], self.scales, self.weights
+        )
         base = self.base.on_outer_sum(r, c, 1.0)
         rate = np.moveaxis(rate.reshape(*shape, self.dim), -1, 0)
         out = weight.reshape(shape) * self.base.jacobian_on_outer_sum(r, c) + base[:, None] * rate[None]
@@ -472,9 +487,15 @@ def _is_still(matrix: Any, shift: Any) -> bool:
     return bool((np.asarray(matrix) == np.eye(len(shift))).all() and not np.asarray(shift).any())
 
 
-def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str = "wendland_c2",
-              support: float | None = None, trend: str = "affine",
-              smoothing: float = 0.0) -> RBFInterpolant | LocalFits | RigidInterpolant:
+def fit_rigid(
+    points: ControlPoints,
+    parts: Sequence[RigidPart],
+    *,
+    kernel: str = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+) -> RBFInterpolant | LocalFits | RigidInterpolant:
     """Fit control points beside rigid parts (Eq. 6).
 
     Parameters
@@ -518,14 +539,27 @@ def fit_rigid(points: ControlPoints, parts: Sequence[RigidPart], *, kernel: str 
         support = choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
     scales = np.array([_scale(p, d[free]) for p, d in zip(chosen, distances, strict=True)])
     weights = tuple(p.weight for p in chosen)
-    drift, weight = drift_and_weight(x[free], [y[free] for y in moved], [d[free] for d in distances], scales,
-                                     weights, np)
+    drift, weight = drift_and_weight(
+        x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np
+    )
     rest = points.take(np.flatnonzero(free))
     required = (rest.displacement - drift) / weight[:, None]
-    base = fit_rbf(replace(rest, source=rest.target + required, weight=rest.weight * weight**2), kernel=kernel,
-                   support=support, trend="none" if raw else trend, smoothing=smoothing)
-    return RigidInterpolant(base, tuple(p.region for p in chosen), np.stack(back), np.stack(shifts), scales, weights,
-                            (*notes, *base.remarks))
+    base = fit_rbf(
+        replace(rest, source=rest.target + required, weight=rest.weight * weight**2),
+        kernel=kernel,
+        support=support,
+        trend="none" if raw else trend,
+        smoothing=smoothing,
+    )
+    return RigidInterpolant(
+        base,
+        tuple(p.region for p in chosen),
+        np.stack(back),
+        np.stack(shifts),
+        scales,
+        weights,
+        (*notes, *base.remarks),
+    )
 
 
 # Samples along each side of the box of a part, to find what two parts have in common.
@@ -552,11 +586,15 @@ Separate the parts, or give them one motion.',)
         for other_name, other in chosen[k + 1 :]:
             overlap, contact = _in_common(part, other)
             if overlap:
-                found.append(f"rigid parts {name} and {other_name} hold the same tissue and move it to different "
-                             "places: their motions are blended there. Separate the parts, or give them one motion.")
+                found.append(
+                    f"rigid parts {name} and {other_name} hold the same tissue and move it to different "
+                    "places: their motions are blended there. Separate the parts, or give them one motion."
+                )
             elif contact:
-                found.append(f"rigid parts {name} and {other_name} are pushed into each other: tissue of both is "
-                             "lost there. Move them apart.")
+                found.append(
+                    f"rigid parts {name} and {other_name} are pushed into each other: tissue of both is "
+                    "lost there. Move them apart."
+                )
     return tuple(found)
 
 
@@ -683,8 +721,10 @@ def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
             raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
     raw = any(part.weight == "distance" for part in parts)
     if raw and kernel_named(kernel).order > 0:
-        raise DeformError(f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
-                          "needs one; take the weight 'saturated' or a Wendland kernel.")
+        raise DeformError(
+            f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
+            "needs one; take the weight 'saturated' or a Wendland kernel."
+        )
     return raw
 
 
@@ -694,8 +734,12 @@ def _size_of(points: ControlPoints) -> float:
     return float(np.linalg.norm(np.ptp(places, axis=0))) if len(points) else 0.0
 
 
-def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Sequence[NDArray[np.float64]],
-                 distances: NDArray[np.float64]) -> tuple[NDArray[np.bool_], list[str]]:
+def _free_points(
+    points: ControlPoints,
+    parts: Sequence[RigidPart],
+    moved: Sequence[NDArray[np.float64]],
+    distances: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], list[str]]:
     """Mask of active points beside all parts; refuses one that a part holds and that requires another displacement."""
     free, notes = points.active.copy(), []
     size = _size_of(points)
@@ -706,8 +750,10 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
             required, done = points.source[k], moved[h][k]
             if np.linalg.norm(required - done) > SAME_MOTION * size:
                 held = "is fixed" if parts[h].motion is None else "has a motion of its own"
-                raise DeformError(f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
-                                  "point, or change the part.")
+                raise DeformError(
+                    f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
+                    "point, or change the part."
+                )
         if len(holders):
             free[k] = False
             if points.displacement[k].any():
@@ -715,8 +761,9 @@ def _free_points(points: ControlPoints, parts: Sequence[RigidPart], moved: Seque
             continue
         torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
         if torn is not None:
-            notes.append(f"{points.label(k)} takes hold of {torn.label}, which does not follow: its tissue is seen "
-                         "twice")
+            notes.append(
+                f"{points.label(k)} takes hold of {torn.label}, which does not follow: its tissue is seen twice"
+            )
     return free, notes
 
 

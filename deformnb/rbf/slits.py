@@ -109,8 +109,10 @@ class TipBlend(AbstractField):
             w = self.lines[k].opening(source)[..., None]
             slope = np.einsum("...i,...ij->...j", self.lines[k].opening_gradient(source), turned)
             half = 1 << k
-            slopes = [p + w[..., None] * (q - p) + (b - a)[..., :, None] * slope[..., None, :] for p, q, a, b in zip(
-                slopes[:half], slopes[half:], moves[:half], moves[half:], strict=True)]
+            slopes = [
+                p + w[..., None] * (q - p) + (b - a)[..., :, None] * slope[..., None, :]
+                for p, q, a, b in zip(slopes[:half], slopes[half:], moves[:half], moves[half:], strict=True)
+            ]
             moves = _one_less(moves, w)
         return slopes[0]
 
@@ -154,16 +156,23 @@ def check_slits(cuts: Sequence[AbstractRegion], rule: str) -> None:
     """
     count = sum(map(is_slit, cuts))
     if count > MOST_SLITS:
-        raise DeformError(f"at most {MOST_SLITS} cuts of a step may stop inside the body, got {count}; let one go on "
-                          "to the border, or put it in a step of its own.")
+        raise DeformError(
+            f"at most {MOST_SLITS} cuts of a step may stop inside the body, got {count}; let one go on "
+            "to the border, or put it in a step of its own."
+        )
     if count and rule == "paper":
-        raise DeformError('the rule "paper" of cuts (Eq. 8) hides what crosses a line, also where that has stopped; '
-                          'use the rule "source", or let the cuts go on to the border.')
+        raise DeformError(
+            'the rule "paper" of cuts (Eq. 8) hides what crosses a line, also where that has stopped; '
+            'use the rule "source", or let the cuts go on to the border.'
+        )
 
 
-def fits_beside_slits(points: ControlPoints, cuts: Sequence[AbstractRegion],
-                      fit: Callable[[Sides, ControlPoints, Any], Fit],
-                      previous: Mapping[Sides, Any]) -> dict[Sides, TipBlend]:
+def fits_beside_slits(
+    points: ControlPoints,
+    cuts: Sequence[AbstractRegion],
+    fit: Callable[[Sides, ControlPoints, Any], Fit],
+    previous: Mapping[Sides, Any],
+) -> dict[Sides, TipBlend]:
     """Blended fits of every region between cuts of which some stop; none if no point is active.
 
     Parameters
@@ -176,8 +185,9 @@ def fits_beside_slits(points: ControlPoints, cuts: Sequence[AbstractRegion],
     active = points.take(np.flatnonzero(points.active))
     if not len(active):
         return {}
-    subsets = [[k for k in range(len(cuts)) if k not in stop or bits >> stop.index(k) & 1]
-               for bits in range(1 << len(stop))]
+    subsets = [
+        [k for k in range(len(cuts)) if k not in stop or bits >> stop.index(k) & 1] for bits in range(1 << len(stop))
+    ]
     groups: list[dict[Sides, ControlPoints]]
     groups = [points_of_regions(active, [cuts[k] for k in some]) if some else {(): active} for some in subsets]
     known: dict[tuple[int, Sides], Fit] = {}

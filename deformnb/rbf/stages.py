@@ -106,9 +106,18 @@ Fit = RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant | Staged
 """Fit of a set of control points; all have notes, ids and a trend."""
 
 
-def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages: int = 1, kernel: str = "wendland_c2",
-               support: float | None = None, trend: str = "affine", smoothing: float = 0.0,
-               direction: str = "backward", previous: Fit | None = None) -> Fit:
+def fit_points(
+    points: ControlPoints,
+    parts: Sequence[RigidPart] = (),
+    *,
+    stages: int = 1,
+    kernel: str = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+    direction: str = "backward",
+    previous: Fit | None = None,
+) -> Fit:
     """Fit control points, beside rigid parts if there are some, in one go or in stages.
 
     Parameters
@@ -139,26 +148,34 @@ def fit_points(points: ControlPoints, parts: Sequence[RigidPart] = (), *, stages
     settings: dict[str, Any] = {"kernel": kernel, "trend": trend, "smoothing": smoothing}
     if stages == 1:
         if direction == "forward":
-            return fit_forward(points, support=support, previous=previous if isinstance(previous, ForwardFit) else None,
-                               **settings)
+            return fit_forward(
+                points, support=support, previous=previous if isinstance(previous, ForwardFit) else None, **settings
+            )
         if any(part.enabled for part in parts):
             return fit_rigid(points, parts, support=support, **settings)
         kept = previous if isinstance(previous, RBFInterpolant | LocalFits) else None
         return fit_rbf(points, support=support, previous=kept, **settings)
     settings["support"] = support or choose_support([oriented(points, direction)], **settings)
-    return Staged(tuple(_fit_stage(_part_of_way(points, j, stages), parts, direction, settings, j, stages)
-                        for j in range(1, stages + 1)))
+    return Staged(
+        tuple(
+            _fit_stage(_part_of_way(points, j, stages), parts, direction, settings, j, stages)
+            for j in range(1, stages + 1)
+        )
+    )
 
 
 def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
     """Refuse a number of stages that cannot be done, naming the part that stands in the way."""
     if isinstance(stages, bool) or not isinstance(stages, int | np.integer) or not 1 <= stages <= MOST_STAGES:
-        raise DeformError(f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got "
-                          f"{shown_value(stages)}.")
+        raise DeformError(
+            f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got {shown_value(stages)}."
+        )
     moving = next((p for p in parts if p.enabled and p.motion is not None), None)
     if stages > 1 and moving is not None:
-        raise DeformError(f"{moving.label} has a motion of its own, which is not done in stages; hold it still, switch "
-                          "it off, or set the stages of the step back to 1.")
+        raise DeformError(
+            f"{moving.label} has a motion of its own, which is not done in stages; hold it still, switch "
+            "it off, or set the stages of the step back to 1."
+        )
 
 
 def check_parts_of_direction(direction: str, parts: Sequence[RigidPart]) -> None:
@@ -166,8 +183,10 @@ def check_parts_of_direction(direction: str, parts: Sequence[RigidPart]) -> None
     check_direction(direction)
     part = next((p for p in parts if p.enabled), None)
     if direction == "forward" and part is not None:
-        raise DeformError(f"{part.label} cannot be held beside a fit forward; set the direction of the step to "
-                          "backward, or switch the part off.")
+        raise DeformError(
+            f"{part.label} cannot be held beside a fit forward; set the direction of the step to "
+            "backward, or switch the part off."
+        )
 
 
 def _part_of_way(points: ControlPoints, j: int, stages: int) -> ControlPoints:
@@ -176,8 +195,9 @@ def _part_of_way(points: ControlPoints, j: int, stages: int) -> ControlPoints:
     return replace(points, source=points.source + (j - 1) / stages * way, target=last.copy())
 
 
-def _fit_stage(points: ControlPoints, parts: Sequence[RigidPart], direction: str, settings: dict[str, Any], j: int,
-               stages: int) -> RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant:
+def _fit_stage(
+    points: ControlPoints, parts: Sequence[RigidPart], direction: str, settings: dict[str, Any], j: int, stages: int
+) -> RBFInterpolant | LocalFits | ForwardFit | RigidInterpolant:
     try:
         if direction == "forward":
             return fit_forward(points, **settings)

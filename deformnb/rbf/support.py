@@ -93,8 +93,14 @@ def usual_support(points: ControlPoints, kernel: type[AbstractKernel]) -> float 
     return min(usual if usual >= size else max(usual, shortest_support(points)), longest_support(points, kernel))
 
 
-def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[AbstractKernel] = "wendland_c2",
-                   trend: str = "affine", smoothing: float = 0.0, current: float | None = None) -> float | None:
+def choose_support(
+    sets: Sequence[ControlPoints],
+    *,
+    kernel: str | type[AbstractKernel] = "wendland_c2",
+    trend: str = "affine",
+    smoothing: float = 0.0,
+    current: float | None = None,
+) -> float | None:
     """The support radius for sets of control points by which they predict best what no point is at.
 
     Candidates are the kernel's shares of the diameter of the set (the largest distance between two points) that are not
@@ -137,8 +143,11 @@ def choose_support(sets: Sequence[ControlPoints], *, kernel: str | type[Abstract
     least = min(limit, max(map(shortest_support, used)))
     usual = max(least, min(kind.shares[len(kind.shares) // 2] * max(sizes), limit))
     radii = [share * max(sizes) for share in kind.shares if _is_within(share * max(sizes), least, limit)]
-    informative = [points for points in used if np.count_nonzero(points.displacement.any(axis=1)) > 1 + parameters_of(
-        trend, points.dim)]
+    informative = [
+        points
+        for points in used
+        if np.count_nonzero(points.displacement.any(axis=1)) > 1 + parameters_of(trend, points.dim)
+    ]
     if len(radii) < 2 or not informative or max(map(len, used)) > LARGEST_SET:
         return usual
     if current is not None and _is_within(current, least, limit):
@@ -160,14 +169,16 @@ def _is_within(radius: float, least: float, most: float) -> bool:
     return least * (1 - SAME_DISTANCE) <= radius <= most * (1 + SAME_DISTANCE)
 
 
-def _errors_of(sets: Sequence[ControlPoints], radii: Sequence[float], kernel: type[AbstractKernel], trend: str,
-               smoothing: float) -> dict[float, NDArray[np.float64]]:
+def _errors_of(
+    sets: Sequence[ControlPoints], radii: Sequence[float], kernel: type[AbstractKernel], trend: str, smoothing: float
+) -> dict[float, NDArray[np.float64]]:
     """Squared errors of prediction of all sets together by radius; radii that cannot be fitted are missing."""
     errors = {}
     for radius in radii:
         with contextlib.suppress(np.linalg.LinAlgError, DeformError):  # the fit itself raises the error
-            errors[radius] = np.concatenate([_squared_errors(points, radius, kernel, trend, smoothing)
-                                             for points in sets])
+            errors[radius] = np.concatenate(
+                [_squared_errors(points, radius, kernel, trend, smoothing) for points in sets]
+            )
     if not errors:
         return {}
     known = np.isfinite(np.stack(list(errors.values()))).all(axis=0)
@@ -181,8 +192,11 @@ def _alike(errors: Mapping[float, NDArray[np.float64]]) -> list[float]:
     best = min(errors, key=lambda radius: float(errors[radius].mean()))
     least = float(errors[best].mean())
     excess = {radius: squared - errors[best] for radius, squared in errors.items()}
-    return [radius for radius, e in excess.items()
-            if e.mean() <= max(e.std(ddof=1) / np.sqrt(len(e)), ((1 + _ALIKE) ** 2 - 1) * least)]
+    return [
+        radius
+        for radius, e in excess.items()
+        if e.mean() <= max(e.std(ddof=1) / np.sqrt(len(e)), ((1 + _ALIKE) ** 2 - 1) * least)
+    ]
 
 
 def _folds(points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str, smoothing: float) -> bool:
@@ -192,12 +206,16 @@ def _folds(points: ControlPoints, radius: float, kernel: type[AbstractKernel], t
     if fit.missed > ready.missed:
         raise DeformError("a support with which the points are missed is no choice.")
     sample = sample_of(ready.targets)
-    return fit.folds_at(places_between(ready.targets[sample])) if len(sample) < ready.count else (
-        fit.folds_between_points())
+    return (
+        fit.folds_at(places_between(ready.targets[sample]))
+        if len(sample) < ready.count
+        else (fit.folds_between_points())
+    )
 
 
-def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str,
-                    smoothing: float) -> NDArray[np.float64]:
+def _squared_errors(
+    points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str, smoothing: float
+) -> NDArray[np.float64]:
     """Squared lengths of the errors of active points that are left out, alone and with those around them."""
     sample = sample_of(at_rest(points))
     if len(sample) < len(points):
@@ -208,9 +226,10 @@ def _squared_errors(points: ControlPoints, radius: float, kernel: type[AbstractK
     is_shrunk = ready.trend in ("affine", "quadratic") and ready.span.ridge.any()
     rule = "similarity" if is_shrunk and kernel.order < 3 else ready.trend
     balls = balls_of(ready.relative, 1 + parameters_of(ready.trend, points.dim))
-    errors = radius * prediction_errors(ready.relative, ready.displacements / radius, kernel, rule,
-                                        smoothing / ready.weights, balls)
-    return np.asarray(errors[ready.place_of]**2).ravel()  # as many for each radius, though merged for some
+    errors = radius * prediction_errors(
+        ready.relative, ready.displacements / radius, kernel, rule, smoothing / ready.weights, balls
+    )
+    return np.asarray(errors[ready.place_of] ** 2).ravel()  # as many for each radius, though merged for some
 
 
 def check_support(support: Any) -> None:
@@ -218,5 +237,7 @@ def check_support(support: Any) -> None:
     if support is None or (isinstance(support, str) and support in SUPPORT_RULES):
         return
     if not (is_finite(support) and support > 0):
-        raise DeformError("the support radius must be a positive length, None or one of "
-                          f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}.")
+        raise DeformError(
+            "the support radius must be a positive length, None or one of "
+            f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}."
+        )

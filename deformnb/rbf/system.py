@@ -33,8 +33,18 @@ class Solved(NamedTuple):
     quadratic: Any = None
 
 
-def solve(x: Any, d: Any, active: Any, nugget: Any, span: Span, turn: Any, scales: Any = None, *,
-          kernel: type[AbstractKernel], trend: str) -> Solved:
+def solve(
+    x: Any,
+    d: Any,
+    active: Any,
+    nugget: Any,
+    span: Span,
+    turn: Any,
+    scales: Any = None,
+    *,
+    kernel: type[AbstractKernel],
+    trend: str,
+) -> Solved:
     """The fit as a pure, differentiable function of relative targets x (C, dim) and displacements d (C, dim).
 
     ``active`` (C,) masks the padding, ``nugget`` (C,) is lambda / weight, ``span`` is what the centred points
@@ -101,8 +111,9 @@ def _inverse_of(phi: Any) -> Any:
     return lambda b: jax.scipy.linalg.cho_solve(factor, b)
 
 
-def _least_energy(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel],
-                  trend: str) -> tuple[Any, Any, Any]:
+def _least_energy(
+    phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, kernel: type[AbstractKernel], trend: str
+) -> tuple[Any, Any, Any]:
     """Alpha = W (d - A x), t = mean(d) - A mean(x), with the A of least energy; ``mean`` is kriging's."""
     dim = x.shape[1]
     rhs = jnp.concatenate([x, d], axis=1)
@@ -148,8 +159,9 @@ def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, tr
     return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
 
 
-def _bordered(phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None,
-              quadrics: Any = None) -> tuple[Any, Any, Any, Any]:
+def _bordered(
+    phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None, quadrics: Any = None
+) -> tuple[Any, Any, Any, Any]:
     """Eqs. 3-4 as printed, for kernels of order 2 and 3: [Phi P; P^T 0], P = (1, x on the span of the points).
 
     For order 3 P has the quadratic products ``q`` (C, k) too, in the combinations ``quadrics`` (k, r) that the points
@@ -217,8 +229,7 @@ def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, 
     return Solved(alpha, linear, constant, miss, None if bent is None else quadratic_forms(bent, dim))
 
 
-def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Floats, *, order: int,
-                   trend: str) -> Solved:
+def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Floats, *, order: int, trend: str) -> Solved:
     """The fit of :func:`solve` for a kernel of order 1 or 2 by a bordered matrix that is factored.
 
     Parameters
@@ -251,8 +262,9 @@ def _refined(matrix: Matrix, found: Floats, given: Floats) -> tuple[Floats, Floa
     return found, miss
 
 
-def _linear_on_host(x: Floats, d: Floats, moments: tuple[Floats, Floats] | None, span: Span, turn: Floats,
-                    trend: str) -> Floats:
+def _linear_on_host(
+    x: Floats, d: Floats, moments: tuple[Floats, Floats] | None, span: Span, turn: Floats, trend: str
+) -> Floats:
     """As :func:`_linear_part` of arrays; without moments of an energy all points count alike."""
     if moments is not None and trend == "affine" and not span.ridge.any():  # of most fits; the rule is H S^-1 then
         with contextlib.suppress(np.linalg.LinAlgError):

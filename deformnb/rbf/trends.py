@@ -156,8 +156,9 @@ def trend_named(name: str) -> Trend:
         raise DeformError(f"unknown trend {shown_value(name)}; choose one of {', '.join(TRENDS)}.") from None
 
 
-def thin_directions(xx: NDArray[np.float64], yy: NDArray[np.float64], yx: NDArray[np.float64]) -> tuple[
-        NDArray[np.float64], NDArray[np.float64]]:
+def thin_directions(
+    xx: NDArray[np.float64], yy: NDArray[np.float64], yx: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Principal directions of control points, and how far the points spread along each, relative to the longest.
 
     A direction is as thin as it is in the targets or, turned back by the best rotation, in the sources: a map between
@@ -187,8 +188,9 @@ def thin_directions(xx: NDArray[np.float64], yy: NDArray[np.float64], yx: NDArra
     return vectors, np.sqrt(values / values[..., :1])
 
 
-def spreads_of(targets: NDArray[np.float64], sources: NDArray[np.float64]) -> tuple[NDArray[np.float64],
-                                                                                  NDArray[np.float64]]:
+def spreads_of(
+    targets: NDArray[np.float64], sources: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """:func:`thin_directions` of places (n, dim) at two places at least."""
     x, y = (places - places.mean(axis=0) for places in (targets, sources))
     x, y = (places / (spread_of(places) or 1.0) for places in (x, y))  # squares of tiny lengths would be zero
@@ -257,8 +259,9 @@ def quadratic_forms(coefficients: Any, dim: int) -> Any:
     return jnp.einsum("qm,qab->mab", coefficients, units)
 
 
-def quadric_span(centred: NDArray[np.float64], basis: NDArray[np.float64]) -> tuple[NDArray[np.float64],
-                                                                                    NDArray[np.float64]]:
+def quadric_span(
+    centred: NDArray[np.float64], basis: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The part of the :func:`products` that centred points determine beside affine maps.
 
     Parameters

@@ -116,8 +116,10 @@ def grey_pair(points: ControlPoints, moving: Pictured, fixed: Pictured) -> tuple
     for image, given in zip(pair, (moving, fixed), strict=True):
         if image.dim != points.dim:
             need = "pictures" if points.dim == 2 else "volumes"
-            raise DeformError(f"control points of {points.dim} dimensions are matched on {need}, got a "
-                              f"{type(given).__name__}; project the volume, or take points in space.")
+            raise DeformError(
+                f"control points of {points.dim} dimensions are matched on {need}, got a "
+                f"{type(given).__name__}; project the volume, or take points in space."
+            )
     return pair
 
 
@@ -186,8 +188,9 @@ class MultiscaleFit:
         to take one along by 17 pixels) do not find back at the finer ones.
         """
         pixel = self.moving.pixel
-        moving, fixed = (image.smoothed(factor * pixel / 2 if factor > 1 else 0.0)
-                         for image in (self.moving, self.fixed))
+        moving, fixed = (
+            image.smoothed(factor * pixel / 2 if factor > 1 else 0.0) for image in (self.moving, self.fixed)
+        )
         indices = [np.arange((n - 1) % factor // 2, n, factor, dtype=np.float64) for n in moving.values.shape]
         places = moving.points(*indices).reshape(-1, moving.dim)
         weights = fixed.covers(places).astype(np.float64)
@@ -195,12 +198,20 @@ class MultiscaleFit:
             raise DeformError("the two pictures do not overlap: they must lie in the same coordinates.")
         blocks = self._blocks(places)
         pad = (0, blocks.shape[0] * BLOCK - len(places))
-        sampled = SampledImage(np.pad(moving.values, 1), moving.matrix * self.support,
-                               moving.matrix @ self.origin + moving.offset + 1)
+        sampled = SampledImage(
+            np.pad(moving.values, 1), moving.matrix * self.support, moving.matrix @ self.origin + moving.offset + 1
+        )
         sampled, read, weights = _on_device([sampled, np.pad(fixed.at(places), pad), np.pad(weights, pad)])
-        return replace(self.first, moving=sampled, places=_on_device(blocks), fixed=read, weights=weights,
-                       lattice=self._lattice(_LATTICE), energy=self.first.energy * factor,
-                       unit=factor * pixel / self.support)
+        return replace(
+            self.first,
+            moving=sampled,
+            places=_on_device(blocks),
+            fixed=read,
+            weights=weights,
+            lattice=self._lattice(_LATTICE),
+            energy=self.first.energy * factor,
+            unit=factor * pixel / self.support,
+        )
 
     def _blocks(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Relative places in whole blocks, filled up with the first of them."""
@@ -236,13 +247,20 @@ class MultiscaleFit:
 
         reach = _REACH * self.moving.diagonal / self.support / objective.unit
         size = int(movable.sum()) * shape[1]
-        scipy.optimize.minimize(descend, np.zeros(size), jac=True, method="L-BFGS-B", bounds=[(-reach, reach)] * size,
-                                callback=lambda _: self.history.append((factor, self._alike)),
-                                options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH})
+        scipy.optimize.minimize(
+            descend,
+            np.zeros(size),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(-reach, reach)] * size,
+            callback=lambda _: self.history.append((factor, self._alike)),
+            options={"maxiter": self.iterations, "maxfun": most, "ftol": _ENOUGH},
+        )
         return objective.x + at * objective.unit
 
-    def _unfolded(self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any],
-                  floor: float) -> NDArray[np.float64]:
+    def _unfolded(
+        self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any], floor: float
+    ) -> NDArray[np.float64]:
         """As far on the way from one to the other as nothing folds."""
         for share in (1.0, 0.75, 0.5, 0.25, 0.1):
             x = before + share * (after - before)
@@ -296,10 +314,23 @@ class Fitted:
     support: float
 
 
-def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, kernel: str = "wendland_c2",
-                support: float | None = None, trend: str = "affine", smoothing: float = 0.0, stages: int = 1,
-                measure: str = "ncc", energy: float = 0.005, levels: Sequence[int] = (4, 2, 1), iterations: int = 40,
-                least: float = 0.05, progress: Progress | None = None) -> Fitted:
+def fit_targets(
+    points: ControlPoints,
+    moving: Pictured,
+    fixed: Pictured,
+    *,
+    kernel: str = "wendland_c2",
+    support: float | None = None,
+    trend: str = "affine",
+    smoothing: float = 0.0,
+    stages: int = 1,
+    measure: str = "ncc",
+    energy: float = 0.005,
+    levels: Sequence[int] = (4, 2, 1),
+    iterations: int = 40,
+    least: float = 0.05,
+    progress: Progress | None = None,
+) -> Fitted:
     """Move all targets so that the deformed moving picture looks like the fixed one.
 
     The similarity is differentiated through the fit and maximised by L-BFGS-B, coarse to fine. The energy of the fit
@@ -343,8 +374,15 @@ def fit_targets(points: ControlPoints, moving: Pictured, fixed: Pictured, *, ker
     pair = grey_pair(points, moving, fixed)
     start = fit_one_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     objective = initial_objective(points, start, smoothing, energy, alike, stages)
-    search = MultiscaleFit(objective, np.asarray(start.origin), float(start.support), *pair, iterations, least,
-                           progress or (lambda share: None))
+    search = MultiscaleFit(
+        objective,
+        np.asarray(start.origin),
+        float(start.support),
+        *pair,
+        iterations,
+        least,
+        progress or (lambda share: None),
+    )
     x, before, after, smallest = search.run(_checked_levels(levels, pair[0].values.size, points.dim))
     if x is not objective.x:
         at = _positions(points, start)
@@ -362,8 +400,10 @@ def _in_unit_of(moving: Pictured, points: ControlPoints, fixed: Pictured) -> tup
     if not isinstance(fixed, Picture):
         fixed = fixed.in_unit(own)
     elif own and other and own != other:
-        raise DeformError(f"the moving picture is of a volume in {own} and the fixed one of a volume in {other}; bring "
-                          f'them to one unit before they are projected: volume.in_unit("{own}").')
+        raise DeformError(
+            f"the moving picture is of a volume in {own} and the fixed one of a volume in {other}; bring "
+            f'them to one unit before they are projected: volume.in_unit("{own}").'
+        )
     return points.in_unit(own), fixed
 
 
@@ -395,8 +435,9 @@ def _positions(points: ControlPoints, start: RBFInterpolant) -> NDArray[np.int64
     return at
 
 
-def initial_objective(points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure,
-                      stages: int) -> Objective:
+def initial_objective(
+    points: ControlPoints, start: RBFInterpolant, smoothing: float, energy: float, alike: Measure, stages: int
+) -> Objective:
     """Targets, sources and settings of a fit, relative to its origin and support; without pictures."""
     at = _positions(points, start)
     n, size = len(at), len(start.centers)
@@ -405,8 +446,17 @@ def initial_objective(points: ControlPoints, start: RBFInterpolant, smoothing: f
     x[:n], source[:n] = ((a[at] - start.origin) / start.support for a in (points.target, points.source))
     free[:n, 0] = ~points.locked[at]
     nugget[:n] = smoothing / points.weight[at]
-    fitting = Fitting(source, np.arange(size) < n, nugget, start.scales, _span(x[:n], source[:n], start),
-                      np.eye(points.dim), start.kernel, start.trend, stages)
+    fitting = Fitting(
+        source,
+        np.arange(size) < n,
+        nugget,
+        start.scales,
+        _span(x[:n], source[:n], start),
+        np.eye(points.dim),
+        start.kernel,
+        start.trend,
+        stages,
+    )
     return Objective(x, free, fitting, (), float(energy), alike)
 
 
@@ -422,8 +472,10 @@ def _span(x: NDArray[np.float64], source: NDArray[np.float64], start: RBFInterpo
         return Span(np.eye(dim), nothing, *bent)
     if len(x) == 1:
         return Span(np.zeros((dim, 0)), nothing)
-    raise DeformError("the control points lie on one line or in one plane, where this affine trend is open; add one "
-                      "beside it, or take a Wendland kernel and the trend affine.")
+    raise DeformError(
+        "the control points lie on one line or in one plane, where this affine trend is open; add one "
+        "beside it, or take a Wendland kernel and the trend affine."
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -446,9 +498,18 @@ class Snapped:
     left: dict[int, str]
 
 
-def snap_to_match(points: ControlPoints, ids: Sequence[int] | None, moving: Pictured, fixed: Pictured, *,
-                  radius: float | None = None, search: float | None = None, map_now: AbstractField | None = None,
-                  progress: Progress | None = None, **fit: Any) -> Snapped:
+def snap_to_match(
+    points: ControlPoints,
+    ids: Sequence[int] | None,
+    moving: Pictured,
+    fixed: Pictured,
+    *,
+    radius: float | None = None,
+    search: float | None = None,
+    map_now: AbstractField | None = None,
+    progress: Progress | None = None,
+    **fit: Any,
+) -> Snapped:
     """Move the target of each point to where the fixed picture looks most like what is at the target now.
 
     What is at the target is the neighbourhood of the source in the moving picture, deformed as it is now. The
@@ -512,8 +573,9 @@ def _length(given: float | None, default: float, what: str) -> float:
 class _Window:
     """Lattices of shifts around a point, and how alike the pictures are at each."""
 
-    def __init__(self, moving: GreyImage, fixed: GreyImage, map_now: AbstractField, radius: float,
-                 search: float) -> None:
+    def __init__(
+        self, moving: GreyImage, fixed: GreyImage, map_now: AbstractField, radius: float, search: float
+    ) -> None:
         self._moving, self._fixed, self._map, self._search = moving, fixed, map_now, search
         self._radius = max(radius, 2 * moving.pixel)
         self._step = max(min(moving.pixel, fixed.pixel), (self._radius + search) / _MOST_STEPS[moving.dim])

@@ -178,8 +178,15 @@ class Slid:
     energy: tuple[float, ...]
 
 
-def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline: ArrayLike, *, count: int = 24,
-                iterations: int = 30, progress: Progress | None = None) -> Slid:
+def fit_outline(
+    points: ControlPoints,
+    source_outline: ArrayLike,
+    target_outline: ArrayLike,
+    *,
+    count: int = 24,
+    iterations: int = 30,
+    progress: Progress | None = None,
+) -> Slid:
     """Add points along one outline that go to another one.
 
     They are spread evenly by arc length on both; where the second begins is chosen so that the two, laid on one
@@ -204,14 +211,16 @@ def fit_outline(points: ControlPoints, source_outline: ArrayLike, target_outline
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
     if points.dim != 2:
         raise DeformError("outlines lie on a picture; points in space have none.")
-    source, target = (Curve(line if area(Curve(line).ring) > 0 else np.asarray(line)[::-1])
-                      for line in (source_outline, target_outline))
+    source, target = (
+        Curve(line if area(Curve(line).ring) > 0 else np.asarray(line)[::-1])
+        for line in (source_outline, target_outline)
+    )
     share = np.arange(count) / count
     ends = target.at((share + _begins(source, target)) * target.length)
     added = points
     for k, (start, end) in enumerate(zip(source.at(share * source.length), ends, strict=True)):
         added = added.add(start, end, name=f"outline {k + 1}")
-    new = added.ids[len(points):]
+    new = added.ids[len(points) :]
     return slide(added, [target.ring[:-1]], ids=new, iterations=iterations, progress=progress)
 
 
@@ -266,9 +275,16 @@ def _normed(points: Floats) -> NDArray[np.complex128]:
     return np.asarray(z / np.sqrt((np.abs(z) ** 2).mean()))
 
 
-def slide(points: ControlPoints, curves: Sequence[ArrayLike], *, fixed_ids: Sequence[int] = (),
-          ids: Sequence[int] | None = None, iterations: int = 30, closed: bool = True,
-          progress: Progress | None = None) -> Slid:
+def slide(
+    points: ControlPoints,
+    curves: Sequence[ArrayLike],
+    *,
+    fixed_ids: Sequence[int] = (),
+    ids: Sequence[int] | None = None,
+    iterations: int = 30,
+    closed: bool = True,
+    progress: Progress | None = None,
+) -> Slid:
     """Slide targets along their outlines to where the thin-plate spline of all active points bends least.
 
     Parameters
@@ -304,8 +320,11 @@ def slide(points: ControlPoints, curves: Sequence[ArrayLike], *, fixed_ids: Sequ
     if not found:
         raise DeformError("no point can slide: none that is free lies on the outline.")
     active = np.flatnonzero(points.active)
-    sliding = _Sliding(points.source[active], points.target[active],
-                       [(int(np.searchsorted(active, k)), curve, s) for k, curve, s in found])
+    sliding = _Sliding(
+        points.source[active],
+        points.target[active],
+        [(int(np.searchsorted(active, k)), curve, s) for k, curve, s in found],
+    )
     energy = [sliding.energy(sliding.s)]
     for n in range(iterations):
         if progress is not None:
@@ -321,8 +340,9 @@ def slide(points: ControlPoints, curves: Sequence[ArrayLike], *, fixed_ids: Sequ
     return Slid(replace(points, target=target), tuple(points.ids[k] for k, _, _ in found), tuple(energy))
 
 
-def _on_curves(points: ControlPoints, lines: list[Curve], fixed: set[int],
-               ids: Sequence[int] | None) -> list[tuple[int, Curve, float]]:
+def _on_curves(
+    points: ControlPoints, lines: list[Curve], fixed: set[int], ids: Sequence[int] | None
+) -> list[tuple[int, Curve, float]]:
     """Position, outline and arc length of every point that slides."""
     found = []
     for k, point in enumerate(points.ids):
@@ -401,6 +421,8 @@ def bending_matrix(source: ArrayLike) -> Floats:
     inner = free.T @ kernel @ free
     values = np.linalg.eigvalsh(inner) if n > 3 else np.ones(1)
     if n - free.shape[1] < 3 or values.min() < 1e-12 * values.max():
-        raise DeformError("the sources lie on one line, or two of them at one place: no thin-plate spline goes through "
-                          "them. Move or remove one.")
+        raise DeformError(
+            "the sources lie on one line, or two of them at one place: no thin-plate spline goes through "
+            "them. Move or remove one."
+        )
     return np.asarray(8 * np.pi / size**2 * free @ np.linalg.solve(inner, free.T))

@@ -178,20 +178,23 @@ def valued(moves: Any, objective: Objective) -> Value:
         fits, energy = _fit(x, objective.fitting)
         seen = [_see(p, fits, objective.fitting, objective.moving) for p in objective.places]
         det = [_determine(p, fits, objective.fitting) for p in objective.lattice]
-        alike, slopes = _compare(jnp.concatenate(seen), objective.fixed, objective.weights,
-                                 measure=objective.measure)
+        alike, slopes = _compare(jnp.concatenate(seen), objective.fixed, objective.weights, measure=objective.measure)
         rows = np.asarray(slopes).reshape(-1, BLOCK)
-        back = [_see_back(p, fits, objective.fitting, objective.moving, -row)
-                for p, row in zip(objective.places, rows, strict=True)]
+        back = [
+            _see_back(p, fits, objective.fitting, objective.moving, -row)
+            for p, row in zip(objective.places, rows, strict=True)
+        ]
         det = [np.asarray(d) for d in det]
         walls = [_barrier(d) for d in det]
-        back += [_determine_back(p, fits, objective.fitting, slope)
-                 for p, (_, slope) in zip(objective.lattice, walls, strict=True) if slope.any()]
+        back += [
+            _determine_back(p, fits, objective.fitting, slope)
+            for p, (_, slope) in zip(objective.lattice, walls, strict=True)
+            if slope.any()
+        ]
         total = jax.tree.map(lambda *parts: np.sum(parts, axis=0), *back)
         slope = np.asarray(_fit_back(x, objective.fitting, total, np.float64(objective.energy)))
     loss = objective.energy * float(energy) + sum(height for height, _ in walls) - float(alike)
-    return Value(loss, slope * objective.free * objective.unit, float(alike), float(energy),
-                 float(np.min(det)))
+    return Value(loss, slope * objective.free * objective.unit, float(alike), float(energy), float(np.min(det)))
 
 
 def least_det(x: NDArray[np.float64], fitting: Fitting, lattice: Any) -> float:
@@ -209,8 +212,17 @@ def _fits(x: Any, fitting: Fitting) -> tuple[Any, Any]:
     step = jnp.where(inner, (fitting.source - x) / fitting.stages, 0.0)
 
     def one(end: Any) -> Any:
-        alpha, linear, constant, _, bent = solve(end, step, fitting.active, fitting.nugget, fitting.span, fitting.turn,
-                                                 fitting.scales, kernel=fitting.kernel, trend=fitting.trend)
+        alpha, linear, constant, _, bent = solve(
+            end,
+            step,
+            fitting.active,
+            fitting.nugget,
+            fitting.span,
+            fitting.turn,
+            fitting.scales,
+            kernel=fitting.kernel,
+            trend=fitting.trend,
+        )
         left = jnp.where(inner, step - end @ linear.T - constant - _bent(end, bent), 0.0)
         # Radii of the points' own leave no energy that is never negative: what the trend leaves over stands for it.
         return (end, alpha, linear, constant, bent), jnp.sum((left if fitting.scales is not None else alpha) * left)
@@ -258,6 +270,7 @@ def read_linear(values: Any, index: Any) -> Any:
 
 def _determinants(p: Any, fits: Any, fitting: Fitting) -> Any:
     """Det of the Jacobian of the backward map, stage by stage along the way."""
+
     def stage(state: tuple[Any, Any], fit: Any) -> tuple[tuple[Any, Any], None]:
         (q, product), (centers, alpha, linear, _, bent) = state, fit
         slope = 2 * fitting.kernel.slope(_squares(q, centers, fitting.scales))
@@ -275,8 +288,9 @@ def _determinants(p: Any, fits: Any, fitting: Fitting) -> Any:
 def _det(j: list[list[Any]]) -> Any:
     if len(j) == 2:
         return j[0][0] * j[1][1] - j[0][1] * j[1][0]
-    return sum(j[0][k] * (j[1][(k + 1) % 3] * j[2][(k + 2) % 3] - j[1][(k + 2) % 3] * j[2][(k + 1) % 3])
-               for k in range(3))
+    return sum(
+        j[0][k] * (j[1][(k + 1) % 3] * j[2][(k + 2) % 3] - j[1][(k + 2) % 3] * j[2][(k + 1) % 3]) for k in range(3)
+    )
 
 
 def _barrier(det: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -299,10 +313,13 @@ def _pulled_back(function: Callable[[Any], Any], at: Any, slope: Any) -> Any:
 _fit = compiled(_fits)
 _fit_back = compiled(lambda x, fitting, slope, energy: _pulled_back(lambda y: _fits(y, fitting), x, (slope, energy)))
 _see = compiled(_seen)
-_see_back = compiled(lambda p, fits, fitting, moving, slope: _pulled_back(
-    lambda f: _seen(p, f, fitting, moving), fits, slope))
+_see_back = compiled(
+    lambda p, fits, fitting, moving, slope: _pulled_back(lambda f: _seen(p, f, fitting, moving), fits, slope)
+)
 _determine = compiled(_determinants)
-_determine_back = compiled(lambda p, fits, fitting, slope: _pulled_back(
-    lambda f: _determinants(p, f, fitting), fits, slope))
-_compare = compiled(lambda a, b, weights, measure: jax.value_and_grad(measure)(a, b, weights),
-                    static_argnames="measure")
+_determine_back = compiled(
+    lambda p, fits, fitting, slope: _pulled_back(lambda f: _determinants(p, f, fitting), fits, slope)
+)
+_compare = compiled(
+    lambda a, b, weights, measure: jax.value_and_grad(measure)(a, b, weights), static_argnames="measure"
+)

@@ -94,10 +94,16 @@ class Autosave:
     >>> autosave.close()
     """
 
-    def __init__(self, session: Session, folder: str | os.PathLike[str] | None = None, delay: float = 1.0, *,
-                 on_ready: Callable[[VolumeReference], None] | None = None,
-                 on_written: Callable[[SavedSession], None] | None = None,
-                 on_trouble: Callable[[str], object] | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        folder: str | os.PathLike[str] | None = None,
+        delay: float = 1.0,
+        *,
+        on_ready: Callable[[VolumeReference], None] | None = None,
+        on_written: Callable[[SavedSession], None] | None = None,
+        on_trouble: Callable[[str], object] | None = None,
+    ) -> None:
         self._job = job = _Job(session, Path(folder) if folder is not None else state_folder(), delay)
         job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
         self._session = weakref.ref(session)
@@ -203,8 +209,7 @@ class _Job:
         with self.changed:
             self.is_urgent = True
             self.changed.notify_all()
-            done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.is_done,
-                                         timeout)
+            done = self.changed.wait_for(lambda: (self.waiting is None and not self.is_busy) or self.is_done, timeout)
             self.is_urgent = False
             return done and self.waiting is None
 
@@ -256,8 +261,14 @@ class _Job:
             self._begin()
         assert self.entry is not None
         self.entry = replace(
-            self.entry, state=state, edited=snapshot.edited, index=snapshot.step, key=snapshot.key,
-            points=sum(len(m) for step in bare.steps for m in step.maps), steps=len(bare.steps))
+            self.entry,
+            state=state,
+            edited=snapshot.edited,
+            index=snapshot.step,
+            key=snapshot.key,
+            points=sum(len(m) for step in bare.steps for m in step.maps),
+            steps=len(bare.steps),
+        )
         write_session(self.entry, replace(bare, volume=self.reference))
         while self.replaced:
             mark(self.replaced.pop(), "restored")
@@ -417,8 +428,13 @@ class Recovery:
     >>> recovery.close()
     """
 
-    def __init__(self, session: Session, report: Callable[[str], object] = str, changed: Callable[[], object] = bool,
-                 **options: Any) -> None:
+    def __init__(
+        self,
+        session: Session,
+        report: Callable[[str], object] = str,
+        changed: Callable[[], object] = bool,
+        **options: Any,
+    ) -> None:
         self.session = session
         self.lost: list[SavedSession] = []
         self.earlier: list[SavedSession] = []
@@ -427,9 +443,14 @@ class Recovery:
         self._ready = threading.Event()
         self._differs = session.deformation if session.deformation.volume is not None else None
         self._folder = Path(options.pop("folder", None) or state_folder())
-        self.autosave = Autosave(session, self._folder,
-                                 on_ready=weakly(self, Recovery._find_lost), on_written=weakly(self, Recovery._note),
-                                 on_trouble=report, **options)
+        self.autosave = Autosave(
+            session,
+            self._folder,
+            on_ready=weakly(self, Recovery._find_lost),
+            on_written=weakly(self, Recovery._note),
+            on_trouble=report,
+            **options,
+        )
 
     @property
     def offer(self) -> str:

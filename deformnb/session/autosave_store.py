@@ -148,8 +148,12 @@ def write_session(entry: SavedSession, document: Deformation | str) -> None:
         If it cannot be written.
     """
     entry.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    facts: dict[str, Any] = {"format": FORMAT, "state": entry.state, "edited": entry.edited.isoformat(),
-                             **{name: getattr(entry, name) for name in _NUMBERS}}
+    facts: dict[str, Any] = {
+        "format": FORMAT,
+        "state": entry.state,
+        "edited": entry.edited.isoformat(),
+        **{name: getattr(entry, name) for name in _NUMBERS},
+    }
     facts |= {name: getattr(entry.volume, name) for name in _OF_VOLUME} | {"name": entry.volume.name[:_LONGEST_NAME]}
     text = document if isinstance(document, str) else to_json(document)
     with atomic_write(entry.path) as stream:
@@ -165,8 +169,15 @@ def read_session(path: Path) -> SavedSession | None:
             return None
         edited = datetime.fromisoformat(data["edited"])
         grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"], data.get("unit", ""))
-        volume = VolumeReference(str(data["name"])[:_LONGEST_NAME], grid.shape, grid.spacing, str(data["sha256"]),
-                                 grid.origin, grid.direction, grid.unit)
+        volume = VolumeReference(
+            str(data["name"])[:_LONGEST_NAME],
+            grid.shape,
+            grid.spacing,
+            str(data["sha256"]),
+            grid.origin,
+            grid.direction,
+            grid.unit,
+        )
         numbers = {name: int(data.get(name, 0)) for name in _NUMBERS}
         return SavedSession(path, volume, edited.astimezone(UTC), data["state"], **numbers)
     except (OSError, ValueError, TypeError, LookupError, OverflowError, RecursionError):
@@ -175,15 +186,17 @@ def read_session(path: Path) -> SavedSession | None:
 
 def _read_all(folder: Path, prefix: str = "") -> list[SavedSession]:
     found = (read_session(path) for path in folder.glob(f"{prefix}*{_SUFFIX}"))
-    return sorted((entry for entry in found if entry is not None), key=lambda entry: (entry.number, entry.edited),
-                  reverse=True)
+    return sorted(
+        (entry for entry in found if entry is not None), key=lambda entry: (entry.number, entry.edited), reverse=True
+    )
 
 
 # -- for users ---------------------------------------------------------------------------------------------------------
 
 
-def saved_sessions(volume: VolumeLike | VolumeReference, folder: Path | None = None, *,
-                   every: bool = False) -> list[SavedSession]:
+def saved_sessions(
+    volume: VolumeLike | VolumeReference, folder: Path | None = None, *, every: bool = False
+) -> list[SavedSession]:
     """Sessions on a volume that were lost, the newest first.
 
     Parameters

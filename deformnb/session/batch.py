@@ -75,8 +75,10 @@ def inputs_of(paths: Sequence[str | PathLike[str]]) -> list[Path]:
     names = [p.name for p in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise DeformError(f"two inputs are called {twice}, and their results would be one file; rename one, or replay "
-                          "them into two folders.")
+        raise DeformError(
+            f"two inputs are called {twice}, and their results would be one file; rename one, or replay "
+            "them into two folders."
+        )
     return found
 
 
@@ -92,9 +94,17 @@ def _is_known(path: Path) -> bool:
     return True
 
 
-def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], folder: str | PathLike[str], *,
-           work: Work | None = None, options: Mapping[str, Any] | None = None, suffix: str = "",
-           overwrite: bool = False, progress: Callable[[str, float], None] | None = None) -> list[Replayed]:
+def replay(
+    deformation: Deformation,
+    inputs: Sequence[str | PathLike[str]],
+    folder: str | PathLike[str],
+    *,
+    work: Work | None = None,
+    options: Mapping[str, Any] | None = None,
+    suffix: str = "",
+    overwrite: bool = False,
+    progress: Callable[[str, float], None] | None = None,
+) -> list[Replayed]:
     """Apply a document to files, and go on where an earlier run was stopped.
 
     Parameters
@@ -142,8 +152,9 @@ def replay(deformation: Deformation, inputs: Sequence[str | PathLike[str]], fold
     record, results = _read_record(target / RECORD), []
     report = progress or (lambda _name, _share: None)
     for path, output in zip(files, outputs, strict=True):
-        done = _one(deformation, path, output, made_of, record, work or _warp_volume, overwrite,
-                    partial(report, path.name))
+        done = _one(
+            deformation, path, output, made_of, record, work or _warp_volume, overwrite, partial(report, path.name)
+        )
         results.append(done)
         if done.state == "done":
             _write_record(target / RECORD, record)
@@ -158,12 +169,21 @@ def _check_outputs(files: Sequence[Path], outputs: Sequence[Path]) -> None:
             raise DeformError(f"the results would replace their inputs in {output.parent}; name another folder.")
         other = maker.setdefault(output.name, path.name)
         if other != path.name:
-            raise DeformError(f"the results of {other} and {path.name} would both be {output.name}; replay them into "
-                              "two folders.")
+            raise DeformError(
+                f"the results of {other} and {path.name} would both be {output.name}; replay them into two folders."
+            )
 
 
-def _one(deformation: Deformation, path: Path, target: Path, made_of: dict[str, Any], record: dict[str, Any],
-         work: Work, overwrite: bool, progress: Callable[[float], None]) -> Replayed:
+def _one(
+    deformation: Deformation,
+    path: Path,
+    target: Path,
+    made_of: dict[str, Any],
+    record: dict[str, Any],
+    work: Work,
+    overwrite: bool,
+    progress: Callable[[float], None],
+) -> Replayed:
     start = time.perf_counter()
     try:
         made = {**made_of, "input": stamp(path)}
@@ -172,8 +192,10 @@ def _one(deformation: Deformation, path: Path, target: Path, made_of: dict[str, 
             if known["made_of"] == made:
                 return Replayed(path.name, target.name, "kept", facts=known["facts"])
         elif target.exists() and not overwrite:
-            raise DeformError(f"{target.name} is already there and was not made by a replay, or was changed since; "
-                              "move it away, or overwrite it (--force).")
+            raise DeformError(
+                f"{target.name} is already there and was not made by a replay, or was changed since; "
+                "move it away, or overwrite it (--force)."
+            )
         facts = dict(work(deformation, path, target, progress))
         record[target.name] = {"made_of": made, "output": stamp(target), "facts": facts}
     except Cancelled:
@@ -184,8 +206,9 @@ def _one(deformation: Deformation, path: Path, target: Path, made_of: dict[str, 
     return Replayed(path.name, target.name, "done", time.perf_counter() - start, facts=facts)
 
 
-def _warp_volume(deformation: Deformation, path: Path, target: Path,
-                 progress: Callable[[float], None]) -> Mapping[str, Any]:
+def _warp_volume(
+    deformation: Deformation, path: Path, target: Path, progress: Callable[[float], None]
+) -> Mapping[str, Any]:
     volume = read_volume(path)
     write_volume(transplanted(deformation, volume.finest_grid).apply(volume, progress=progress), target)
     return {}
@@ -232,12 +255,15 @@ def summary(results: Sequence[Replayed]) -> Iterator[str]:
     """A table for people: one line for each file, and what came of all."""
     wide = max([len(r.output) for r in results], default=0)
     for r in results:
-        facts = ", ".join(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
-                          for name, value in r.facts.items())
+        facts = ", ".join(
+            f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}" for name, value in r.facts.items()
+        )
         yield f"{r.state:6}  {r.output:{wide}}  {r.seconds:6.1f} s  {r.message or facts}".rstrip()
     count = {state: sum(r.state == state for r in results) for state in ("done", "kept", "failed")}
-    yield (f"{len(results)} files: {count['done']} done, {count['kept']} done before, {count['failed']} failed, "
-           f"{sum(r.seconds for r in results):.1f} s")
+    yield (
+        f"{len(results)} files: {count['done']} done, {count['kept']} done before, {count['failed']} failed, "
+        f"{sum(r.seconds for r in results):.1f} s"
+    )
 
 
 def as_rows(results: Sequence[Replayed]) -> list[dict[str, Any]]:

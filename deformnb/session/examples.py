@@ -75,8 +75,11 @@ def cut_open(step: Step, picture: Picture) -> Step:
     A point on either side is moved away from the cut; points around it hold the rest.
     """
     middle, long, short = _within(picture)
-    held = [middle + sign * place for sign in (-1, 1) for place in (0.9 * long, 0.95 * short, 0.55 * long + 0.8 * short,
-                                                                     0.55 * long - 0.8 * short)]
+    held = [
+        middle + sign * place
+        for sign in (-1, 1)
+        for place in (0.9 * long, 0.95 * short, 0.55 * long + 0.8 * short, 0.55 * long - 0.8 * short)
+    ]
     source = np.array([*held, middle - 0.1 * short, middle + 0.1 * short])
     target = source + np.array([[0.0, 0.0]] * len(held) + [-_OPENING * short, _OPENING * short])
     points = step.points
@@ -90,8 +93,9 @@ def cut_open(step: Step, picture: Picture) -> Step:
 def thompson(step: Step, picture: Picture) -> Step:
     """Thompson's grid of Polyprion laid on the subject and turned into that of Antigonia (1917, Figs. 377, 380)."""
     grids = thompson_map("Polyprion", "Antigonia", box=subject_box(picture), frame=picture.raster.box)
-    return step.with_points(ControlPoints.from_arrays(grids.source_nodes.reshape(-1, 2),
-                                                      grids.target_nodes.reshape(-1, 2)))
+    return step.with_points(
+        ControlPoints.from_arrays(grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2))
+    )
 
 
 EXAMPLES: dict[str, Example] = {
@@ -122,8 +126,9 @@ def apply_example(session: Session, name: str) -> None:
         raise DeformError(f"unknown example {name!r}; choose one of {', '.join(EXAMPLES)}.")
     plane = session.step.plane
     if plane is None:
-        raise DeformError("the examples are for a picture, and this step has its points in space: choose another step, "
-                          "or add one.")
+        raise DeformError(
+            "the examples are for a picture, and this step has its points in space: choose another step, or add one."
+        )
     example = EXAMPLES[name]
     step = example.make(untouched_step(plane, session.grid), session.picture())
     session.edit_document(session.deformation.with_step(session.index, step), f"example: {example.title.lower()}")

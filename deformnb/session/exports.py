@@ -132,8 +132,14 @@ class Frozen:
     displays: tuple[ChannelDisplay, ...] = ()
 
     @classmethod
-    def of(cls, session: Session, seen: Seen | Mapping[str, Any] | None = None, *,
-           size: tuple[int, int] | None = None, fps: float = _FPS) -> Frozen:
+    def of(
+        cls,
+        session: Session,
+        seen: Seen | Mapping[str, Any] | None = None,
+        *,
+        size: tuple[int, int] | None = None,
+        fps: float = _FPS,
+    ) -> Frozen:
         """A session at this moment.
 
         Parameters
@@ -143,10 +149,25 @@ class Frozen:
         fps : pictures a second of movies.
         """
         depth = session.depth if session.method == "slice" else None
-        return cls(session.volume, session.deformation, session.document(), session.plane, session.method, depth,
-                   session.window, session.colour_map, session.transfer_function, Seen.of(seen), session.save,
-                   session.files, session.source, _checked_size(size), _checked_rate(fps),
-                   channels=session.channels, displays=session.channel_displays)
+        return cls(
+            session.volume,
+            session.deformation,
+            session.document(),
+            session.plane,
+            session.method,
+            depth,
+            session.window,
+            session.colour_map,
+            session.transfer_function,
+            Seen.of(seen),
+            session.save,
+            session.files,
+            session.source,
+            _checked_size(size),
+            _checked_rate(fps),
+            channels=session.channels,
+            displays=session.channel_displays,
+        )
 
     @property
     def output(self) -> Grid | None:
@@ -174,8 +195,9 @@ class Frozen:
         """The deformed channels, all by one map."""
         assert self.channels is not None
         check_room(self.volume, self.output)
-        return self.channels.with_volumes(warp_all(self.channels.volumes, self.field, output=self.output,
-                                                   progress=progress))
+        return self.channels.with_volumes(
+            warp_all(self.channels.volumes, self.field, output=self.output, progress=progress)
+        )
 
     def scene(self, size: tuple[int, int], *, once: bool = False) -> ViewRenderer | None:
         """Renderer of the volume as it is seen, many times or once; None where only a camera is known."""
@@ -192,8 +214,9 @@ def _checked_size(size: Any) -> tuple[int, int] | None:
     except (TypeError, ValueError):
         is_right = False
     if not is_right:
-        raise DeformError("the size of a picture is (width, height) in whole pixels from 16 to "
-                          f"{LARGEST_PICTURE}, got {size!r:.60}.")
+        raise DeformError(
+            f"the size of a picture is (width, height) in whole pixels from 16 to {LARGEST_PICTURE}, got {size!r:.60}."
+        )
     return width, height
 
 
@@ -223,6 +246,7 @@ class Export:
 
 def _volume(it: Frozen, path: Path, progress: Progress) -> None:
     """The deformed volume; of channels all of them."""
+
     def first_half(share: float) -> None:
         progress(0.5 * share)
 
@@ -272,8 +296,13 @@ def _as_seen(it: Frozen, progress: Progress) -> Image:
 
 
 def _by_camera(it: Frozen, progress: Progress) -> Image:
-    return render_volume(it.deformed(lambda share: progress(0.5 * share)), transfer=it.transfer,
-                         direction=it.seen.camera["direction"], up=it.seen.camera["up"], size=it.size or _RENDERING)
+    return render_volume(
+        it.deformed(lambda share: progress(0.5 * share)),
+        transfer=it.transfer,
+        direction=it.seen.camera["direction"],
+        up=it.seen.camera["up"],
+        size=it.size or _RENDERING,
+    )
 
 
 def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
@@ -281,8 +310,11 @@ def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
     points = None if step is None else step.points
     titles = ["before", "after"]
     if it.channels is not None and it.method in OF_CHANNELS:
-        still = it.channels if it.output is None else it.channels.with_volumes(
-            warp_all(it.channels.volumes, Identity(3), output=it.output))
+        still = (
+            it.channels
+            if it.output is None
+            else it.channels.with_volumes(warp_all(it.channels.volumes, Identity(3), output=it.output))
+        )
         both = (still, it.deformed_channels(lambda share: progress(0.6 * share)))
         drawn = [project_channels(one, it.plane, it.method, displays=it.displays, depth=it.depth) for one in both]
         draw_pictures(drawn, points=[None, points], titles=titles, path=path)
@@ -315,8 +347,13 @@ def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
     animation = Animation(it.deformation) if it.deformation.keyframes else None
     rate = it.fps if fps is None else fps
     if it.seen.scene is None:
-        looks: dict[str, Any] = {"directions": it.seen.camera["direction"], "up": it.seen.camera["up"], "size": size,
-                                 "transfer": it.transfer, "output": it.output}
+        looks: dict[str, Any] = {
+            "directions": it.seen.camera["direction"],
+            "up": it.seen.camera["up"],
+            "size": size,
+            "transfer": it.transfer,
+            "output": it.output,
+        }
         if animation is not None:
             return animation_frames(it.volume, animation, fps=rate, **looks)
         return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
@@ -325,8 +362,9 @@ def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
     return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume), size), len(moments))
 
 
-def _drawn(it: Frozen, moments: Sequence[float], field_at: Callable[[float], AbstractField],
-           size: tuple[int, int]) -> Iterator[Image]:
+def _drawn(
+    it: Frozen, moments: Sequence[float], field_at: Callable[[float], AbstractField], size: tuple[int, int]
+) -> Iterator[Image]:
     """Pictures of one scene; a moment that comes again is not drawn again."""
     left, kept = Counter(moments), dict[float, Image]()
     scene = it.scene(size)
@@ -348,8 +386,9 @@ def _drawn(it: Frozen, moments: Sequence[float], field_at: Callable[[float], Abs
 
 def _script(it: Frozen, path: Path, progress: Progress) -> None:
     with atomic_write(path) as stream:
-        text = as_python(it.deformation, it.volume.finest_grid, volume=it.source or UNKNOWN_VOLUME,
-                         own=own_grid_text(it.volume))
+        text = as_python(
+            it.deformation, it.volume.finest_grid, volume=it.source or UNKNOWN_VOLUME, own=own_grid_text(it.volume)
+        )
         stream.write(text.encode("utf-8"))
 
 
@@ -358,8 +397,11 @@ def _document(it: Frozen, path: Path, progress: Progress) -> None:
 
 
 EXPORTS: dict[str, Export] = {
-    "volume": Export("Deformed volume", (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd",
-                                         ".ome.tif", ".ome.tiff", ".tif", ".tiff"), _volume),
+    "volume": Export(
+        "Deformed volume",
+        (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd", ".ome.tif", ".ome.tiff", ".tif", ".tiff"),
+        _volume,
+    ),
     "full resolution": Export("Deformed volume at full resolution", (SUFFIX,), _full_resolution, MARKS),
     "rendering": Export("Rendering", (".png",), _rendering),
     "drawing": Export("Picture before and after", (".svg", ".pdf"), _drawing),
@@ -386,9 +428,17 @@ def export_for(path: str | PathLike[str]) -> Export:
     raise DeformError(f"the suffix of {Path(path).name!r} belongs to no kind of file; write one of: {known}.")
 
 
-def export(session: Session | Frozen, path: str | PathLike[str], *, camera: Mapping[str, Any] | None = None,
-           seen: Seen | None = None, size: tuple[int, int] | None = None, fps: float = _FPS,
-           overwrite: bool = False, progress: Progress | None = None) -> Path:
+def export(
+    session: Session | Frozen,
+    path: str | PathLike[str],
+    *,
+    camera: Mapping[str, Any] | None = None,
+    seen: Seen | None = None,
+    size: tuple[int, int] | None = None,
+    fps: float = _FPS,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Path:
     """Write a session as a file; its suffix chooses what is written.
 
     Parameters

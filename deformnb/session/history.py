@@ -112,8 +112,9 @@ class History:
 
     # -- edits and ways ------------------------------------------------------------------------------------------------
 
-    def record(self, before: Any, label: str, kind: str | None = None, now: float | None = None, *,
-               slides: bool = False) -> None:
+    def record(
+        self, before: Any, label: str, kind: str | None = None, now: float | None = None, *, slides: bool = False
+    ) -> None:
         """Keep ``before``, the state that an edit leaves; kind None never joins the edit before it.
 
         Parameters
@@ -172,14 +173,18 @@ class History:
     def labels(self) -> dict[str, str]:
         """Labels of the edits that "undo" and "redo" would take back or do again; empty where there is none."""
         here = self._nodes[self._current]
-        return {"undo": here.label if here.parent is not None else "",
-                "redo": self._nodes[here.last].label if here.last is not None else ""}
+        return {
+            "undo": here.label if here.parent is not None else "",
+            "redo": self._nodes[here.last].label if here.last is not None else "",
+        }
 
     def nodes(self) -> tuple[HistoryNode, ...]:
         """All states from the oldest to the newest."""
         way = self._way()
-        return tuple(HistoryNode(n.id, n.parent, n.label, n.time, n.id == self._current, n.id in way)
-                     for n in self._nodes.values())
+        return tuple(
+            HistoryNode(n.id, n.parent, n.label, n.time, n.id == self._current, n.id in way)
+            for n in self._nodes.values()
+        )
 
     @property
     def current(self) -> int:
@@ -321,5 +326,7 @@ def weigh_part(part: Any) -> tuple[int, tuple[Any, ...]]:
     else:
         return _OBJECT, ()
     plain = [v for v in inner if v is None or isinstance(v, bool | int | float)]
-    return (_OBJECT + 8 * len(inner) + 24 * len(plain),
-            tuple(v for v in inner if v is not None and not isinstance(v, bool | int | float)))
+    return (
+        _OBJECT + 8 * len(inner) + 24 * len(plain),
+        tuple(v for v in inner if v is not None and not isinstance(v, bool | int | float)),
+    )

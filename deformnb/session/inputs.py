@@ -25,8 +25,14 @@ from deformnb.volume.volume import Grid, Volume, as_spacing, as_volume
 from deformnb.warping.mesh import Mesh, as_mesh, filled, grid_around, is_surface, signed_distance
 
 
-def volume_from(given: Any, *, spacing: Spacing | None = None, is_labels: bool | None = None,
-                level: int | None = None, progress: Progress | None = None) -> Volume:
+def volume_from(
+    given: Any,
+    *,
+    spacing: Spacing | None = None,
+    is_labels: bool | None = None,
+    level: int | None = None,
+    progress: Progress | None = None,
+) -> Volume:
     """A volume of whatever is one, of a mesh, or of the path of a file of a volume or a mesh.
 
     Parameters
@@ -133,6 +139,8 @@ def best_view(volume: Volume) -> str:
     _, air, _, _ = levels(volume)
     subject = volume.finite_values > air
     dx, dy, dz = volume.grid.spacing
-    areas = {view: np.count_nonzero(subject.any(axis=axis)) * pixel
-             for view, axis, pixel in (("+y", 1, dz * dx), ("-x", 2, dz * dy), ("-z", 0, dy * dx))}
+    areas = {
+        view: np.count_nonzero(subject.any(axis=axis)) * pixel
+        for view, axis, pixel in (("+y", 1, dz * dx), ("-x", 2, dz * dy), ("-z", 0, dy * dx))
+    }
     return max(areas, key=lambda view: areas[view])

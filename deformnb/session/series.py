@@ -20,9 +20,15 @@ from deformnb.warping.warper import deformed
 _TOGETHER_BYTES = 2**27
 
 
-def warp_series(source: Series | str | os.PathLike[str], field: AbstractField | HasField | Animation,
-                target: str | os.PathLike[str], *, overwrite: bool = False, progress: Progress | None = None,
-                **options: Any) -> None:
+def warp_series(
+    source: Series | str | os.PathLike[str],
+    field: AbstractField | HasField | Animation,
+    target: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+    **options: Any,
+) -> None:
     """Deform every channel at every moment of a file, and write them to another file.
 
     Parameters

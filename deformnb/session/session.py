@@ -135,9 +135,16 @@ class Session(traitlets.HasTraits):
     output = traitlets.Instance(Grid, allow_none=True)
     source = traitlets.Unicode("")
 
-    def __init__(self, volume: ChannelsLike, deformation: Deformation | str | PathLike[str] | None = None, *,
-                 view: str | Plane = "+y", output: Grid | VolumeLike | None = None,
-                 channels: ChannelsLike | None = None, **traits: Any) -> None:
+    def __init__(
+        self,
+        volume: ChannelsLike,
+        deformation: Deformation | str | PathLike[str] | None = None,
+        *,
+        view: str | Plane = "+y",
+        output: Grid | VolumeLike | None = None,
+        channels: ChannelsLike | None = None,
+        **traits: Any,
+    ) -> None:
         traits.setdefault("source", source_of(volume))
         volume, own = as_volume_and_channels(subject_from(volume))
         channels = own if channels is None else as_channels(channels)
@@ -170,8 +177,9 @@ class Session(traitlets.HasTraits):
         notes = (*volume.decided(volume.is_labels).notes, laid)  # whether voxels are labels is asked by the front end
         self.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see difference
-        self._restore_view_state(view_state, besides=traits,
-                                 is_other=made_on is not None and made_on.shape != self.grid.shape)
+        self._restore_view_state(
+            view_state, besides=traits, is_other=made_on is not None and made_on.shape != self.grid.shape
+        )
 
     # -- the step that is edited ---------------------------------------------------------------------------------------
 
@@ -208,8 +216,9 @@ class Session(traitlets.HasTraits):
 
     # -- edits of the document, its points and its settings ------------------------------------------------------------
 
-    def edit_document(self, deformation: Deformation, label: str, index: int | None = None,
-                      kind: str | None = None) -> None:
+    def edit_document(
+        self, deformation: Deformation, label: str, index: int | None = None, kind: str | None = None
+    ) -> None:
         """Any other document in the place of this one, as one edit that can be undone.
 
         Parameters
@@ -263,8 +272,9 @@ class Session(traitlets.HasTraits):
         """
         landmarks, plane = as_landmarks(landmarks), self.step.plane
         if plane is None and landmarks.points.shape[1] == 2:
-            raise DeformError("these landmarks lie on a picture, and the points of this step in space: choose another "
-                              "step.")
+            raise DeformError(
+                "these landmarks lie on a picture, and the points of this step in space: choose another step."
+            )
         landmarks = landmarks.in_unit(self.grid.unit)
         source, points = landmarks.points, self.points
         target = source if landmarks.fixed is None else np.where(np.isfinite(landmarks.fixed), landmarks.fixed, source)
@@ -303,8 +313,9 @@ class Session(traitlets.HasTraits):
             For a step in space, and where nothing is seen on the picture.
         """
         if self.step.plane is None:
-            raise DeformError("an outline lies on a picture, and this step has its points in space: choose another "
-                              "step, or add one.")
+            raise DeformError(
+                "an outline lies on a picture, and this step has its points in space: choose another step, or add one."
+            )
         picture, level = self.automatic_picture(), None  # a window set by hand may begin above air
         if self.method in ("slice", "mip"):
             low, high = picture.window
@@ -381,8 +392,9 @@ class Session(traitlets.HasTraits):
             last = len(self.deformation.steps)
             step = self._untouched(None if in_space else self.plane)
             self._become(self.deformation.then(step), "add a step", index=last, key=0)
-            self.notice = (f"Step {last + 1} begins, {self.side_of(step.plane)}: what is dragged now is done after "
-                           f"step {last}.")
+            self.notice = (
+                f"Step {last + 1} begins, {self.side_of(step.plane)}: what is dragged now is done after step {last}."
+            )
 
     def remove_step(self, index: int | None = None) -> None:
         """Without a step, by default the one that is edited; of the only one, only its drags go."""
@@ -392,8 +404,12 @@ class Session(traitlets.HasTraits):
                 self.reset()
                 return
             edited = self.index - (at <= self.index)
-            self._become(self.deformation.without_step(at), f"remove step {at + 1}", index=max(0, edited),
-                         key=0 if at == self.index else None)
+            self._become(
+                self.deformation.without_step(at),
+                f"remove step {at + 1}",
+                index=max(0, edited),
+                key=0 if at == self.index else None,
+            )
 
     def duplicate_step(self, index: int | None = None) -> None:
         """The same step once more, right behind it; the second one is edited then."""
@@ -450,8 +466,15 @@ class Session(traitlets.HasTraits):
         """
         self.change(label, kind, cuts=tuple(cuts))
 
-    def edit_parts(self, parts: Iterable[Any], label: str = "", kind: str | None = None, *,
-                   slides: bool = False, points: ControlPoints | None = None) -> None:
+    def edit_parts(
+        self,
+        parts: Iterable[Any],
+        label: str = "",
+        kind: str | None = None,
+        *,
+        slides: bool = False,
+        points: ControlPoints | None = None,
+    ) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rbf.rigid.RigidPart`; see :meth:`edit_cuts`.
 
         Points that a part carries go on with it where it gets another motion. A point inside a part that requires
@@ -497,8 +520,9 @@ class Session(traitlets.HasTraits):
             parts = (*self.step.parts, part)
             self.edit_parts(parts, label or f"add {part.label}", points=without_conflicts(self.points, parts, held))
 
-    def edit_keys(self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None,
-                  selected: int = 0) -> None:
+    def edit_keys(
+        self, knots: Sequence[float], *, added: int | None = None, removed: int | None = None, selected: int = 0
+    ) -> None:
         """Move, add or remove key pictures of the rule "interpolate".
 
         Parameters
@@ -572,8 +596,16 @@ class Session(traitlets.HasTraits):
     def _untouched(self, plane: Plane | None) -> Step:
         return untouched_step(plane, self.grid)
 
-    def _become(self, deformation: Deformation, label: str, kind: str | None = None, *, index: int | None = None,
-                key: int | None = None, slides: bool = False) -> None:
+    def _become(
+        self,
+        deformation: Deformation,
+        label: str,
+        kind: str | None = None,
+        *,
+        index: int | None = None,
+        key: int | None = None,
+        slides: bool = False,
+    ) -> None:
         deformation = self._checked(deformation)
         before = self._state
         at = before.step if index is None else index
@@ -676,8 +708,9 @@ class Session(traitlets.HasTraits):
             if plane == self.step.plane:
                 return
             new = replace(self._untouched(plane), kernel=self.step.kernel, trend=self.step.trend)
-            deformation, index, notice = turned(self.deformation, self.index, new,
-                                                self._untouched(self.step.plane), self.side_of)
+            deformation, index, notice = turned(
+                self.deformation, self.index, new, self._untouched(self.step.plane), self.side_of
+            )
             self.depth = 0.0
             self._become(deformation, "turn the picture", index=index, key=0)
             self.notice = notice
@@ -714,8 +747,14 @@ class Session(traitlets.HasTraits):
     def view_state(self) -> ViewState:
         """View state at this moment; the depth only where it is the slice of the last step."""
         is_slice = self.method == "slice" and self.index == len(self.deformation.steps) - 1
-        return ViewState(self.transfer, self.method, self.depth if is_slice else None, self.window,
-                         self.colour_map, self.ambient_occlusion)
+        return ViewState(
+            self.transfer,
+            self.method,
+            self.depth if is_slice else None,
+            self.window,
+            self.colour_map,
+            self.ambient_occlusion,
+        )
 
     def _restore_view_state(self, stored: ViewState, *, besides: Container[str] = (), is_other: bool = False) -> None:
         """Take over the view state of a document, as far as it is stored."""
@@ -771,16 +810,18 @@ class Session(traitlets.HasTraits):
             earlier, plane, method, depth, colours, displays = settings
             at = depth if method == "slice" else None
             if displays:
-                made = project_channels(self._channels_of(earlier), plane, method, displays=displays, depth=at,
-                                        progress=progress)
+                made = project_channels(
+                    self._channels_of(earlier), plane, method, displays=displays, depth=at, progress=progress
+                )
             else:
                 made = project(self._base_of(earlier), plane, method, transfer=colours, depth=at, progress=progress)
             if settings == self._picture_settings():  # else another one is requested by now
                 self._picture = (settings, made)
             return made
 
-    def _picture_settings(self) -> tuple[Deformation, Plane, str, float, TransferFunction | None,
-                                         tuple[ChannelDisplay, ...]]:
+    def _picture_settings(
+        self,
+    ) -> tuple[Deformation, Plane, str, float, TransferFunction | None, tuple[ChannelDisplay, ...]]:
         """The settings on which the picture depends."""
         with self._lock:
             colours = self.transfer_function if self.method in ("composite", "shaded") else None
@@ -797,8 +838,10 @@ class Session(traitlets.HasTraits):
     def _valid_displays(self, proposal: Any) -> tuple[ChannelDisplay, ...]:
         given, count = tuple(proposal["value"]), 0 if self.channels is None else len(self.channels.coloured)
         if len(given) != count or not all(isinstance(one, ChannelDisplay) for one in given):
-            raise DeformError(f"channel_displays are a ChannelDisplay for each of the {count} channels that have a "
-                              f"colour, got {given!r:.60}.")
+            raise DeformError(
+                f"channel_displays are a ChannelDisplay for each of the {count} channels that have a "
+                f"colour, got {given!r:.60}."
+            )
         return given
 
     def show_channel(self, index: int, **changes: Any) -> None:
@@ -895,8 +938,9 @@ class Session(traitlets.HasTraits):
         else:
             self.output = box
         if found.is_limited:
-            self.notice = (f"Tissue reaches farther than a box of {most:g} times the volume's voxels; what lies beyond "
-                           "is cut off.")
+            self.notice = (
+                f"Tissue reaches farther than a box of {most:g} times the volume's voxels; what lies beyond is cut off."
+            )
         return not found.is_limited
 
     def exceeded_sides(self) -> tuple[str, ...]:
@@ -992,8 +1036,9 @@ class Session(traitlets.HasTraits):
             self.files.remember(path, content)
             self.file = Path(path)
 
-    def take(self, deformation: Deformation, label: str = "open a document", *,
-             allow_other_volume: bool = False) -> None:
+    def take(
+        self, deformation: Deformation, label: str = "open a document", *, allow_other_volume: bool = False
+    ) -> None:
         """Go on with another document that is kept elsewhere; can be undone, but for colours and projection.
 
         See :meth:`open`.
@@ -1026,8 +1071,9 @@ class Session(traitlets.HasTraits):
         ----------
         volume : expression that gives the volume; default reads the file that it came from.
         """
-        return as_python(self.deformation, self.grid, volume=volume or self.source or UNKNOWN_VOLUME,
-                         own=own_grid_text(self.volume))
+        return as_python(
+            self.deformation, self.grid, volume=volume or self.source or UNKNOWN_VOLUME, own=own_grid_text(self.volume)
+        )
 
 
 def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
@@ -1056,4 +1102,5 @@ def _ordinal(number: int) -> str:
 def _moves(deformation: Deformation) -> bool:
     """Check whether anything is dragged at all: a scan may be cut through tissue as it is."""
     return any(part.motion is not None for step in deformation.steps for part in step.parts) or any(
-        bool(points.displacement.any()) for step in deformation.steps for points in step.maps)
+        bool(points.displacement.any()) for step in deformation.steps for points in step.maps
+    )

@@ -51,12 +51,19 @@ class ViewState:
         """A document with this view state."""
         transfer: Any = self.transfer
         if isinstance(transfer, TransferFunction):
-            transfer = {"colors": [list(row) for row in transfer.colors], "unit": transfer.unit,
-                        "opacities": [list(row) for row in transfer.opacities]}
-        settings = {"transfer": transfer, "method": self.method, "depth": self.depth,
-                    "window": None if self.window is None else list(self.window),
-                    "colour_map": None if self.colour_map == COLOUR_MAPS[0] else self.colour_map,
-                    "ambient_occlusion": None if self.ambient_occlusion else self.ambient_occlusion}
+            transfer = {
+                "colors": [list(row) for row in transfer.colors],
+                "unit": transfer.unit,
+                "opacities": [list(row) for row in transfer.opacities],
+            }
+        settings = {
+            "transfer": transfer,
+            "method": self.method,
+            "depth": self.depth,
+            "window": None if self.window is None else list(self.window),
+            "colour_map": None if self.colour_map == COLOUR_MAPS[0] else self.colour_map,
+            "ambient_occlusion": None if self.ambient_occlusion else self.ambient_occlusion,
+        }
         data = {key: value for key, value in settings.items() if value is not None}
         return replace(deformation, extra={**deformation.extra, FIELD: data})
 
@@ -77,17 +84,26 @@ class ViewState:
         method = r.text("method", "")
         depth = r.number("depth") if "depth" in r.data else None
         colours = r.text("colour_map", "")
-        state = cls(_transfer(r), method if method in PROJECTIONS else None, depth, _window(r),
-                    colours if colours in COLOUR_MAPS else None,
-                    r.flag("ambient_occlusion") if "ambient_occlusion" in r.data else None)
+        state = cls(
+            _transfer(r),
+            method if method in PROJECTIONS else None,
+            depth,
+            _window(r),
+            colours if colours in COLOUR_MAPS else None,
+            r.flag("ambient_occlusion") if "ambient_occlusion" in r.data else None,
+        )
         return without_view_state(deformation), state
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
         """Settings that a session takes over; colours and window at the values of another volume would not fit."""
-        settings = {"transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
-                "method": self.method, "depth": None if is_other else self.depth,
-                "window": None if is_other else self.window, "colour_map": self.colour_map,
-                "ambient_occlusion": self.ambient_occlusion}
+        settings = {
+            "transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
+            "method": self.method,
+            "depth": None if is_other else self.depth,
+            "window": None if is_other else self.window,
+            "colour_map": self.colour_map,
+            "ambient_occlusion": self.ambient_occlusion,
+        }
         return {key: value for key, value in settings.items() if value is not None}
 
 

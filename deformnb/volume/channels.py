@@ -24,8 +24,14 @@ KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
 Colour = Float3
 
 _PRIMARY: dict[str, Colour] = {
-    "red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1), "cyan": (0, 1, 1), "magenta": (1, 0, 1),
-    "yellow": (1, 1, 0), "grey": (1, 1, 1)}
+    "red": (1, 0, 0),
+    "green": (0, 1, 0),
+    "blue": (0, 0, 1),
+    "cyan": (0, 1, 1),
+    "magenta": (1, 0, 1),
+    "yellow": (1, 1, 0),
+    "grey": (1, 1, 1),
+}
 # Green and magenta are told apart by those who do not see red, too.
 _OF_FEW: dict[int, tuple[str, ...]] = {1: ("grey",), 2: ("green", "magenta")}
 
@@ -116,9 +122,11 @@ class Channels:
         first = volumes[0]
         for volume in volumes[1:]:
             if volume.grid != first.grid or volume.dtype != first.dtype:
-                raise DeformError(f"channels lie on one grid and have one voxel type, and {volume.name or 'one'!r} "
-                                  f"({volume.dtype} on {volume.grid.shape}) differs from {first.name or 'another'!r} "
-                                  f"({first.dtype} on {first.grid.shape}).")
+                raise DeformError(
+                    f"channels lie on one grid and have one voxel type, and {volume.name or 'one'!r} "
+                    f"({volume.dtype} on {volume.grid.shape}) differs from {first.name or 'another'!r} "
+                    f"({first.dtype} on {first.grid.shape})."
+                )
         check_fields(self, "kind", "name")
         if self.kind not in KINDS or KINDS[self.kind] not in (0, len(volumes)):
             raise DeformError(f"{len(volumes)} channels cannot be of the kind {shown_value(self.kind)}.")
@@ -136,16 +144,24 @@ class Channels:
         return f"<Channels: {names}; {nx} x {ny} x {nz} voxels (x, y, z), {self.volumes[0].dtype.name}>"
 
     @classmethod
-    def from_array(cls, values: NDArray[Any], grid: Grid | None = None, names: Sequence[str] = (),
-                   colours: Sequence[Colour] = (), kind: str = "channels", name: str = "") -> Channels:
+    def from_array(
+        cls,
+        values: NDArray[Any],
+        grid: Grid | None = None,
+        names: Sequence[str] = (),
+        colours: Sequence[Colour] = (),
+        kind: str = "channels",
+        name: str = "",
+    ) -> Channels:
         """Channels of an array [z, y, x, c], or [y, x, c] for one slice; names are by default those of their kind."""
         values = np.asarray(values)
         if values.ndim not in (3, 4):
             raise DeformError(f"channels are an array [z, y, x, c] or [y, x, c], got the shape {values.shape}.")
         stack = np.moveaxis(values if values.ndim == 4 else values[None], -1, 0)
         given = tuple(names) or usual_names(len(stack), kind)
-        volumes = [Volume.from_array(part, name=label, is_labels=False) for part, label in
-                   zip(stack, given, strict=True)]
+        volumes = [
+            Volume.from_array(part, name=label, is_labels=False) for part, label in zip(stack, given, strict=True)
+        ]
         return cls(tuple(v if grid is None else replace(v, grid=grid) for v in volumes), tuple(colours), kind, name)
 
     @property
@@ -213,8 +229,9 @@ class Channels:
         """
         return tuple(ChannelDisplay(self.colours[k], self._shown_range(k)) for k in range(len(self.coloured)))
 
-    def composite(self, pictures: Sequence[NDArray[Any]] | None = None,
-                  displays: Sequence[ChannelDisplay] | None = None) -> NDArray[np.float32]:
+    def composite(
+        self, pictures: Sequence[NDArray[Any]] | None = None, displays: Sequence[ChannelDisplay] | None = None
+    ) -> NDArray[np.float32]:
         """Colours (..., 4): red, green, blue and alpha 1, the channels in their colours added up.
 
         Parameters

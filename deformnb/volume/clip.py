@@ -40,8 +40,9 @@ def checked_clip(value: Any) -> Clip:
     if pairs.shape != (3, 2):
         raise DeformError(f"a clip is three pairs (low, high) along x, y and z, got {value!r}.")
     if not all(0 <= low < high <= 1 for low, high in pairs.tolist()):
-        raise DeformError("the shares of a clip rise within 0 and 1, such as (0, 0.5) for the lower half, "
-                          f"got {pairs.tolist()}.")
+        raise DeformError(
+            f"the shares of a clip rise within 0 and 1, such as (0, 0.5) for the lower half, got {pairs.tolist()}."
+        )
     (a, b), (c, d), (e, f) = (pairs + 0.0).tolist()  # no -0.0
     return (a, b), (c, d), (e, f)
 
@@ -65,8 +66,10 @@ class Part:
         for name in ("low", "high"):
             sides = real_array(getattr(self, name))
             if sides is None or sides.shape != (3,) or np.isnan(sides).any():
-                raise DeformError(f"the {name} sides of a part are three indices (i, j, k), -inf or inf, got "
-                                  f"{shown_value(getattr(self, name))}.")
+                raise DeformError(
+                    f"the {name} sides of a part are three indices (i, j, k), -inf or inf, got "
+                    f"{shown_value(getattr(self, name))}."
+                )
             object.__setattr__(self, name, tuple(sides.tolist()))
 
     @classmethod

@@ -58,6 +58,7 @@ def _sum_type(kind: np.dtype[Any], count: int) -> np.dtype[Any]:
 
 def _sums(values: NDArray[Any], axis: int, f: int, kind: np.dtype[Any]) -> NDArray[Any]:
     """Sums over f voxels along an axis; np.add.reduceat takes six times as long for so few."""
+
     def every(k: int) -> NDArray[Any]:
         return values[(slice(None),) * axis + (slice(k, None, f),)]
 

@@ -26,8 +26,22 @@ Converter: TypeAlias = Callable[[Any], Volume | Channels]
 
 # Names under which objects of other packages keep their places. An array of a class with one of these says where it
 # lies, and to read its numbers alone would drop that in silence.
-_PLACES = ("affine", "spacing", "origin", "direction", "pixdim", "voxel_size", "pixel_size", "scale", "translate",
-           "translation", "GetSpacing", "get_spacing", "wcs", "axistags")
+_PLACES = (
+    "affine",
+    "spacing",
+    "origin",
+    "direction",
+    "pixdim",
+    "voxel_size",
+    "pixel_size",
+    "scale",
+    "translate",
+    "translation",
+    "GetSpacing",
+    "get_spacing",
+    "wcs",
+    "axistags",
+)
 
 NO_PLACE = "an array has no place of its own: it lies at the origin, with voxels 1 apart"
 
@@ -84,7 +98,7 @@ def states_place(given: Any) -> bool:
 
 def is_layer(given: Any) -> bool:
     """Check whether an object is a LayerData tuple of napari: (data, attributes, type)."""
-    return (isinstance(given, tuple) and len(given) == 3 and isinstance(given[1], dict) and isinstance(given[2], str))
+    return isinstance(given, tuple) and len(given) == 3 and isinstance(given[1], dict) and isinstance(given[2], str)
 
 
 def one_volume(given: Any) -> Volume:
@@ -94,8 +108,10 @@ def one_volume(given: Any) -> Volume:
         return found
     if len(found) == 1:
         return found[0]
-    raise DeformError(f"one volume is needed, and this has {len(found)} channels ({', '.join(found.names[:4])}); pass "
-                      "one of them, or their brightness: Channels.brightness().")
+    raise DeformError(
+        f"one volume is needed, and this has {len(found)} channels ({', '.join(found.names[:4])}); pass "
+        "one of them, or their brightness: Channels.brightness()."
+    )
 
 
 def several_channels(given: Any) -> Channels:
@@ -122,8 +138,9 @@ def grid_of(given: Any) -> Grid:
     if isinstance(own, Grid) and not isinstance(given, type):  # channels, and volumes that are read in parts
         return own
     if not states_place(given):
-        raise DeformError(f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes "
-                          "one.")
+        raise DeformError(
+            f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes one."
+        )
     return converted(given).grid
 
 
@@ -131,17 +148,23 @@ def _of_array(given: Any) -> Volume:
     """A volume of an array without a place; DeformError for what is no array, or has a place that is not understood."""
     if not _is_array(given):
         opened = getattr(given, "name", None)
-        more = f"; pass its path: {shown_value(opened)}" if hasattr(given, "read") and isinstance(opened, str) else (
-            "; Volume.from_array(array, spacing) makes one of an array, read_volume(path) of a file")
+        more = (
+            f"; pass its path: {shown_value(opened)}"
+            if hasattr(given, "read") and isinstance(opened, str)
+            else ("; Volume.from_array(array, spacing) makes one of an array, read_volume(path) of a file")
+        )
         raise DeformError(f"a Volume is needed, got {shown_value(given)}{more}.")
     if type(given) not in (np.ndarray, np.memmap, list, tuple):
-        place = next((name for name in _PLACES if hasattr(type(given), name) or name in getattr(given, "__dict__", ())),
-                     None)
+        place = next(
+            (name for name in _PLACES if hasattr(type(given), name) or name in getattr(given, "__dict__", ())), None
+        )
         if place is not None:
             package = type(given).__module__.partition(".")[0]
-            raise DeformError(f"this {type(given).__name__} of {package} states its place by {place!r}, which is not "
-                              "understood here; say it: Volume.from_array(array, spacing, origin, direction), or "
-                              "Volume.from_affine(array, affine).")
+            raise DeformError(
+                f"this {type(given).__name__} of {package} states its place by {place!r}, which is not "
+                "understood here; say it: Volume.from_array(array, spacing, origin, direction), or "
+                "Volume.from_affine(array, affine)."
+            )
     made = Volume.from_array(_numbers(given))
     return replace(made, notes=(*made.notes, NO_PLACE))
 
@@ -150,7 +173,8 @@ def _is_array(given: Any) -> bool:
     if isinstance(given, list | tuple):
         return bool(given)
     return not isinstance(given, type | np.generic) and any(
-        hasattr(given, name) for name in ("__array__", "__array_interface__", "__dlpack__"))
+        hasattr(given, name) for name in ("__array__", "__array_interface__", "__dlpack__")
+    )
 
 
 def _numbers(given: Any) -> Any:
@@ -158,11 +182,16 @@ def _numbers(given: Any) -> Any:
     if isinstance(given, np.ndarray | list | tuple) or getattr(given, "chunks", None) is not None:
         return given  # looked at by Volume.from_array
     try:
-        return np.asarray(given) if hasattr(given, "__array__") or hasattr(given, "__array_interface__") else (
-            np.from_dlpack(given))
+        return (
+            np.asarray(given)
+            if hasattr(given, "__array__") or hasattr(given, "__array_interface__")
+            else (np.from_dlpack(given))
+        )
     except Exception as error:  # each package has errors of its own
-        raise DeformError(f"this {type(given).__name__} gives no array of numbers ({type(error).__name__}: "
-                          f"{str(error).partition(chr(10))[0][:100]}); copy it into NumPy's memory first.") from error
+        raise DeformError(
+            f"this {type(given).__name__} gives no array of numbers ({type(error).__name__}: "
+            f"{str(error).partition(chr(10))[0][:100]}); copy it into NumPy's memory first."
+        ) from error
 
 
 def _components(values: NDArray[Any], grid: Grid, name: str) -> Channels:
@@ -196,8 +225,12 @@ def _of_itk(given: Any) -> Volume | Channels:
     if dims not in (2, 3):
         return Volume.from_array(values)  # which says how many axes it has
     first = [int(given.GetBufferedRegion().GetIndex()[k]) for k in range(dims)]
-    places = np.array([list(given.TransformIndexToPhysicalPoint([n + (k == axis) for k, n in enumerate(first)]))
-                       for axis in range(-1, dims)])
+    places = np.array(
+        [
+            list(given.TransformIndexToPhysicalPoint([n + (k == axis) for k, n in enumerate(first)]))
+            for axis in range(-1, dims)
+        ]
+    )
     affine = np.eye(4)
     affine[:dims, :dims], affine[:dims, 3] = (places[1:] - places[0]).T, places[0]
     shape = (1,) * (3 - dims) + values.shape[:dims]
@@ -244,8 +277,10 @@ def _of_pillow(given: Any) -> Volume | Channels:
 
 
 def _no_table(given: Any) -> Volume | Channels:
-    raise DeformError(f"a Volume is needed, got a table ({type(given).__name__}); read_landmarks and ControlPoints "
-                      "take places, and an array [z, y, x] of numbers makes a volume.")
+    raise DeformError(
+        f"a Volume is needed, got a table ({type(given).__name__}); read_landmarks and ControlPoints "
+        "take places, and an array [z, y, x] of numbers makes a volume."
+    )
 
 
 CONVERTERS: dict[str, Converter] = {

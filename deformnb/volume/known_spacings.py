@@ -45,14 +45,18 @@ class KnownSpacing:
     @property
     def note(self) -> str:
         """Note for a volume that got its true spacing."""
-        return (f"this is the {self.title}: its file has a spacing of {_shown(self.header_spacing)}, which is wrong; "
-                f"{_shown(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)")
+        return (
+            f"this is the {self.title}: its file has a spacing of {_shown(self.header_spacing)}, which is wrong; "
+            f"{_shown(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)"
+        )
 
     @property
     def older_note(self) -> str:
         """Note for a document that was made with the spacing of the file."""
-        return (f"this document was made on the {self.title} with the wrong spacing of its file, "
-                f"{_shown(self.header_spacing)} instead of {_shown(self.spacing)}")
+        return (
+            f"this document was made on the {self.title} with the wrong spacing of its file, "
+            f"{_shown(self.header_spacing)} instead of {_shown(self.spacing)}"
+        )
 
     def is_right(self, grid: Grid) -> bool:
         """Check whether a grid is that of this volume with its true spacing."""
@@ -85,8 +89,18 @@ def known_spacings() -> tuple[KnownSpacing, ...]:
     (0.390625, 1.0, 0.78125)
     """
     rows = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
-    return tuple(KnownSpacing(row["title"], tuple(row["shape"]), row["dtype"], row["sha256"],
-                              tuple(row["header_spacing"]), tuple(row["spacing"]), row["reason"]) for row in rows)
+    return tuple(
+        KnownSpacing(
+            row["title"],
+            tuple(row["shape"]),
+            row["dtype"],
+            row["sha256"],
+            tuple(row["header_spacing"]),
+            tuple(row["spacing"]),
+            row["reason"],
+        )
+        for row in rows
+    )
 
 
 def known_spacing(grid: Grid, dtype: Any, checksum: Callable[[], str]) -> KnownSpacing | None:
@@ -98,8 +112,13 @@ def known_spacing(grid: Grid, dtype: Any, checksum: Callable[[], str]) -> KnownS
     dtype : of the voxels.
     checksum : gives :func:`deformnb.volume.volume.voxel_checksum`; called only where all the rest agrees.
     """
-    likely = [row for row in known_spacings() if row.shape == grid.shape and row.dtype == np.dtype(dtype).name
-              and np.allclose(row.header_spacing, grid.spacing, rtol=1e-5, atol=0)]
+    likely = [
+        row
+        for row in known_spacings()
+        if row.shape == grid.shape
+        and row.dtype == np.dtype(dtype).name
+        and np.allclose(row.header_spacing, grid.spacing, rtol=1e-5, atol=0)
+    ]
     if not likely:
         return None
     found = checksum()
@@ -114,8 +133,16 @@ def older_document(sha256: str, spacing: Float3, grid: Grid) -> KnownSpacing | N
     sha256, spacing : of the document's volume.
     grid : of the volume that the document is applied to.
     """
-    return next((row for row in known_spacings() if row.sha256 == sha256 and row.is_right(grid)
-                 and np.allclose(row.header_spacing, spacing, rtol=1e-5, atol=0)), None)
+    return next(
+        (
+            row
+            for row in known_spacings()
+            if row.sha256 == sha256
+            and row.is_right(grid)
+            and np.allclose(row.header_spacing, spacing, rtol=1e-5, atol=0)
+        ),
+        None,
+    )
 
 
 def _shown(spacing: Float3) -> str:

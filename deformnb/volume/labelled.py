@@ -54,8 +54,10 @@ class LabelledAxes:
         """What the array does not say and was taken: which dimension is which, and places without coordinates."""
         found = list(self.unit_notes)
         if not {str(dim).lower() for dim in self.spatial} & set(_SPATIAL):
-            found.append(f"the dimensions {', '.join(map(str, self.spatial))} were taken as "
-                         f"{', '.join(_SPATIAL[3 - len(self.spatial):])}")
+            found.append(
+                f"the dimensions {', '.join(map(str, self.spatial))} were taken as "
+                f"{', '.join(_SPATIAL[3 - len(self.spatial) :])}"
+            )
         bare = [str(dim) for dim in self.spatial if dim not in array.coords]
         if bare:
             found.append(f"no coordinates along {', '.join(bare)}: voxels were taken to be 1 apart, the first at 0")
@@ -75,8 +77,10 @@ class LabelledAxes:
         if len(spatial) < 2 and not by_letter.keys() & set(_SPATIAL) and array.ndim in (2, 3):
             spatial = tuple(array.dims)  # no names of places at all: in the order of the array
         if len(spatial) < 2 or ("z" in by_letter and len(spatial) < 3 and spatial != tuple(array.dims)):
-            raise DeformError(f"a DataArray needs the dimensions z, y, x (or y, x), and this one has "
-                              f"({', '.join(map(str, array.dims))}); rename them: array.rename(old='x').")
+            raise DeformError(
+                f"a DataArray needs the dimensions z, y, x (or y, x), and this one has "
+                f"({', '.join(map(str, array.dims))}); rename them: array.rename(old='x')."
+            )
         starts, steps = zip(*(_line(array, dim) for dim in spatial), strict=True)
         shape = tuple(int(array.sizes[dim]) for dim in spatial)
         rest = 3 - len(spatial)
@@ -86,8 +90,13 @@ class LabelledAxes:
         origin = (0.0,) * rest + tuple(a * f for a, f in zip(starts, factors[::-1][rest:], strict=True))
         spacing = (1.0,) * rest + tuple(a * f for a, f in zip(steps, factors[::-1][rest:], strict=True))
         turned = _direction(array, len(spatial)) * np.where(np.asarray(spacing[::-1]) < 0, -1.0, 1.0)
-        grid = Grid((1,) * rest + shape, tuple(abs(step) for step in spacing[::-1]), origin[::-1],  # type: ignore[arg-type]
-                    tuple(tuple(row) for row in turned.tolist()), unit)  # type: ignore[arg-type]
+        grid = Grid(
+            (1,) * rest + shape,  # type: ignore[arg-type]
+            tuple(abs(step) for step in spacing[::-1]),
+            origin[::-1],
+            tuple(tuple(row) for row in turned.tolist()),  # type: ignore[arg-type]
+            unit,
+        )
         notes = tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
         return cls(spatial, tuple(dim for dim in array.dims if dim not in spatial), grid, notes)
 
@@ -103,15 +112,18 @@ def _line(array: Any, dim: Hashable) -> tuple[float, float]:
         return 0.0, 1.0
     values = np.asarray(array.coords[dim].values)
     if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
-        raise DeformError(f"the coordinates along {dim} are no places but {values.dtype}; drop them: "
-                          f"array.drop_vars({str(dim)!r}).")
+        raise DeformError(
+            f"the coordinates along {dim} are no places but {values.dtype}; drop them: array.drop_vars({str(dim)!r})."
+        )
     if len(values) < 2:
         return float(values[0]), 1.0
     steps = np.diff(values.astype(np.float64))
     step = float((values[-1].astype(np.float64) - values[0].astype(np.float64)) / len(steps))
     if step == 0 or np.abs(steps - step).max() > EVEN * abs(step):
-        raise DeformError(f"the coordinates along {dim} are not evenly spaced (steps from {steps.min():.6g} to "
-                          f"{steps.max():.6g}); interpolate the array onto even ones first: array.interp.")
+        raise DeformError(
+            f"the coordinates along {dim} are not evenly spaced (steps from {steps.min():.6g} to "
+            f"{steps.max():.6g}); interpolate the array onto even ones first: array.interp."
+        )
     return float(values[0]), step
 
 
@@ -149,8 +161,10 @@ def from_xarray(array: Any, *, is_labels: bool | None = None) -> Volume:
     found = volume_or_channels(array, is_labels=is_labels)
     if isinstance(found, Channels):
         more = next(str(dim) for dim in one_array(array).dims if str(dim).lower() in _CHANNELS)
-        raise DeformError(f"a volume has the dimensions z, y and x and this array has {more} too; "
-                          f"pick one: array.isel({more}=0). dn.warp deforms all of them by one map.")
+        raise DeformError(
+            f"a volume has the dimensions z, y and x and this array has {more} too; "
+            f"pick one: array.isel({more}=0). dn.warp deforms all of them by one map."
+        )
     return found
 
 
@@ -165,9 +179,11 @@ def one_array(given: Any) -> Any:
     variables = getattr(given, "data_vars", None)
     if variables is not None:
         if len(variables) != 1:
-            raise DeformError(f"a Dataset of one variable is a volume, and this one has {len(variables)}"
-                              f"{': ' if len(variables) else ''}{', '.join(map(str, variables))}; pick one: "
-                              "dataset['name'].")
+            raise DeformError(
+                f"a Dataset of one variable is a volume, and this one has {len(variables)}"
+                f"{': ' if len(variables) else ''}{', '.join(map(str, variables))}; pick one: "
+                "dataset['name']."
+            )
         return next(iter(variables.values()))
     if is_labelled(given):
         return given
@@ -201,8 +217,10 @@ def volume_or_channels(given: Any, *, is_labels: bool | None = None) -> Volume |
         names = () if is_colour or more[0] not in array.coords else tuple(map(str, array.coords[more[0]].values))
         return Channels.from_array(stack, axes.grid, names, kind=kind, name=name)
     if more:
-        raise DeformError(f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
-                          f"pick one: array.isel({more[0]}=0). dn.warp deforms all of them by one map.")
+        raise DeformError(
+            f"a volume has the dimensions z, y and x and this array has {', '.join(map(str, more))} too; "
+            f"pick one: array.isel({more[0]}=0). dn.warp deforms all of them by one map."
+        )
     made = Volume.from_array(values.reshape(axes.grid.shape), name=name, is_labels=is_labels)
     return replace(made, grid=axes.grid, notes=(*made.notes, *axes.notes(array)))
 
@@ -225,9 +243,11 @@ def to_xarray(volume: VolumeLike) -> Any:
 
 def _coordinates(grid: Grid, names: tuple[Hashable, ...]) -> tuple[dict[Hashable, Any], NDArray[np.float64]]:
     units = {"units": UNITS[grid.unit].name} if grid.unit else {}
-    places = [start + step * np.arange(n) for start, step, n in
-              zip(grid.origin[::-1], grid.spacing[::-1], grid.shape, strict=True)]
-    coords = {name: (name, values, units) for name, values in zip(names, places[3 - len(names):], strict=True)}
+    places = [
+        start + step * np.arange(n)
+        for start, step, n in zip(grid.origin[::-1], grid.spacing[::-1], grid.shape, strict=True)
+    ]
+    coords = {name: (name, values, units) for name, values in zip(names, places[3 - len(names) :], strict=True)}
     return coords, np.flip(np.asarray(grid.direction))
 
 
@@ -253,15 +273,22 @@ def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
     results = warp(volumes)
     grid = results[0].grid
     values = np.stack([result.values for result in results])
-    outer = tuple(ordered.shape[:len(axes.others)])
-    inner = grid.shape[3 - len(axes.spatial):]
+    outer = tuple(ordered.shape[: len(axes.others)])
+    inner = grid.shape[3 - len(axes.spatial) :]
     if grid == axes.grid:
         return ordered.copy(data=values.reshape(*outer, *inner)).transpose(*array.dims)
     if len(axes.spatial) == 2 and grid.shape[0] != 1:
-        raise DeformError(f"the array has the dimensions {', '.join(map(str, axes.spatial))} and the result has "
-                          f"{grid.shape[0]} slices; give a grid of one slice.")
+        raise DeformError(
+            f"the array has the dimensions {', '.join(map(str, axes.spatial))} and the result has "
+            f"{grid.shape[0]} slices; give a grid of one slice."
+        )
     coords, direction = _coordinates(grid, axes.spatial)
     kept = {name: coord for name, coord in ordered.coords.items() if not set(coord.dims) & set(axes.spatial)}
     size = len(axes.spatial)
-    return type(array)(values.reshape(*outer, *inner), {**kept, **coords}, ordered.dims, array.name,
-                       {**array.attrs, _DIRECTION: direction[3 - size:, 3 - size:]}).transpose(*array.dims)
+    return type(array)(
+        values.reshape(*outer, *inner),
+        {**kept, **coords},
+        ordered.dims,
+        array.name,
+        {**array.attrs, _DIRECTION: direction[3 - size :, 3 - size :]},
+    ).transpose(*array.dims)

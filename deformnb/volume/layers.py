@@ -39,7 +39,7 @@ def layer_data(layer: Any) -> LayerData:
     if not isinstance(whole, tuple) or not 1 <= len(whole) <= 3:
         raise DeformError(f"a layer is one of napari's or a tuple (data, attributes, type), got {shown_value(layer)}.")
     defaults: tuple[Any, ...] = (None, {}, "image")
-    data, attributes, kind = whole + defaults[len(whole):]
+    data, attributes, kind = whole + defaults[len(whole) :]
     if not isinstance(attributes, dict):
         raise DeformError(f"the attributes of a layer are a dictionary, got {shown_value(attributes)}.")
     return data, attributes, kind
@@ -73,8 +73,13 @@ def image_of_layer(layer: Any) -> Volume | Channels:
         channels = Channels.from_array(np.asarray(data), kind="rgba" if np.shape(data)[-1] == 4 else "rgb", name=name)
         grid = Grid.from_affine(channels.grid.shape, matrix, unit)
         return channels.with_volumes([Volume(v.values, grid, v.name, notes=(*v.notes, *notes)) for v in channels])
-    made = Volume.from_affine(data if hasattr(data, "chunks") else np.asarray(data), matrix, name,
-                              True if kind == "labels" else None, unit=unit)
+    made = Volume.from_affine(
+        data if hasattr(data, "chunks") else np.asarray(data),
+        matrix,
+        name,
+        True if kind == "labels" else None,
+        unit=unit,
+    )
     return replace(made, notes=(*made.notes, *notes)) if notes else made
 
 
@@ -91,8 +96,10 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.fl
         if matrix.shape == (dims, dims):
             linear = matrix @ linear
         elif matrix.any():
-            raise DeformError(f"the layer's {key} is {shown_value(value)}; a volume has straight axes, and a rotation "
-                              "here is a matrix: layer.rotate of a layer that napari has made.")
+            raise DeformError(
+                f"the layer's {key} is {shown_value(value)}; a volume has straight axes, and a rotation "
+                "here is a matrix: layer.rotate of a layer that napari has made."
+            )
     if attributes.get("scale") is not None:
         linear = linear * _last(attributes["scale"], dims, "scale")
     if attributes.get("translate") is not None:

@@ -23,8 +23,14 @@ from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_f
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
 
-SIDES = {"+y": "from the front (+y)", "-y": "from behind (-y)", "+x": "from the right (+x)", "-x": "from the left (-x)",
-         "-z": "from above (-z)", "+z": "from below (+z)"}
+SIDES = {
+    "+y": "from the front (+y)",
+    "-y": "from behind (-y)",
+    "+x": "from the right (+x)",
+    "-x": "from the left (-x)",
+    "-z": "from above (-z)",
+    "+z": "from below (+z)",
+}
 """The six views in words, for a patient or an animal in LPS."""
 
 # Up of the picture for each viewing axis: the head (superior, +z) is up in side and front views; an axial picture has
@@ -269,8 +275,9 @@ class Plane:
         return Slices(first, spacing, int((last - first) / spacing + 1e-6) + 1)
 
 
-def _nearest_column(direction: NDArray[np.float64], toward: NDArray[np.float64],
-                    without: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+def _nearest_column(
+    direction: NDArray[np.float64], toward: NDArray[np.float64], without: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """The signed column of ``direction`` nearest to ``toward``, not counting the column parallel to ``without``."""
     score = direction.T @ toward
     if without is not None:
@@ -315,8 +322,10 @@ class Picture:
         high, wide = self.values.shape[:2]
         low, white = self.window
         kind = "coloured" if self.values.ndim == 3 else f"{self.values.dtype.name} from {low:.6g} to {white:.6g}"
-        return (f"<Picture: {self.method}, {wide} x {high} pixels (right, down) of "
-                f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>")
+        return (
+            f"<Picture: {self.method}, {wide} x {high} pixels (right, down) of "
+            f"{' x '.join(f'{s:.6g}' for s in self.raster.spacing)}, {kind}>"
+        )
 
     def grey(self) -> NDArray[np.float32]:
         """(nv, nu) in [0, 1], black to white of the window; luminance over black for a coloured picture."""

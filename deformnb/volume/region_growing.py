@@ -12,8 +12,9 @@ from deformnb.errors import DeformError
 _SLAB = 2_000_000  # voxels that are labelled between two reports of progress: some 50 ms
 
 
-def connected_threshold(values: NDArray[np.number], seed: tuple[int, int, int], low: float, high: float,
-                        progress: Progress | None = None) -> NDArray[np.bool_]:
+def connected_threshold(
+    values: NDArray[np.number], seed: tuple[int, int, int], low: float, high: float, progress: Progress | None = None
+) -> NDArray[np.bool_]:
     """The voxels with ``low <= value <= high`` that are connected with a seed by their faces.
 
     ITK's ConnectedThresholdImageFilter does the same; scikit-image calls it a flood fill.
@@ -49,9 +50,9 @@ def connected_threshold(values: NDArray[np.number], seed: tuple[int, int, int], 
     labels = np.zeros(values.shape, np.int32)
     count, joined = 0, []
     for start in starts:  # by slabs: SciPy reports no progress of the whole
-        part = values[start:start + depth]
+        part = values[start : start + depth]
         found, more = ndimage.label((part >= low) & (part <= high))
-        labels[start:start + depth] = np.where(found > 0, found + count, 0)
+        labels[start : start + depth] = np.where(found > 0, found + count, 0)
         count += more
         if start:
             above, below = labels[start - 1], labels[start]

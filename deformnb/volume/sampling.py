@@ -94,7 +94,7 @@ class Within:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """The array in NumPy's memory."""
         start = int(self.start)
-        values = np.asarray(self.row)[start:start + int(np.prod(self.shape))].reshape(self.shape)
+        values = np.asarray(self.row)[start : start + int(np.prod(self.shape))].reshape(self.shape)
         return np.array(values, dtype, copy=copy)
 
 
@@ -122,10 +122,10 @@ def shared(array: NDArray[Any]) -> Any:
     values = whole.reshape(-1).view(np.uint8)
     first = array.ctypes.data - start - values.ctypes.data
     if 0 <= first <= values.size - length * array.itemsize:
-        row = values[first:first + length * array.itemsize].view(array.dtype)
+        row = values[first : first + length * array.itemsize].view(array.dtype)
         return Within(on_device(row), np.int32(start // array.itemsize), array.shape)
     row = aligned_empty((length,), array.dtype)
-    np.copyto(row[:array.size].reshape(array.shape), array)
+    np.copyto(row[: array.size].reshape(array.shape), array)
     return Within(on_device(row), np.int32(0), array.shape)
 
 
@@ -165,7 +165,7 @@ def aligned_empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     count = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
     buffer = np.empty(count + _ALIGNMENT, np.uint8)
     start = -buffer.ctypes.data % _ALIGNMENT
-    return buffer[start:start + count].view(dtype).reshape(shape)
+    return buffer[start : start + count].view(dtype).reshape(shape)
 
 
 def spline_coefficients(values: NDArray[Any], compute: str, axes: Sequence[int] = (0, 1, 2)) -> NDArray[Any]:
@@ -295,8 +295,9 @@ def _whole_number(value: Any) -> Any:
     return lax.bitcast_convert_type(value + np.float32(2**23), jnp.int32) - 0x4B000000
 
 
-def _taps_at(places: Iterable[tuple[int, int, Any, Any]], *, method: str, index: str,
-             near: bool) -> tuple[list[Taps], Any]:
+def _taps_at(
+    places: Iterable[tuple[int, int, Any, Any]], *, method: str, index: str, near: bool
+) -> tuple[list[Taps], Any]:
     """Memory offsets and weights along each axis, and which places are inside along all.
 
     places : of each axis the number of its voxels, their stride, and the place as a whole number and the rest.
@@ -331,9 +332,11 @@ def _products(taps: Sequence[Taps]) -> Taps:
     """The same combinations as one list of offsets with their products of weights."""
     result: Taps = [(0, 0, None)]
     for axis in taps:
-        result = [(offset + place, shift + step,
-                   weight if factor is None else factor if weight is None else factor * weight)
-                  for offset, shift, factor in result for place, step, weight in axis]
+        result = [
+            (offset + place, shift + step, weight if factor is None else factor if weight is None else factor * weight)
+            for offset, shift, factor in result
+            for place, step, weight in axis
+        ]
     return result
 
 
@@ -418,9 +421,23 @@ def _strides(shape: tuple[int, int, int]) -> tuple[int, int, int]:
     return shape[1] * shape[2], shape[2], 1
 
 
-def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: Any, nodes: Any = None, *,
-             shape: tuple[int, int, int], method: str, step: int, compute: str, index: str, near: bool = False,
-             straight: bool = False) -> Any:
+def _general(
+    flat: Any,
+    field: Any,
+    matrix: Any,
+    whole: Any,
+    part: Any,
+    fill: Any,
+    nodes: Any = None,
+    *,
+    shape: tuple[int, int, int],
+    method: str,
+    step: int,
+    compute: str,
+    index: str,
+    near: bool = False,
+    straight: bool = False,
+) -> Any:
     """A block of the output under any field. Axes of arrays come in the order z, y, x throughout.
 
     flat : the input's voxels (or spline coefficients) in any shape, or :class:`Within`; ``shape`` is their shape.
@@ -464,8 +481,10 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
         places = []
         for a, stride in enumerate(_strides(shape)):
             outer, inner = ([a], [2 - a]) if straight else (range(3), range(3))
-            w, p = (sum((z[a], table[1][a, :, None], table[2][a])[o] for o in outer)
-                    for z, table in zip(along_z, (whole, part), strict=True))
+            w, p = (
+                sum((z[a], table[1][a, :, None], table[2][a])[o] for o in outer)
+                for z, table in zip(along_z, (whole, part), strict=True)
+            )
             places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in inner)))
         taps, ok = _taps_at(places, method=method, index=index, near=near)
         return _finished(_nested(_reader(row, taps, method, compute), taps, start), ok, fill, method)
@@ -482,25 +501,64 @@ def _general(flat: Any, field: Any, matrix: Any, whole: Any, part: Any, fill: An
     return each(plane, jnp.arange(whole[0].shape[1]))
 
 
-def _listed(flat: Any, d: Any, voxels: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,
-            shape: tuple[int, int, int], method: str, compute: str, index: str, near: bool = False) -> Any:
+def _listed(
+    flat: Any,
+    d: Any,
+    voxels: Any,
+    matrix: Any,
+    whole: Any,
+    part: Any,
+    fill: Any,
+    *,
+    shape: tuple[int, int, int],
+    method: str,
+    compute: str,
+    index: str,
+    near: bool = False,
+) -> Any:
     """Single voxels (n,) of the output under displacements (3, n), as :func:`_general` gives them.
 
     voxels : their indices z, y, x in the output, whose tables ``whole`` and ``part`` are.
     """
+
     def added(tables: Any) -> tuple[Any, ...]:
         z, y, x = (table.at[:, at].get(mode="promise_in_bounds") for table, at in zip(tables, voxels, strict=True))
         none = jnp.zeros((3, 1), z.dtype)
         return none, none, z + y + x
 
     row = tuple(component.reshape(1, 1, -1) for component in d)
-    return _general(flat, row, matrix, added(whole), added(part), fill, shape=shape, method=method, step=1,
-                    compute=compute, index=index, near=near).reshape(-1)
+    return _general(
+        flat,
+        row,
+        matrix,
+        added(whole),
+        added(part),
+        fill,
+        shape=shape,
+        method=method,
+        step=1,
+        compute=compute,
+        index=index,
+        near=near,
+    ).reshape(-1)
 
 
-def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part: Any, fill: Any, *,
-              shape: tuple[int, int, int], normal: int, method: str, compute: str, index: str,
-              near: bool = False) -> Any:
+def _extruded(
+    flat: Any,
+    maps: Any,
+    weights: Any,
+    matrix: Any,
+    whole: Any,
+    part: Any,
+    fill: Any,
+    *,
+    shape: tuple[int, int, int],
+    normal: int,
+    method: str,
+    compute: str,
+    index: str,
+    near: bool = False,
+) -> Any:
     """A block of the output under a field that moves nothing along the array axis ``normal``.
 
     flat : as for :func:`_general`.
@@ -512,8 +570,9 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     factors = [1] if weights is None else [w.reshape(along[normal]) for w in weights]
     d = sum(w * m.astype(compute) for w, m in zip(factors, maps, strict=True))
     strides = _strides(shape)
-    fixed = _axis_taps(method, Axis(shape[normal], strides[normal], whole[normal][normal].reshape(along[normal]), None),
-                       index)
+    fixed = _axis_taps(
+        method, Axis(shape[normal], strides[normal], whole[normal][normal].reshape(along[normal]), None), index
+    )
     others, places = [axis for axis in range(3) if axis != normal], []
     for a in others:
         w, p = (sum(table[o][a].reshape(along[o]) for o in others) for table in (whole, part))
@@ -527,8 +586,9 @@ def _extruded(flat: Any, maps: Any, weights: Any, matrix: Any, whole: Any, part:
     return _finished(_nested(read, [fixed, *taps], start), ok, fill, method)
 
 
-def _slices_in_words(slices: Any, moves: Any, weights: Any, whole: Any, part: Any, fill: Any, *,
-                     shape: tuple[int, int]) -> Any:
+def _slices_in_words(
+    slices: Any, moves: Any, weights: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int]
+) -> Any:
     """Slices of one or two bytes a voxel, each moved within itself and read linearly, as :func:`_extruded` gives them.
 
     A word per voxel of a slice holds the four voxels of its cell, or with two bytes a voxel those of one row: one or
@@ -547,7 +607,7 @@ def _slices_in_words(slices: Any, moves: Any, weights: Any, whole: Any, part: An
 
     def packed(voxels: Any) -> Any:
         wide = lax.bitcast_convert_type(voxels.reshape(-1), jnp.dtype(f"uint{bits}")).astype(jnp.uint32)
-        return sum(wide[shift:shift + count] << bits * k for k, shift in enumerate(held))
+        return sum(wide[shift : shift + count] << bits * k for k, shift in enumerate(held))
 
     def voxel(word: Any, k: int) -> Any:
         high = lax.bitcast_convert_type(word << 32 - bits * (k + 1), value_type)  # its sign is that of the voxel
@@ -576,8 +636,18 @@ def _slices_in_words(slices: Any, moves: Any, weights: Any, whole: Any, part: An
     return lax.map(moved, jnp.arange(weights.shape[1]))
 
 
-def _row_taps(maps: Any, matrix: Any, whole: Any, part: Any, *, shape: tuple[int, int], method: str, compute: str,
-              index: str, near: bool = False) -> tuple[list[tuple[Any, Any]], Any]:
+def _row_taps(
+    maps: Any,
+    matrix: Any,
+    whole: Any,
+    part: Any,
+    *,
+    shape: tuple[int, int],
+    method: str,
+    compute: str,
+    index: str,
+    near: bool = False,
+) -> tuple[list[tuple[Any, Any]], Any]:
     """Rows to read and their weights for each row of the output, and where these lie inside: small arrays.
 
     maps : (2, rows, columns) of displacement along (u, v).
@@ -606,8 +676,20 @@ def _rows_by(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *, met
     return _finished(_nested(read, [each]), ok[..., None], fill, method)
 
 
-def _rows(table: Any, maps: Any, matrix: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int],
-          method: str, compute: str, index: str, near: bool = False) -> Any:
+def _rows(
+    table: Any,
+    maps: Any,
+    matrix: Any,
+    whole: Any,
+    part: Any,
+    fill: Any,
+    *,
+    shape: tuple[int, int],
+    method: str,
+    compute: str,
+    index: str,
+    near: bool = False,
+) -> Any:
     """A chunk of output rows that move as a whole: one replicated map, the axis of replication last in memory.
 
     The arguments are those of :func:`_row_taps` and :func:`_rows_by`.

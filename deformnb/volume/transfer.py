@@ -66,8 +66,9 @@ class TransferFunction:
 
     def __post_init__(self) -> None:
         if not (is_finite(self.unit) and self.unit > 0):
-            raise DeformError("the unit thickness of opacities must be a positive length, got "
-                              f"{shown_value(self.unit)}.")
+            raise DeformError(
+                f"the unit thickness of opacities must be a positive length, got {shown_value(self.unit)}."
+            )
         check_fields(self, "unit", "notes")
         clipped = False
         for name, width in (("colors", 4), ("opacities", 2)):
@@ -110,8 +111,9 @@ class TransferFunction:
         c, o = np.asarray(self.colors), np.asarray(self.opacities)
         values = np.unique(np.concatenate([c[:, 0], o[:, 0]]))
         after = self(values)
-        before = np.stack([_before(c[:, 0], c[:, k], values) for k in (1, 2, 3)]
-                          + [_before(o[:, 0], o[:, 1], values)], axis=-1)
+        before = np.stack(
+            [_before(c[:, 0], c[:, k], values) for k in (1, 2, 3)] + [_before(o[:, 0], o[:, 1], values)], axis=-1
+        )
         jumps = (before != after).any(axis=1)
         places = np.concatenate([np.flatnonzero(jumps), np.arange(len(values))])
         rows = np.concatenate([before[jumps], after])
@@ -201,12 +203,16 @@ class TransferFunction:
         def at(value: float) -> float:  # never falling, and met exactly at either end
             return high if value == last else min(high, low + (value - first) / (last - first) * (high - low))
 
-        return replace(self, colors=tuple((at(v), r, g, b) for v, r, g, b in self.colors),
-                       opacities=tuple((at(v), alpha) for v, alpha in self.opacities))
+        return replace(
+            self,
+            colors=tuple((at(v), r, g, b) for v, r, g, b in self.colors),
+            opacities=tuple((at(v), alpha) for v, alpha in self.opacities),
+        )
 
 
-def _before(nodes: NDArray[np.float64], heights: NDArray[np.float64],
-            values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _before(
+    nodes: NDArray[np.float64], heights: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Linear interpolation; at a jump what comes before it, where ``np.interp`` gives what comes after."""
     return np.interp(-values, -nodes[::-1], heights[::-1])
 
@@ -315,8 +321,9 @@ def _above_padding(volume: Volume) -> float:
         if air <= _AIR_HU and between <= _RESAMPLED * volume.grid.size:
             return air
     if _fills_corners(volume, low):
-        return _smallest_from(volume, float(np.nextafter(volume.dtype.type(low), np.inf))
-                              if volume.dtype.kind == "f" else low + 1)
+        return _smallest_from(
+            volume, float(np.nextafter(volume.dtype.type(low), np.inf)) if volume.dtype.kind == "f" else low + 1
+        )
     return low
 
 
@@ -473,26 +480,49 @@ def _is_hounsfield(low: float, high: float) -> bool:
     return low <= _AIR_HU and high >= _BONE_HU
 
 
-def _function(volume: Volume, values: list[float], colors: list[tuple[float, float, float]],
-              alphas: list[float]) -> TransferFunction:
+def _function(
+    volume: Volume, values: list[float], colors: list[tuple[float, float, float]], alphas: list[float]
+) -> TransferFunction:
     """Colours and alphas of values, each at least the one before, for layers of :func:`_layer`."""
     v = _rising(values)
-    return TransferFunction(tuple((a, *c) for a, c in zip(v, colors, strict=True)), tuple(zip(v, alphas, strict=True)),
-                            _layer(volume))
+    return TransferFunction(
+        tuple((a, *c) for a, c in zip(v, colors, strict=True)), tuple(zip(v, alphas, strict=True)), _layer(volume)
+    )
 
 
 def specimen(volume: Volume) -> TransferFunction:
     """A fish or a lobster in a glass jar, bone in translucent skin: faint flesh, bright bones."""
     low, air, dense, high = levels(volume)
     if _is_hounsfield(low, high):  # blankets and the foam of a table are below -200, fat is at -100, spongy bone at 200
-        return _function(volume, [low, -200.0, -80.0, 60.0, 160.0, 300.0, 700.0, max(high, 1000.0)],
-                         [(0.55, 0.28, 0.18), (0.78, 0.5, 0.34), (0.86, 0.6, 0.42), (0.78, 0.36, 0.25),
-                          (0.9, 0.52, 0.36), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86), (1.0, 1.0, 0.97)],
-                         [0.0, 0.0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9])
+        return _function(
+            volume,
+            [low, -200.0, -80.0, 60.0, 160.0, 300.0, 700.0, max(high, 1000.0)],
+            [
+                (0.55, 0.28, 0.18),
+                (0.78, 0.5, 0.34),
+                (0.86, 0.6, 0.42),
+                (0.78, 0.36, 0.25),
+                (0.9, 0.52, 0.36),
+                (0.98, 0.86, 0.66),
+                (1.0, 0.96, 0.86),
+                (1.0, 1.0, 0.97),
+            ],
+            [0.0, 0.0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9],
+        )
     body = air + 0.35 * (dense - air)
-    return _function(volume, [low, air, body, dense, dense + 0.35 * (high - dense), high],
-                     [(0.55, 0.28, 0.18), (0.62, 0.33, 0.2), (0.86, 0.55, 0.38), (0.98, 0.86, 0.66), (1.0, 0.96, 0.86),
-                      (1.0, 1.0, 0.97)], [0.0, 0.0, 0.016, 0.045, 0.45, 0.9])
+    return _function(
+        volume,
+        [low, air, body, dense, dense + 0.35 * (high - dense), high],
+        [
+            (0.55, 0.28, 0.18),
+            (0.62, 0.33, 0.2),
+            (0.86, 0.55, 0.38),
+            (0.98, 0.86, 0.66),
+            (1.0, 0.96, 0.86),
+            (1.0, 1.0, 0.97),
+        ],
+        [0.0, 0.0, 0.016, 0.045, 0.45, 0.9],
+    )
 
 
 def bone(volume: Volume) -> TransferFunction:
@@ -502,8 +532,12 @@ def bone(volume: Volume) -> TransferFunction:
         values = [low, 150.0, 400.0, max(high, 1000.0)]
     else:
         values = [low, dense, dense + 0.25 * (high - dense), high]
-    return _function(volume, values, [(0.7, 0.5, 0.35), (0.85, 0.7, 0.52), (0.96, 0.9, 0.78), (1.0, 1.0, 0.98)],
-                     [0.0, 0.0, 0.6, 0.95])
+    return _function(
+        volume,
+        values,
+        [(0.7, 0.5, 0.35), (0.85, 0.7, 0.52), (0.96, 0.9, 0.78), (1.0, 1.0, 0.98)],
+        [0.0, 0.0, 0.6, 0.95],
+    )
 
 
 def muscle(volume: Volume) -> TransferFunction:
@@ -514,8 +548,15 @@ def muscle(volume: Volume) -> TransferFunction:
     else:
         edge = dense - air
         values = [low, air, air + 0.3 * edge, air + 0.7 * edge, dense, dense + 0.35 * (high - dense), high]
-    rgb = [(0.6, 0.45, 0.25), (0.7, 0.5, 0.3), (0.72, 0.22, 0.15), (0.8, 0.25, 0.17), (0.93, 0.6, 0.42),
-           (1.0, 0.95, 0.84), (1.0, 1.0, 0.97)]
+    rgb = [
+        (0.6, 0.45, 0.25),
+        (0.7, 0.5, 0.3),
+        (0.72, 0.22, 0.15),
+        (0.8, 0.25, 0.17),
+        (0.93, 0.6, 0.42),
+        (1.0, 0.95, 0.84),
+        (1.0, 1.0, 0.97),
+    ]
     return _function(volume, values, rgb, [0.0, 0.0, 0.012, 0.035, 0.1, 0.6, 0.95])
 
 
@@ -525,9 +566,12 @@ def surface(volume: Volume) -> TransferFunction:
     values = [low, air, air + 0.3 * (dense - air), dense, high]
     if _is_hounsfield(low, high):  # skin is at -100 and more; hair, cloth and foam are below
         values = [low, -350.0, -50.0, 200.0, max(high, 1000.0)]
-    return _function(volume, values,
-                     [(0.75, 0.55, 0.42), (0.8, 0.6, 0.47), (0.9, 0.72, 0.58), (0.96, 0.86, 0.74), (1.0, 0.98, 0.94)],
-                     [0.0, 0.0, 0.8, 0.95, 0.98])
+    return _function(
+        volume,
+        values,
+        [(0.75, 0.55, 0.42), (0.8, 0.6, 0.47), (0.9, 0.72, 0.58), (0.96, 0.86, 0.74), (1.0, 0.98, 0.94)],
+        [0.0, 0.0, 0.8, 0.95, 0.98],
+    )
 
 
 def xray(volume: Volume) -> TransferFunction:
@@ -541,7 +585,11 @@ def xray(volume: Volume) -> TransferFunction:
 
 
 PRESETS: dict[str, Callable[[Volume], TransferFunction]] = {
-    "specimen": specimen, "bone": bone, "muscle": muscle, "surface": surface, "xray": xray,
+    "specimen": specimen,
+    "bone": bone,
+    "muscle": muscle,
+    "surface": surface,
+    "xray": xray,
 }
 """Transfer functions that fit themselves to a volume, by name; the first is the default."""
 
@@ -557,8 +605,9 @@ def as_transfer(given: TransferFunction | str | None, volume: VolumeLike) -> Tra
     if given is None or isinstance(given, str):
         return preset("specimen" if given is None else given, volume)
     if not isinstance(given, TransferFunction):
-        raise DeformError(f"a TransferFunction is needed, or the name of a preset ({', '.join(PRESETS)}), got "
-                          f"{shown_value(given)}.")
+        raise DeformError(
+            f"a TransferFunction is needed, or the name of a preset ({', '.join(PRESETS)}), got {shown_value(given)}."
+        )
     return given
 
 

@@ -41,10 +41,28 @@ class Unit:
         return words + tuple(word.replace("meter", "metre") for word in words if word.endswith(("meter", "meters")))
 
 
-_PREFIXES = {"yotta": ("Y", 24), "zetta": ("Z", 21), "exa": ("E", 18), "peta": ("P", 15), "tera": ("T", 12),
-             "giga": ("G", 9), "mega": ("M", 6), "kilo": ("k", 3), "hecto": ("h", 2), "": ("", 0), "deci": ("d", -1),
-             "centi": ("c", -2), "milli": ("m", -3), "micro": ("\u00b5", -6), "nano": ("n", -9), "pico": ("p", -12),
-             "femto": ("f", -15), "atto": ("a", -18), "zepto": ("z", -21), "yocto": ("y", -24)}
+_PREFIXES = {
+    "yotta": ("Y", 24),
+    "zetta": ("Z", 21),
+    "exa": ("E", 18),
+    "peta": ("P", 15),
+    "tera": ("T", 12),
+    "giga": ("G", 9),
+    "mega": ("M", 6),
+    "kilo": ("k", 3),
+    "hecto": ("h", 2),
+    "": ("", 0),
+    "deci": ("d", -1),
+    "centi": ("c", -2),
+    "milli": ("m", -3),
+    "micro": ("\u00b5", -6),
+    "nano": ("n", -9),
+    "pico": ("p", -12),
+    "femto": ("f", -15),
+    "atto": ("a", -18),
+    "zepto": ("z", -21),
+    "yocto": ("y", -24),
+}
 
 # A micro sign is U+00B5 or the Greek letter. Where it stands as one byte of Latin-1 in a text that is read as UTF-8 it
 # becomes U+FFFD, and no other symbol has a letter that could.
@@ -52,11 +70,16 @@ _ALIASES = {"micro": ("um", "\u03bcm", "\ufffdm", "\u00c2\u00b5m", "micron", "mi
 
 _FOOT = Fraction(3048, 10000)
 _ROWS = (
-    *(Unit(f"{letter}m", f"{prefix}meter", Fraction(10) ** power, _ALIASES.get(prefix, ()))
-      for prefix, (letter, power) in _PREFIXES.items()),
+    *(
+        Unit(f"{letter}m", f"{prefix}meter", Fraction(10) ** power, _ALIASES.get(prefix, ()))
+        for prefix, (letter, power) in _PREFIXES.items()
+    ),
     Unit("\u00c5", "angstrom", Fraction(1, 10**10), ("\u212b", "A", "ang")),
-    Unit("in", "inch", _FOOT / 12, ('"',)), Unit("ft", "foot", _FOOT), Unit("yd", "yard", 3 * _FOOT),
-    Unit("mi", "mile", 5280 * _FOOT), Unit("pc", "parsec", Fraction(30856775814913673)),
+    Unit("in", "inch", _FOOT / 12, ('"',)),
+    Unit("ft", "foot", _FOOT),
+    Unit("yd", "yard", 3 * _FOOT),
+    Unit("mi", "mile", 5280 * _FOOT),
+    Unit("pc", "parsec", Fraction(30856775814913673)),
 )
 
 UNITS: dict[str, Unit] = {unit.symbol: unit for unit in _ROWS}
@@ -68,12 +91,32 @@ UNIT_METRES = {unit.symbol: float(unit.metres) for unit in _ROWS}
 UNIT_WORDS = {word: unit.symbol for unit in _ROWS for word in unit.words}
 """The symbol of each way to write a unit; capitals count in short ones: Mm are megametres."""
 
-UNIT_LOWER_WORDS = {word.lower(): symbol for word, symbol in reversed(UNIT_WORDS.items())
-                    if len(word) > 2 or word in ("mm", "cm", "um", "nm")}
+UNIT_LOWER_WORDS = {
+    word.lower(): symbol
+    for word, symbol in reversed(UNIT_WORDS.items())
+    if len(word) > 2 or word in ("mm", "cm", "um", "nm")
+}
 """The same of those whose capitals do not count."""
 
-NO_UNITS = ("", "pixel", "pixels", "px", "voxel", "voxels", "vx", "unknown", "none", "null", "?", "arbitrary",
-            "reference frame", "referenceframe", "unitless", "dimensionless", "index")
+NO_UNITS = (
+    "",
+    "pixel",
+    "pixels",
+    "px",
+    "voxel",
+    "voxels",
+    "vx",
+    "unknown",
+    "none",
+    "null",
+    "?",
+    "arbitrary",
+    "reference frame",
+    "referenceframe",
+    "unitless",
+    "dimensionless",
+    "index",
+)
 """What programs write where they know of no unit: the elements of pictures, or a space without a scale."""
 
 
@@ -112,8 +155,10 @@ def checked_unit(text: object) -> str:
     """
     found = find_unit(text)
     if found is None:
-        raise DeformError(f"{shown_value(text)} is no unit of length; known are {', '.join(UNITS)} and their names, "
-                          'and "" where it is not known.')
+        raise DeformError(
+            f"{shown_value(text)} is no unit of length; known are {', '.join(UNITS)} and their names, "
+            'and "" where it is not known.'
+        )
     return found
 
 
@@ -158,6 +203,7 @@ def common_unit(units: Sequence[str]) -> tuple[str, tuple[float, ...], tuple[str
     factors = tuple(ratio(one, unit) for one in units)
     if len(set(units)) < 2:
         return unit, factors, ()
-    each = ", ".join(f"{axis} in {one}" if one else f"{axis} without a unit"
-                     for axis, one in zip("xyz", units, strict=False))
+    each = ", ".join(
+        f"{axis} in {one}" if one else f"{axis} without a unit" for axis, one in zip("xyz", units, strict=False)
+    )
     return unit, factors, (f"the axes of the file are measured in different units ({each}); all are in {unit} now",)

@@ -51,7 +51,7 @@ _REFUSED = {
 def slabs(array: NDArray[Any]) -> list[NDArray[Any]]:
     """The array as a list of views along its first axis, each of about 16 MiB or one slice."""
     rows = max(1, _SLAB_BYTES // max(1, array[:1].nbytes))
-    return [array[start:start + rows] for start in range(0, array.shape[0], rows)]
+    return [array[start : start + rows] for start in range(0, array.shape[0], rows)]
 
 
 def three_axes(array: NDArray[Any]) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -164,8 +164,11 @@ def empty_note(array: NDArray[Any]) -> tuple[str, ...]:
     first = array[0, 0, 0]
     if (array[0] == first).all() and all((slab == first).all() for slab in slabs(array)):
         return (f"every voxel has the value {float(first):g}: {NOTHING_TO_SEE}",)
-    if array.dtype.kind == "f" and not np.isfinite(array[0]).any() and not any(
-            np.isfinite(slab).any() for slab in slabs(array)):
+    if (
+        array.dtype.kind == "f"
+        and not np.isfinite(array[0]).any()
+        and not any(np.isfinite(slab).any() for slab in slabs(array))
+    ):
         return (f"no voxel is a finite number: {NOTHING_TO_SEE}",)
     return ()
 
@@ -177,8 +180,11 @@ def _not_finite_note(array: NDArray[Any]) -> tuple[str, ...]:
     if not bad:
         return ()
     many = f"{bad:,}".replace(",", " ")
-    return (f"{many} voxels are not finite, shown as background" if bad > 1
-            else "1 voxel is not finite, shown as background",)
+    return (
+        f"{many} voxels are not finite, shown as background"
+        if bad > 1
+        else "1 voxel is not finite, shown as background",
+    )
 
 
 # The criterion for labels against amounts: the share of equal neighbours along x, averaged over the values, and among
@@ -203,7 +209,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     every = max(1, array.size // _SAMPLED_VOXELS)
     planes = min(every, max(1, array.shape[0] // 8))
     rows = min(max(1, every // planes), max(1, array.shape[1] // 8))
-    sample = array[planes // 2::planes, rows // 2::rows]
+    sample = array[planes // 2 :: planes, rows // 2 :: rows]
     left, right = sample[:, :, :-1], sample[:, :, 1:]
     is_equal, lowest = left == right, sample.min()
     counted = (left != lowest) | (right != lowest)
@@ -217,9 +223,11 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     steps = np.abs(right[~is_equal].astype(np.float64) - left[~is_equal])
     if equal.mean() < _LEAST_EQUAL or not steps.size or np.mean(steps == 1) > _MOST_UNIT_STEPS:
         return ()
-    note = (f"{_LIKE_LABELS} ({len(values)} whole numbers in regions of one value each) but are not "
-            "declared as such: deforming makes up values between them; set is_labels=True (--labels in a command) to "
-            "keep each as it is, or is_labels=False if they are amounts")
+    note = (
+        f"{_LIKE_LABELS} ({len(values)} whole numbers in regions of one value each) but are not "
+        "declared as such: deforming makes up values between them; set is_labels=True (--labels in a command) to "
+        "keep each as it is, or is_labels=False if they are amounts"
+    )
     return (note,)
 
 
@@ -236,8 +244,10 @@ def refuse_lazy(given: Any) -> None:
     kind = type(given).__module__.partition(".")[0]
     size = int(np.prod(given.shape, dtype=np.float64)) * np.dtype(given.dtype).itemsize
     load = "array.compute()" if kind in ("dask", "xarray") else "array[...]"
-    raise DeformError(f"this is an array in chunks ({kind}) of {size / 2**20:.6g} MiB, which would be loaded whole. "
-                      f"deformnb.chunked.warp deforms it block by block; where it fits into memory, load it: {load}.")
+    raise DeformError(
+        f"this is an array in chunks ({kind}) of {size / 2**20:.6g} MiB, which would be loaded whole. "
+        f"deformnb.chunked.warp deforms it block by block; where it fits into memory, load it: {load}."
+    )
 
 
 def optional_package(package: str) -> Any:
@@ -297,10 +307,13 @@ def _regular_image(image: Any) -> Any:
     steps = [float((line[-1] - line[0]) / max(1, len(line) - 1)) for line in lines]
     for name, line, step in zip("xyz", lines, steps, strict=True):
         if len(line) > 1 and not (step > 0 and np.abs(np.diff(line) - step).max() <= EVEN * step):
-            raise DeformError(f"the coordinates along {name} of the RectilinearGrid are not evenly spaced and rising; "
-                              "resample it onto an ImageData first: pyvista.ImageData(...).sample(grid).")
-    regular = pyvista.ImageData(dimensions=image.dimensions, origin=[float(line[0]) for line in lines],
-                                spacing=[step or 1.0 for step in steps])
+            raise DeformError(
+                f"the coordinates along {name} of the RectilinearGrid are not evenly spaced and rising; "
+                "resample it onto an ImageData first: pyvista.ImageData(...).sample(grid)."
+            )
+    regular = pyvista.ImageData(
+        dimensions=image.dimensions, origin=[float(line[0]) for line in lines], spacing=[step or 1.0 for step in steps]
+    )
     regular.point_data.update(image.point_data)
     regular.cell_data.update(image.cell_data)
     _, active = image.active_scalars_info
@@ -318,8 +331,9 @@ def _scalars_of(image: Any, scalars: str | None) -> tuple[str, bool]:
         return str(name), True
     if name in points:
         return str(name), False
-    raise DeformError(f"the image has no data called {shown_value(name)} (it has {points} at its points and {cells} at "
-                      "its cells).")
+    raise DeformError(
+        f"the image has no data called {shown_value(name)} (it has {points} at its points and {cells} at its cells)."
+    )
 
 
 class MappedFile:
@@ -376,8 +390,10 @@ class MappedFile:
         else:
             return
         name = "" if self._path is None else f" {os.path.basename(self._path)!r}"
-        raise FileChangedError(f"the file{name} that the volume's voxels are mapped from {what}. Load it anew, "
-                               "and copy the voxels (np.array) where the file may change.")
+        raise FileChangedError(
+            f"the file{name} that the volume's voxels are mapped from {what}. Load it anew, "
+            "and copy the voxels (np.array) where the file may change."
+        )
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
         return type(None), ()  # a pickled or deep copied array lies in memory
@@ -455,8 +471,10 @@ class Grid:
                 "(negate its column), an unknown spacing is 1."
             )
         if min(self.spacing) < SPACINGS[0] or max(self.spacing) > SPACINGS[1]:
-            raise DeformError(f"spacing must be from {SPACINGS[0]:g} to {SPACINGS[1]:g}, got {self.spacing}: the size "
-                              "of a voxel would be no number in float32. Give it in another unit.")
+            raise DeformError(
+                f"spacing must be from {SPACINGS[0]:g} to {SPACINGS[1]:g}, got {self.spacing}: the size "
+                "of a voxel would be no number in float32. Give it in another unit."
+            )
         if np.abs(self.origin).max() > LARGEST_COORDINATE:
             raise DeformError(f"the origin is {self.origin}; coordinates must be below {LARGEST_COORDINATE:g}.")
         direction = finite_array(self.direction, (3, 3), "direction must be 3 x 3 finite numbers")
@@ -548,8 +566,11 @@ class Grid:
         """True if the voxels of both lie at the same places, as far as files keep digits, whatever their units."""
         other = other.in_unit(self.unit)
         close = 1e-5 * min(other.spacing)
-        return self.shape == other.shape and np.allclose(self.matrix, other.matrix, 0, close) and np.allclose(
-            self.origin, other.origin, 1e-9, 100 * close)
+        return (
+            self.shape == other.shape
+            and np.allclose(self.matrix, other.matrix, 0, close)
+            and np.allclose(self.origin, other.origin, 1e-9, 100 * close)
+        )
 
     def index_to_point(self, index: ArrayLike) -> NDArray[np.float64]:
         """Points (..., 3) in space of (fractional) indices (..., 3) given as (i, j, k) along x, y, z."""
@@ -607,8 +628,9 @@ class Grid:
         start = (int(low[2]), int(low[1]), int(low[0]))
         return self.crop(start, (int(count[2]), int(count[1]), int(count[0])))
 
-    def resampled(self, *, spacing: ArrayLike | None = None, shape: tuple[int, int, int] | None = None,
-                  margin: ArrayLike = 0.0) -> Grid:
+    def resampled(
+        self, *, spacing: ArrayLike | None = None, shape: tuple[int, int, int] | None = None, margin: ArrayLike = 0.0
+    ) -> Grid:
         """The same box (grown by ``margin`` on each side) with another resolution.
 
         Parameters
@@ -630,8 +652,10 @@ class Grid:
             if not (new > 0).all():
                 raise DeformError(f"spacing must be positive, got {shown_value(spacing)}.")
             if min(new) < SPACINGS[0] or (lengths / new).prod() >= _MOST_VOXELS:
-                raise DeformError(f"a spacing of {shown_value(spacing)} makes more voxels of a box of {self.lengths} "
-                                  "than there can be.")
+                raise DeformError(
+                    f"a spacing of {shown_value(spacing)} makes more voxels of a box of {self.lengths} "
+                    "than there can be."
+                )
             counts = np.maximum(1, np.round(lengths / new)).astype(np.int64)
         first = np.asarray(self.center) - np.asarray(self.direction) @ (new * (counts - 1) / 2)
         return replace(self, shape=tuple(int(n) for n in counts[::-1]), spacing=tuple(new), origin=tuple(first))  # type: ignore[arg-type]
@@ -660,8 +684,9 @@ def as_spacing(given: Spacing) -> Float3:
     value = real_array(given)
     if value is not None and value.ndim == 0:
         value = np.full(3, value)
-    three = finite_array(given if value is None else value, (3,),
-                         "spacing must be three finite numbers (x, y, z), or one for all axes")
+    three = finite_array(
+        given if value is None else value, (3,), "spacing must be three finite numbers (x, y, z), or one for all axes"
+    )
     x, y, z = three.tolist()
     return x, y, z
 
@@ -671,8 +696,10 @@ def checked_shape(shape: object) -> tuple[int, int, int]:
     sizes = real_array(shape)
     whole = sizes is not None and sizes.shape == (3,) and bool((sizes == np.floor(sizes)).all())
     if sizes is None or not whole or not min(sizes) >= 1 or math.prod(sizes.tolist()) >= _MOST_VOXELS:
-        raise DeformError("a volume needs at least one voxel along each of z, y, x, and below 2**60 in all; its shape "
-                          f"is {shown_value(shape)}.")
+        raise DeformError(
+            "a volume needs at least one voxel along each of z, y, x, and below 2**60 in all; its shape "
+            f"is {shown_value(shape)}."
+        )
     nz, ny, nx = (int(n) for n in sizes)
     return nz, ny, nx
 
@@ -687,8 +714,9 @@ def _places(value: ArrayLike) -> NDArray[np.float64]:
 def _one_or_three(value: object, what: str) -> NDArray[np.float64]:
     array = real_array(value)
     if array is None or array.shape not in ((), (1,), (3,)) or not (np.abs(array) <= LARGEST_COORDINATE).all():
-        raise DeformError(f"{what} must be one number below {LARGEST_COORDINATE:g} or three (x, y, z), got "
-                          f"{shown_value(value)}.")
+        raise DeformError(
+            f"{what} must be one number below {LARGEST_COORDINATE:g} or three (x, y, z), got {shown_value(value)}."
+        )
     return np.broadcast_to(array, (3,))
 
 
@@ -757,7 +785,9 @@ class Volume:
     def __post_init__(self) -> None:
         check_fields(self, "grid", "name", "is_labels", "notes", "level")
         if self.level is not None and (self.level.voxels, self.level.grids[self.level.number]) != (
-                id(self.values), self.grid):
+            id(self.values),
+            self.grid,
+        ):
             object.__setattr__(self, "level", None)
         if not isinstance(self.values, np.ndarray):
             raise DeformError(f"the voxels of a volume are an array, got {shown_value(self.values)}.")
@@ -788,8 +818,10 @@ class Volume:
         unit = self.grid.unit and f" {self.grid.unit}"
         kind = f"{self.dtype.name} labels" if self.is_labels and self.dtype != np.bool_ else self.dtype.name
         name = f" {self.name[:60]!r}" if self.name else ""
-        return (f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
-                f"spacing {' x '.join(f'{s:.6g}' for s in spacing)}{unit}>")
+        return (
+            f"<Volume{name}: {nx} x {ny} x {nz} voxels (x, y, z), {kind}, "
+            f"spacing {' x '.join(f'{s:.6g}' for s in spacing)}{unit}>"
+        )
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """The voxels [z, y, x], for ``np.asarray(volume)``; not copied where their type may stay."""
@@ -799,9 +831,17 @@ class Volume:
         return np.array(self.values, dtype=target) if copy else np.asarray(self.values, dtype=target)
 
     @classmethod
-    def from_array(cls, array: ArrayLike, spacing: Spacing = (1.0, 1.0, 1.0), origin: Float3 = (0.0, 0.0, 0.0),
-                   direction: Matrix3 = IDENTITY, name: str = "", is_labels: bool | None = None, *,
-                   unit: str = "") -> Volume:
+    def from_array(
+        cls,
+        array: ArrayLike,
+        spacing: Spacing = (1.0, 1.0, 1.0),
+        origin: Float3 = (0.0, 0.0, 0.0),
+        direction: Matrix3 = IDENTITY,
+        name: str = "",
+        is_labels: bool | None = None,
+        *,
+        unit: str = "",
+    ) -> Volume:
         """A volume of any array of numbers [z, y, x]; a 2-D image [y, x] becomes one slice.
 
         The array is not copied where its type can stay (memory-mapped, read-only and Fortran arrays included).
@@ -843,8 +883,9 @@ class Volume:
         return cls(values, Grid(shape, as_spacing(spacing), origin, direction, unit), name, bool(labels), notes)
 
     @classmethod
-    def from_affine(cls, array: ArrayLike, affine: ArrayLike, name: str = "", is_labels: bool | None = None, *,
-                    unit: str = "") -> Volume:
+    def from_affine(
+        cls, array: ArrayLike, affine: ArrayLike, name: str = "", is_labels: bool | None = None, *, unit: str = ""
+    ) -> Volume:
         """A volume of an array [z, y, x] and the 4 x 4 LPS affine of its indices (i, j, k), in a unit of length."""
         plain = cls.from_array(array, name=name, is_labels=is_labels)
         return replace(plain, grid=Grid.from_affine(plain.shape, affine, unit))
@@ -926,8 +967,12 @@ class Volume:
         VTK has no units: lengths are millimetres, or those of the volume where its unit is not known.
         """
         grid, pyvista = self.grid.in_unit("mm"), optional_package("pyvista")
-        image = pyvista.ImageData(dimensions=self.shape[::-1], spacing=grid.spacing, origin=grid.origin,
-                                  direction_matrix=np.asarray(grid.direction))
+        image = pyvista.ImageData(
+            dimensions=self.shape[::-1],
+            spacing=grid.spacing,
+            origin=grid.origin,
+            direction_matrix=np.asarray(grid.direction),
+        )
         name = self.name or "values"
         image.point_data.set_array(np.asarray(self.values).reshape(-1), name)
         image.point_data.active_scalars_name = name

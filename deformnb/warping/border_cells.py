@@ -67,7 +67,8 @@ def can_choose(field: AbstractField) -> bool:
     """Check whether the cuts of a field are such that nodes can hold the displacements of every region."""
     return field.has_cuts and not any(
         link.has_cuts and not (isinstance(link, Decoupled) and not any(part.has_cuts for part in link.fields))
-        for link in links_of(field))
+        for link in links_of(field)
+    )
 
 
 @dataclass(eq=False)
@@ -98,8 +99,9 @@ class Regional:
         self.tables.append(d)
         return len(self.tables) - 1
 
-    def _choice(self, cut: Decoupled, rest: Sequence[AbstractField], x: Floats, d: Floats | None,
-                before: int | None) -> _Branch:
+    def _choice(
+        self, cut: Decoupled, rest: Sequence[AbstractField], x: Floats, d: Floats | None, before: int | None
+    ) -> _Branch:
         at = x if d is None else x + d
         must_look = len(cut.fields) > 2  # one cut is near by itself
         here, needed = (self.walk.distances(cut, at), reach_of(cut, at)) if must_look else (None, 0.0)
@@ -109,8 +111,11 @@ class Regional:
         for f, side in zip(cut.fields, cut.sides, strict=True):
             self.walk.error[...] = error
             moved = at + self.walk.through(f, at)
-            if here is not None and depth_in(side, here).max() < -needed and depth_in(
-                    side, self.walk.distances(cut, moved)).max() < -reach_of(cut, moved):
+            if (
+                here is not None
+                and depth_in(side, here).max() < -needed
+                and depth_in(side, self.walk.distances(cut, moved)).max() < -reach_of(cut, moved)
+            ):
                 continue  # nothing of this region can be seen near these nodes
             sides.append(side)
             after.append(self._kept(moved - x))
@@ -123,8 +128,15 @@ class Regional:
         return _Branch(cut.choice(sides, np.float32), tuple(then), before, tuple(after))
 
 
-def chosen(way: _Shown | _Branch, nodes: NDArray[np.float32], cells: NDArray[np.intp], first: Floats, grid: Grid,
-           spacing: int, error: float) -> tuple[Any, ...]:
+def chosen(
+    way: _Shown | _Branch,
+    nodes: NDArray[np.float32],
+    cells: NDArray[np.intp],
+    first: Floats,
+    grid: Grid,
+    spacing: int,
+    error: float,
+) -> tuple[Any, ...]:
     """Displacements at the voxels of cells, interpolated between nodes and chosen among the regions.
 
     Parameters
@@ -178,14 +190,17 @@ def _chosen(way: Any, values: Any, starts: Any, apart: Any, weights: Any, error:
         some = lax.dynamic_index_in_dim(values, k, keepdims=False)
         between = _interpolated(some.reshape(4, 4, 4, -1), weights).reshape(*shape, -1)
         between = lax.optimization_barrier(jnp.moveaxis(between, -1, 0))
-        x = [s[None, :] + a[:, None] for s, a in zip(lax.dynamic_index_in_dim(starts, k, keepdims=False), apart,
-                                                     strict=True)]
+        x = [
+            s[None, :] + a[:, None]
+            for s, a in zip(lax.dynamic_index_in_dim(starts, k, keepdims=False), apart, strict=True)
+        ]
         d, opacity, doubt = _decided(way, between, x, error)
         return *(part.astype(jnp.float32) for part in (*d, opacity)), doubt
 
     def add(k: Any, out: tuple[Any, ...]) -> tuple[Any, ...]:
-        return tuple(lax.dynamic_update_index_in_dim(whole, part, k, 0)
-                     for whole, part in zip(out, group(k), strict=True))
+        return tuple(
+            lax.dynamic_update_index_in_dim(whole, part, k, 0) for whole, part in zip(out, group(k), strict=True)
+        )
 
     kinds = (jnp.float32,) * 4 + (bool,)
     out = tuple(jnp.zeros((values.shape[0], *shape), kind) for kind in kinds)
@@ -195,8 +210,12 @@ def _chosen(way: Any, values: Any, starts: Any, apart: Any, weights: Any, error:
 def _interpolated(nodes: Any, weights: Any) -> Any:
     """Values (4, 4, 4, n) of nodes at the voxels (s, s, s, n) of a cell, along one axis after the other."""
     for axis in range(3):
-        nodes = lax.optimization_barrier(jnp.stack([
-            sum(w[k] * lax.index_in_dim(nodes, k, axis, keepdims=False) for k in range(4)) for w in weights.T], axis))
+        nodes = lax.optimization_barrier(
+            jnp.stack(
+                [sum(w[k] * lax.index_in_dim(nodes, k, axis, keepdims=False) for k in range(4)) for w in weights.T],
+                axis,
+            )
+        )
     return nodes
 
 
@@ -205,6 +224,7 @@ _evaluate = compiled(_chosen, on_one_thread=True)
 
 def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any], Any, Any]:
     """Displacements, opacity and doubt at voxels x, from tables (3 tables, ...) there."""
+
     def moved(table: int | None) -> list[Any]:
         return [jnp.zeros(x[0].shape, tables.dtype)] * 3 if table is None else list(tables[3 * table : 3 * table + 3])
 
@@ -212,8 +232,9 @@ def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any]
         return moved(way.table), jnp.ones(x[0].shape, tables.dtype), jnp.zeros(x[0].shape, bool)
 
     cuts = way.cuts
-    here, there = cuts.distances([[p + d for p, d in zip(x, moved(table), strict=True)]
-                                  for table in (way.before, *way.after)])
+    here, there = cuts.distances(
+        [[p + d for p, d in zip(x, moved(table), strict=True)] for table in (way.before, *way.after)]
+    )
     choice, opacity = cuts.decide(here, there)
     doubt = is_doubtful(here, there, cuts.sides, cuts.softness, error, jnp)
     *known, (d, seen, unclear) = [_decided(then, tables, x, error) for then in way.then]

@@ -89,8 +89,10 @@ class ComposedEvaluator:
             d += np.stack([np.asarray(part).ravel() for part in _as_parts(first)])
         more, opacity = self._at_places(places + d)
         shape = lattice.shape
-        return Displacements(tuple(part.reshape(shape) for part in (d + more).astype(np.float32)),
-                             opacity=opacity.reshape(shape) if self.has_cuts else None)
+        return Displacements(
+            tuple(part.reshape(shape) for part in (d + more).astype(np.float32)),
+            opacity=opacity.reshape(shape) if self.has_cuts else None,
+        )
 
 
 def _as_parts(d: Any) -> list[Any]:

@@ -186,8 +186,9 @@ class ExactPlaces:
             If they are not finite.
         """
         with float64():
-            d, opacity, is_finite = _evaluate_on_lattice([form for _, form in self._links], *grid_lines(lattice),
-                                                         shape=lattice.shape)
+            d, opacity, is_finite = _evaluate_on_lattice(
+                [form for _, form in self._links], *grid_lines(lattice), shape=lattice.shape
+            )
             if not is_finite:
                 raise DeformError(NOT_FINITE)
             return d, None if opacity is None else as_numpy(opacity)
@@ -209,6 +210,7 @@ def _by_itself(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
 
 def _form(field: AbstractField, corners: Floats, resolution: float) -> Any | None:
     """What evaluates a field at places between corners (n, dim) in pure JAX; None where nothing does."""
+
     def all_of(fields: Sequence[AbstractField], around: Floats = corners) -> tuple[Any, ...] | None:
         forms = tuple(_form(f, around, resolution) for f in fields)
         return None if None in forms else forms
@@ -246,6 +248,11 @@ def _extruded(field: Extrusion, maps: tuple[Any, ...]) -> _Extruded:
     (c0, c1), weights = field.depth, np.asarray(field.weights, np.float64)
     knots = np.asarray(field.knots, np.float64)
     is_even = np.array_equal(knots, np.linspace(0.0, 1.0, len(knots)))
-    return _Extruded(maps, np.asarray(field.plane.frame), np.asarray(field.plane.origin, np.float64),
-                     np.array([c0, 1 / (c1 - c0) if c1 > c0 else 0.0]), None if is_even else knots,
-                     weights[:, :1] if field.is_replication else weights)
+    return _Extruded(
+        maps,
+        np.asarray(field.plane.frame),
+        np.asarray(field.plane.origin, np.float64),
+        np.array([c0, 1 / (c1 - c0) if c1 > c0 else 0.0]),
+        None if is_even else knots,
+        weights[:, :1] if field.is_replication else weights,
+    )

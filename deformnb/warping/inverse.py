@@ -87,9 +87,14 @@ class RoundTrip:
     reached: float
 
 
-def invert(field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike, *,
-           grid: Grid | VolumeLike | None = None, tolerance: float | None = None,
-           progress: Progress | None = None) -> Inverse:
+def invert(
+    field: AbstractField | HasField,
+    lattice: Grid | Raster | VolumeLike,
+    *,
+    grid: Grid | VolumeLike | None = None,
+    tolerance: float | None = None,
+    progress: Progress | None = None,
+) -> Inverse:
     """Forward displacements at all nodes of a lattice: F with ``y = x + F(x)`` and ``y + D(y) = x``.
 
     A field that is the same on every slice of the grid is inverted on one of them. Where a map folds, one of several
@@ -150,8 +155,9 @@ def invert(field: AbstractField | HasField, lattice: Grid | Raster | VolumeLike,
     return Inverse(values, np.repeat(one.error, count, axis=axis), np.repeat(one.reached, count, axis=axis), tolerance)
 
 
-def round_trip(field: AbstractField | HasField, points: ArrayLike | Landmarks, *,
-               grid: Grid | VolumeLike | None = None) -> RoundTrip:
+def round_trip(
+    field: AbstractField | HasField, points: ArrayLike | Landmarks, *, grid: Grid | VolumeLike | None = None
+) -> RoundTrip:
     """Points forward by the inverse of the map and back by the map itself: what is promised of them, measured.
 
     Parameters
@@ -179,8 +185,9 @@ def round_trip(field: AbstractField | HasField, points: ArrayLike | Landmarks, *
     return RoundTrip(float(error[found].max()), float(error[found].mean()), float(found.mean()))
 
 
-def _inverted(field: AbstractField, lattice: Grid | Raster, tolerance: float, dtype: Any,
-              progress: Progress | None) -> Inverse:
+def _inverted(
+    field: AbstractField, lattice: Grid | Raster, tolerance: float, dtype: Any, progress: Progress | None
+) -> Inverse:
     """Node by node, in blocks."""
     count, dim = int(np.prod(lattice.shape)), field.dim
     values = np.empty((count, dim), dtype)
@@ -194,8 +201,9 @@ def _inverted(field: AbstractField, lattice: Grid | Raster, tolerance: float, dt
         if progress is not None:
             progress(min(1.0, part.stop / count))
     shape = lattice.shape
-    return Inverse(DisplacementField(values.reshape(*shape, dim), lattice), error.reshape(shape),
-                   reached.reshape(shape), tolerance)
+    return Inverse(
+        DisplacementField(values.reshape(*shape, dim), lattice), error.reshape(shape), reached.reshape(shape), tolerance
+    )
 
 
 def _nodes(lattice: Grid | Raster) -> Iterator[tuple[slice, Array]]:

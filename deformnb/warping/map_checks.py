@@ -63,8 +63,9 @@ def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, 
     return tuple(note for note in (fold_note(volume, field, output), cut_off_note(volume, field, output)) if note)
 
 
-def with_cautions(volumes: Sequence[Volume], results: Sequence[Volume], notes: Sequence[str],
-                  cautions: Sequence[str]) -> list[Volume]:
+def with_cautions(
+    volumes: Sequence[Volume], results: Sequence[Volume], notes: Sequence[str], cautions: Sequence[str]
+) -> list[Volume]:
     """Results with the notes of their volumes, further notes and cautions; the latter are warnings too.
 
     Parameters
@@ -73,8 +74,10 @@ def with_cautions(volumes: Sequence[Volume], results: Sequence[Volume], notes: S
     """
     made_up = [made_up_note(volume, result) for volume, result in zip(volumes, results, strict=True)]
     warn([*cautions, *(note for note, volume in zip(made_up, volumes, strict=True) if note and volume.is_undecided)])
-    return [replace(result, notes=tuple(dict.fromkeys([*volume.notes, *notes, *cautions, *([more] if more else [])])))
-            for result, volume, more in zip(results, volumes, made_up, strict=True)]
+    return [
+        replace(result, notes=tuple(dict.fromkeys([*volume.notes, *notes, *cautions, *([more] if more else [])])))
+        for result, volume, more in zip(results, volumes, made_up, strict=True)
+    ]
 
 
 def made_up_note(volume: Volume, result: Volume) -> str:
@@ -91,8 +94,11 @@ def made_up_note(volume: Volume, result: Volume) -> str:
         return ""
     count = len(np.setdiff1d(np.unique(result.values), np.append(np.unique(volume.values), volume.background)))
     values = "1 value that no voxel had was" if count == 1 else f"{count} values that no voxel had were"
-    return (f"{values} made up between voxels that look like labels; declare them as labels to keep each as it is."
-            if count else "")
+    return (
+        f"{values} made up between voxels that look like labels; declare them as labels to keep each as it is."
+        if count
+        else ""
+    )
 
 
 # ---- folds -----------------------------------------------------------------------------------------------------------
@@ -122,8 +128,10 @@ def fold_note(volume: Volume | None, field: AbstractField, box: Grid) -> str:
     if where is None:
         return ""
     at = ", ".join(f"{value:.4g}" for value in where + 0.0)
-    return (f"The map folds: det J is {worst:.2g} near ({at}), where tissue is shown twice. Drag less far, or use more "
-            "stages or a larger support radius.")
+    return (
+        f"The map folds: det J is {worst:.2g} near ({at}), where tissue is shown twice. Drag less far, or use more "
+        "stages or a larger support radius."
+    )
 
 
 def everywhere(places: Array) -> NDArray[np.bool_]:
@@ -155,8 +163,10 @@ def _nodes(field: AbstractField, box: Grid) -> Array:
     if isinstance(field, Extrusion) and not field.is_replication and (axis := field.axis_of(box)) is not None:
         most[2 - axis] = _DEPTHS
     same = unchanging_axes(field, box)
-    lines = [np.array([(n - 1) / 2]) if 2 - k in same else np.linspace(0, n - 1, min(n, m))
-             for k, (n, m) in enumerate(zip(counts.tolist(), most.tolist(), strict=True))]
+    lines = [
+        np.array([(n - 1) / 2]) if 2 - k in same else np.linspace(0, n - 1, min(n, m))
+        for k, (n, m) in enumerate(zip(counts.tolist(), most.tolist(), strict=True))
+    ]
     return box.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
@@ -224,8 +234,11 @@ def cut_off_note(volume: Volume, field: AbstractField, box: Grid) -> str:
 
     Sides that lie within the volume are left out: there tissue is cut off because that was asked for.
     """
-    sides = [name for name, shell in zip(side_names(box), _shells(box), strict=True)
-             if _outside(volume.grid, shell) and _shows_tissue(volume, field, shell)]
+    sides = [
+        name
+        for name, shell in zip(side_names(box), _shells(box), strict=True)
+        if _outside(volume.grid, shell) and _shows_tissue(volume, field, shell)
+    ]
     return cut_off_text(tuple(sides))
 
 

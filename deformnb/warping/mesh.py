@@ -65,8 +65,10 @@ class Mesh:
             raise DeformError(f"corner {bad[0]} of the mesh is not finite ({points[bad[0]].tolist()}); repair it.")
         wrong = np.flatnonzero(((faces < 0) | (faces >= len(points))).any(axis=1))
         if len(wrong):
-            raise DeformError(f"face {wrong[0]} of the mesh has the corners {faces[wrong[0]].tolist()}, but there are "
-                              f"only {len(points)} corners, counted from 0.")
+            raise DeformError(
+                f"face {wrong[0]} of the mesh has the corners {faces[wrong[0]].tolist()}, but there are "
+                f"only {len(points)} corners, counted from 0."
+            )
         check_fields(self, "name", "notes")
         for name, array in (("points", points), ("faces", faces)):
             array.flags.writeable = False
@@ -85,8 +87,9 @@ class Mesh:
         pyvista = optional_package("pyvista")
         surface = pyvista.wrap(surface)
         if not isinstance(surface, pyvista.PolyData):
-            raise DeformError(f"from_pyvista takes a PolyData (a surface), not {type(surface).__name__}; "
-                              "extract_surface() makes one.")
+            raise DeformError(
+                f"from_pyvista takes a PolyData (a surface), not {type(surface).__name__}; extract_surface() makes one."
+            )
         whole = surface.triangulate()
         faces = np.asarray(whole.regular_faces if whole.n_cells else np.zeros((0, 3)), dtype=np.int64)
         return cls(np.asarray(whole.points, dtype=np.float64), faces, name, unit="mm")
@@ -141,8 +144,10 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
     if array.size == 0:
         return np.zeros((0, 3), dtype=dtype)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in ("iu" if dtype is np.int64 else "iuf"):
-        raise DeformError(f"the {what} of a mesh must be {'whole ' if dtype is np.int64 else ''}numbers of shape "
-                          f"(n, 3), got {array.dtype} of shape {array.shape}.")
+        raise DeformError(
+            f"the {what} of a mesh must be {'whole ' if dtype is np.int64 else ''}numbers of shape "
+            f"(n, 3), got {array.dtype} of shape {array.shape}."
+        )
     return np.array(array, dtype=dtype)
 
 
@@ -184,8 +189,14 @@ def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
     return int((count % 2 == 1).sum()), bool((turns == 0).all())
 
 
-def signed_distance(mesh: MeshLike, grid: Grid | VolumeLike | None = None, *, size: int = 128,
-                    margin: float | None = None, progress: Progress | None = None) -> Volume:
+def signed_distance(
+    mesh: MeshLike,
+    grid: Grid | VolumeLike | None = None,
+    *,
+    size: int = 128,
+    margin: float | None = None,
+    progress: Progress | None = None,
+) -> Volume:
     """A volume of the distance to a closed mesh: negative inside, zero on the surface, positive outside.
 
     Parameters
@@ -225,12 +236,15 @@ def signed_distance(mesh: MeshLike, grid: Grid | VolumeLike | None = None, *, si
         raise DeformError("the mesh has no faces, so there is no surface to be distant from.")
     missing, oriented = open_edges(merged.faces)
     if missing:
-        raise DeformError(f"the mesh is open: {missing} edges have no face on their other side, so it has no inside. "
-                          "Close its holes first, for example with pyvista's fill_holes.")
+        raise DeformError(
+            f"the mesh is open: {missing} edges have no face on their other side, so it has no inside. "
+            "Close its holes first, for example with pyvista's fill_holes."
+        )
     lattice = grid_around(mesh, size=size, margin=margin) if grid is None else as_grid(grid)
     merged = merged.in_unit(lattice.unit)
-    values = triangles.distances(lattice.point_to_index(merged.points), merged.faces, lattice, oriented=oriented,
-                                 progress=progress)
+    values = triangles.distances(
+        lattice.point_to_index(merged.points), merged.faces, lattice, oriented=oriented, progress=progress
+    )
     notes = mesh.notes
     if not oriented:
         notes += (_DISAGREE,)
@@ -255,8 +269,9 @@ def grid_around(mesh: Mesh, *, size: int = 128, margin: float | None = None) -> 
     spacing = (longest + 2 * room) / size
     count = np.maximum(1, np.ceil((high - low + 2 * room) / spacing - 1e-9)).astype(int)
     first = (low + high) / 2 - spacing * (count - 1) / 2
-    return Grid((int(count[2]), int(count[1]), int(count[0])), (spacing,) * 3, (first[0], first[1], first[2]),
-                unit=mesh.unit)
+    return Grid(
+        (int(count[2]), int(count[1]), int(count[0])), (spacing,) * 3, (first[0], first[1], first[2]), unit=mesh.unit
+    )
 
 
 def filled(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
@@ -312,24 +327,33 @@ def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: str = "below")
     volume = as_volume(volume)
     low, high = volume.value_range
     if not (np.isfinite(level) and low <= level <= high) or min(volume.shape) < 2:
-        raise DeformError(f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g} and it "
-                          f"has {' x '.join(map(str, volume.shape[::-1]))} voxels.")
+        raise DeformError(
+            f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g} and it "
+            f"has {' x '.join(map(str, volume.shape[::-1]))} voxels."
+        )
     # In voxels, and placed by the grid's own formula: the same for every orientation.
     values = volume.finite_values
     values = np.asarray(values, dtype=values.dtype if values.dtype.kind == "f" else np.float32)
     image = optional_package("pyvista").ImageData(dimensions=volume.shape[::-1])
     image.point_data["values"] = values.reshape(-1)
-    found = image.contour([float(level)], scalars="values", method="flying_edges", compute_normals=False,
-                          compute_gradients=False, compute_scalars=False)
+    found = image.contour(
+        [float(level)],
+        scalars="values",
+        method="flying_edges",
+        compute_normals=False,
+        compute_gradients=False,
+        compute_scalars=False,
+    )
     if not found.n_cells:  # the level is the smallest value, which no edge between voxels crosses
-        raise DeformError(f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g}, and "
-                          "the level must lie between them.")
+        raise DeformError(
+            f"no surface has the value {level:g}: the volume's values go from {low:g} to {high:g}, and "
+            "the level must lie between them."
+        )
     faces = np.asarray(found.regular_faces, dtype=np.int64)
     mirrored = np.linalg.det(np.asarray(volume.grid.direction)) < 0
     if mirrored == (inside == "above"):  # VTK looks to smaller values
         faces = faces[:, ::-1]
-    return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name,
-                unit=volume.grid.unit)
+    return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name, unit=volume.grid.unit)
 
 
 def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> Mesh:

@@ -74,9 +74,11 @@ class CutPlan:
         """Slices along the normal and numbers of pixels that are computed together; the last one may be repeated."""
         weights, last = self.apart.weights, self.pixels.shape[1] - 1
         assert weights is not None
-        return [(depth, np.minimum(np.arange(first, first + _TOGETHER), last))
-                for depth in parts(weights.shape[1], _SLICES)
-                for first in range(0, last + 1, _TOGETHER)]
+        return [
+            (depth, np.minimum(np.arange(first, first + _TOGETHER), last))
+            for depth in parts(weights.shape[1], _SLICES)
+            for first in range(0, last + 1, _TOGETHER)
+        ]
 
     def seen(self, depth: slice, some: NDArray[np.intp]) -> tuple[Any, NDArray[np.float32]]:
         """Displacements along u and v (2, z, y, x) and opacity [z, y, x] of one of the parts.
@@ -86,9 +88,18 @@ class CutPlan:
         normal, weights = self.apart.normal, self.apart.weights
         assert weights is not None
         maps, here, places = (a[..., None, some] for a in (self.maps, self.here, self.places))
-        d, opacity = _evaluate(maps, weights[:, depth], here, places, self.distances, self.scale,
-                               np.float32(self.field.softness), sides=self.field.sides, rule=self.field.rule,
-                               normal=normal)
+        d, opacity = _evaluate(
+            maps,
+            weights[:, depth],
+            here,
+            places,
+            self.distances,
+            self.scale,
+            np.float32(self.field.softness),
+            sides=self.field.sides,
+            rule=self.field.rule,
+            normal=normal,
+        )
         return d, np.asarray(opacity)
 
 
@@ -147,8 +158,12 @@ def _extrusions(field: AbstractField) -> list[Extrusion]:
     if not isinstance(field, Decoupled):
         return []
     found = [f for f in field.fields if isinstance(f, Extrusion) and f.plane == field.plane]
-    same = all(np.array_equal(f.weights, found[0].weights) and np.array_equal(f.knots, found[0].knots)
-               and f.depth == found[0].depth for f in found)
+    same = all(
+        np.array_equal(f.weights, found[0].weights)
+        and np.array_equal(f.knots, found[0].knots)
+        and f.depth == found[0].depth
+        for f in found
+    )
     return found if same and len(found) == len(field.fields) else []
 
 
@@ -178,9 +193,15 @@ def _around(at: NDArray[np.float64], reach: float, size: float, output: Grid, no
     return Raster((rows, columns), (step, step), tuple((low - margin).tolist()))
 
 
-def _read(moved: NDArray[np.float32], weights: NDArray[np.float32], inside: NDArray[np.bool_],
-          places: NDArray[np.float32], distances: NDArray[np.float32], scale: NDArray[np.float32],
-          least: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+def _read(
+    moved: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    inside: NDArray[np.bool_],
+    places: NDArray[np.float32],
+    distances: NDArray[np.float32],
+    scale: NDArray[np.float32],
+    least: float,
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """The distances (C, n) read at places (2, n), and which of these may be led, on some slice, to where they are less
     than ``least`` deep in their own region.
 
@@ -193,16 +214,25 @@ def _read(moved: NDArray[np.float32], weights: NDArray[np.float32], inside: NDAr
     read, leaves = np.zeros(inside.shape, np.float32), np.zeros(count, bool)
     for first in range(0, count, _READ_TOGETHER):
         at = np.minimum(np.arange(first, first + _READ_TOGETHER), count - 1)
-        found = _read_some(moved[..., at], (low + high) / 2, (high - low) / 2, inside[:, at], places[:, at], distances,
-                           scale, np.float32(least))
+        found = _read_some(
+            moved[..., at],
+            (low + high) / 2,
+            (high - low) / 2,
+            inside[:, at],
+            places[:, at],
+            distances,
+            scale,
+            np.float32(least),
+        )
         here = slice(first, first + _READ_TOGETHER)
         read[:, here], leaves[here] = (np.asarray(a)[..., : count - first] for a in found)
     return read, leaves
 
 
 @partial(compiled, on_one_thread=True)
-def _read_some(moved: Any, weights: Any, spreads: Any, inside: Any, places: Any, distances: Any, scale: Any,
-               least: Any) -> tuple[Any, Any]:
+def _read_some(
+    moved: Any, weights: Any, spreads: Any, inside: Any, places: Any, distances: Any, scale: Any, least: Any
+) -> tuple[Any, Any]:
     sides = jnp.where(inside, -1.0, 1.0)
     length = jnp.sqrt(moved[:, 0] ** 2 + moved[:, 1] ** 2)
 
@@ -226,8 +256,12 @@ def _look_up(table: Any, x: Any, y: Any) -> Any:
     flat, length = table.reshape(-1), (rows - 1) * columns - 1
     (i, s), (j, t) = _cell(x, columns), _cell(y, rows)
     # Each neighbour in a part of its own of the raster, all of one length: the index is then tested once for all four.
-    a, b, c, d = (lax.slice_in_dim(flat, n, n + length).at[j * columns + i].get(
-        mode="promise_in_bounds", wrap_negative_indices=False) for n in (0, 1, columns, columns + 1))
+    a, b, c, d = (
+        lax.slice_in_dim(flat, n, n + length)
+        .at[j * columns + i]
+        .get(mode="promise_in_bounds", wrap_negative_indices=False)
+        for n in (0, 1, columns, columns + 1)
+    )
     return (a * (1 - s) + b * s) * (1 - t) + (c * (1 - s) + d * s) * t
 
 
@@ -242,8 +276,19 @@ def _cell(place: Any, count: int) -> tuple[Any, Any]:
 
 
 @partial(compiled, on_one_thread=True, static_argnames=("sides", "rule", "normal"))
-def _evaluate(maps: Any, weights: Any, here: Any, places: Any, distances: Any, scale: Any, softness: Any, *,
-              sides: Any, rule: str, normal: int) -> tuple[Any, Any]:
+def _evaluate(
+    maps: Any,
+    weights: Any,
+    here: Any,
+    places: Any,
+    distances: Any,
+    scale: Any,
+    softness: Any,
+    *,
+    sides: Any,
+    rule: str,
+    normal: int,
+) -> tuple[Any, Any]:
     def one_slice(w: Any) -> tuple[Any, Any]:  # its arrays stay in the cache; all slices at once took 5 times as long
         moves = [sum(w[k] * regional[k] for k in range(len(w))) for regional in maps]
         at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]

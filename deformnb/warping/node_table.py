@@ -128,8 +128,13 @@ class NodeTable:
     exactly : displacements (3, n) and opacity (n) of the field at places (3, n); made of the field if None.
     """
 
-    def __init__(self, field: AbstractField, grid: Grid, progress: Progress | None = None,
-                 exactly: Callable[..., tuple[Any, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        field: AbstractField,
+        grid: Grid,
+        progress: Progress | None = None,
+        exactly: Callable[..., tuple[Any, Any]] | None = None,
+    ) -> None:
         self._field, self._grid, self._at_places = field, grid, exactly or ExactPlaces(links_of(field), grid)
         self._left: list[NDArray[np.intp]] = []
         estimate = _Lattice(field, grid, _FIRST_SPACING)
@@ -154,8 +159,12 @@ class NodeTable:
             lattice = _Lattice(self._field, grid, spacing)
             if lattice.best_spacing(_EVERY, (spacing, 1)) == spacing:
                 own = (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
-                return self._read(lattice, own, self._beside_cuts(lattice, _EVERY, start, start, stop),
-                                  self._all(lattice.bad_cells(_EVERY), spacing, start, stop))
+                return self._read(
+                    lattice,
+                    own,
+                    self._beside_cuts(lattice, _EVERY, start, start, stop),
+                    self._all(lattice.bad_cells(_EVERY), spacing, start, stop),
+                )
         return None
 
     def left(self) -> list[Callable[[], Replacement]]:
@@ -165,8 +174,9 @@ class NodeTable:
         pieces = _pieces(np.concatenate(self._left), self._whole.spacing, np.zeros(3, int), np.array(self._grid.shape))
         return [partial(self._exactly, voxels) for voxels in pieces]
 
-    def _all(self, cells: NDArray[np.intp], spacing: int, corner: NDArray[np.intp],
-             stop: NDArray[np.intp]) -> Iterator[Replacement]:
+    def _all(
+        self, cells: NDArray[np.intp], spacing: int, corner: NDArray[np.intp], stop: NDArray[np.intp]
+    ) -> Iterator[Replacement]:
         return (self._exactly(voxels) for voxels in _pieces(cells, spacing, corner, stop))
 
     def _exactly(self, voxels: Callable[[], Voxels]) -> Replacement:
@@ -179,8 +189,14 @@ class NodeTable:
         d, opacity = self._at_places(self._grid.matrix @ index[::-1] + np.asarray(self._grid.origin)[:, None])
         return d, opacity if self._field.has_cuts else None
 
-    def _beside_cuts(self, lattice: _Lattice, cells: tuple[slice, slice], corner: NDArray[np.intp],
-                     start: NDArray[np.intp], stop: NDArray[np.intp]) -> Iterator[Replacement]:
+    def _beside_cuts(
+        self,
+        lattice: _Lattice,
+        cells: tuple[slice, slice],
+        corner: NDArray[np.intp],
+        start: NDArray[np.intp],
+        stop: NDArray[np.intp],
+    ) -> Iterator[Replacement]:
         """The voxels of a block in cells that the border of a cut may cross, a few at a time.
 
         corner : the first voxel of the lattice; start, stop : the first voxel and the end of the block.
@@ -199,8 +215,9 @@ class NodeTable:
         for k in range(0, len(known), border_cells.MOST_CELLS):
             some = known[k : k + border_cells.MOST_CELLS]
             places = self._grid.index_to_point((spacing * some + corner)[:, ::-1]).T
-            *d, opacity, doubt = border_cells.chosen(way, nodes, some - first, places, self._grid, spacing,
-                                                     STEEPEST * ERROR * min(self._grid.spacing))
+            *d, opacity, doubt = border_cells.chosen(
+                way, nodes, some - first, places, self._grid, spacing, STEEPEST * ERROR * min(self._grid.spacing)
+            )
             index = np.empty((3, *doubt.shape), np.int32)
             offsets = np.indices((spacing,) * 3).reshape(3, -1, 1)
             for axis, at in enumerate(border_cells.in_groups(some.T)):
@@ -233,8 +250,9 @@ class NodeTable:
         return Displacements(d, tuple(tables), exact=chain(*exact))
 
 
-def _pieces(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp]
-            ) -> Iterator[Callable[[], Voxels]]:
+def _pieces(
+    cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: NDArray[np.intp]
+) -> Iterator[Callable[[], Voxels]]:
     """All voxels in cells (n, 3), a few at a time: the indices of all would take more memory than the result.
 
     start : the first voxel of the first cell; stop : the end of the voxels.
@@ -353,18 +371,27 @@ class _Lattice:
 
     def _places(self, first: Any, shape: Any) -> Floats:
         """Places (3, z, y, x) of nodes, the first of them two before the first voxel of a cell."""
-        z, y, x = (self._grid.matrix[:, [2 - axis]] * (self.spacing * (start + np.arange(n) - float(_HALO)))
-                   for axis, (start, n) in enumerate(zip(first, shape, strict=True)))
+        z, y, x = (
+            self._grid.matrix[:, [2 - axis]] * (self.spacing * (start + np.arange(n) - float(_HALO)))
+            for axis, (start, n) in enumerate(zip(first, shape, strict=True))
+        )
         places = (z[:, :, None, None] + y[:, None, :, None]) + x[:, None, None, :]
         places += np.asarray(self._grid.origin)[:, None, None, None]
         return places
 
     def _walk(self, shape: Any) -> Walk:
-        return Walk(min(self._grid.spacing), self._types, np.zeros(shape, np.uint8), np.zeros(shape, np.float32),
-                    np.zeros(shape, np.int32), np.zeros(shape[0], np.float32))
+        return Walk(
+            min(self._grid.spacing),
+            self._types,
+            np.zeros(shape, np.uint8),
+            np.zeros(shape, np.float32),
+            np.zeros(shape, np.int32),
+            np.zeros(shape[0], np.float32),
+        )
 
-    def _evaluate(self, widths: NDArray[np.float32], beyond: dict[int, tuple[NDArray[np.uint8], np.float32]],
-                  slab: slice) -> None:
+    def _evaluate(
+        self, widths: NDArray[np.float32], beyond: dict[int, tuple[NDArray[np.uint8], np.float32]], slab: slice
+    ) -> None:
         """The nodes of some planes, and one more, for the cells between this slab and the next one."""
         shape = (min(slab.stop + 1, self._shape[0]) - slab.start, *self._shape[1:])
         places, walk = self._places((slab.start, 0, 0), shape), self._walk(shape)

@@ -36,8 +36,14 @@ JUMPS = {1: 0.375, 2: 0.065, 3: 0.049}
 """The factors c by the first derivative that jumps."""
 
 _SMOOTHNESS: dict[type[kernels.AbstractKernel], int] = {
-    kernels.WendlandC0: 1, kernels.Linear: 1, kernels.ThinPlate: 2, kernels.WendlandC2: 3, kernels.WendlandC4: 3,
-    kernels.Gaussian: 3, kernels.Multiquadric: 3, kernels.Cubic: 3,
+    kernels.WendlandC0: 1,
+    kernels.Linear: 1,
+    kernels.ThinPlate: 2,
+    kernels.WendlandC2: 3,
+    kernels.WendlandC4: 3,
+    kernels.Gaussian: 3,
+    kernels.Multiquadric: 3,
+    kernels.Cubic: 3,
 }
 
 NARROWEST = 4
@@ -94,8 +100,12 @@ def smoothness_of(field: AbstractField) -> int | None:
 
 def lagrange(t: Any) -> tuple[Any, ...]:
     """Weights of the values at -1, 0, 1 and 2 for a place t from 0 to 1."""
-    return (-t * (t - 1) * (t - 2) / 6, (t + 1) * (t - 1) * (t - 2) / 2, -(t + 1) * t * (t - 2) / 2,
-            (t + 1) * t * (t - 1) / 6)
+    return (
+        -t * (t - 1) * (t - 2) / 6,
+        (t + 1) * (t - 1) * (t - 2) / 2,
+        -(t + 1) * t * (t - 2) / 2,
+        (t + 1) * t * (t - 1) / 6,
+    )
 
 
 @dataclass(frozen=True)
@@ -156,8 +166,10 @@ class Walk:
         for group in alike(fits):
             ends, spreads = moved_back(group, x.reshape(len(x), -1), self.resolution, self.types)
             # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be looked at.
-            widths = [(_diagonal(x) + float(np.linalg.norm(spread))) * _largest_scale(fit) / fit.support
-                      for fit, spread in zip(group, spreads, strict=True)]
+            widths = [
+                (_diagonal(x) + float(np.linalg.norm(spread))) * _largest_scale(fit) / fit.support
+                for fit, spread in zip(group, spreads, strict=True)
+            ]
             if len(group) > 1 and NARROWEST * max(widths) > 1:
                 for fit in group:
                     x = self._fits((fit,), x)
@@ -231,8 +243,9 @@ class Walk:
         return total
 
     def _within(self, box: tuple[slice, ...]) -> Walk:
-        return replace(self, marks=self.marks[box], error=self.error[box], regions=self.regions[box],
-                       widths=self.widths[box[0]])
+        return replace(
+            self, marks=self.marks[box], error=self.error[box], regions=self.regions[box], widths=self.widths[box[0]]
+        )
 
     def distances(self, field: Decoupled, places: Floats) -> Floats:
         """Signed distances (cuts, z, y, x) of places to the cuts of a field."""
@@ -278,8 +291,9 @@ def _turned(matrix: Floats, places: Floats) -> Floats:
 
 def _sides(places: NDArray[Any]) -> list[float]:
     """Bounds of the sides of the cells between places, along each axis of the lattice."""
-    return [float(np.linalg.norm([np.abs(np.diff(p, axis=axis)).max(initial=0.0) for p in places]))
-            for axis in range(3)]
+    return [
+        float(np.linalg.norm([np.abs(np.diff(p, axis=axis)).max(initial=0.0) for p in places])) for axis in range(3)
+    ]
 
 
 def _diagonal(places: NDArray[Any]) -> float:

@@ -62,8 +62,10 @@ _MORE_ON_GPU = 32
 """How many times as much a GPU does at once: its memory holds it, and each call has to be launched and waited for."""
 
 
-NOT_FINITE = ("the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
-              "on top of each other.")
+NOT_FINITE = (
+    "the field is not finite everywhere (or beyond all sizes); look for control points far away or nearly "
+    "on top of each other."
+)
 
 
 def checked_method(method: str | None, *, discrete: bool) -> str:
@@ -114,6 +116,7 @@ class Places:
 
     def at_pixels(self, normal: int, depth: slice, pixels: NDArray[np.intp]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """``whole`` and ``part`` of pixels (2, n), which run along the last of the two axes across ``normal``."""
+
         def listed(tables: tuple[NDArray[Any], ...]) -> tuple[NDArray[Any], ...]:
             a, b = (tables[o] for o in range(3) if o != normal)
             found = [np.zeros((3, 1), a.dtype), a[:, pixels[0]] + b[:, pixels[1]]]
@@ -145,8 +148,9 @@ def _cut(table: NDArray[Any], part: slice) -> NDArray[Any]:
     return np.take(table, np.arange(part.start, part.stop), axis=1, mode="clip")
 
 
-def _tables(steps: NDArray[np.float64], start: NDArray[np.float64], shape: tuple[int, ...],
-            compute: str) -> tuple[tuple[NDArray[np.int32], ...], tuple[NDArray[Any], ...]]:
+def _tables(
+    steps: NDArray[np.float64], start: NDArray[np.float64], shape: tuple[int, ...], compute: str
+) -> tuple[tuple[NDArray[np.int32], ...], tuple[NDArray[Any], ...]]:
     """Split ``start + sum_o steps[:, o] * index_o`` into integers and fractions, axis by axis of the output."""
     whole, part = [], []
     for o, n in enumerate(shape):
@@ -261,8 +265,9 @@ def plane_vectors(plane: Plane) -> NDArray[np.float64]:
     return plane.frame[:2].T
 
 
-def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
-               normal: int) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+def _on_voxels(
+    field: AbstractField, plane: Plane, output: Grid, normal: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """A 2-D field at the voxel centres of one plane of the grid: (2, rows, columns) in the order of array axes.
 
     The opacity (rows, columns) comes along; None if there are no cuts.
@@ -277,10 +282,13 @@ def _on_voxels(field: AbstractField, plane: Plane, output: Grid,
         reverse = cosines[2 - axis, k] < 0
         flip.append(-1 if reverse else 1)
         first.append(start[k] - (output.shape[axis] - 1) * output.spacing[2 - axis] * reverse)
-    raster = Raster((output.shape[along_v], output.shape[along_u]),
-                    (output.spacing[2 - along_u], output.spacing[2 - along_v]), (first[0], first[1]))
+    raster = Raster(
+        (output.shape[along_v], output.shape[along_u]),
+        (output.spacing[2 - along_u], output.spacing[2 - along_v]),
+        (first[0], first[1]),
+    )
     values, opacity = seen_on_raster(field, raster)
-    turned = [a if a is None else a[..., ::flip[1], ::flip[0]] for a in (values, opacity)]
+    turned = [a if a is None else a[..., :: flip[1], :: flip[0]] for a in (values, opacity)]
     if along_v > along_u:
         turned = [a if a is None else a.swapaxes(-1, -2) for a in turned]
     return turned[0], turned[1]  # type: ignore[return-value]
@@ -383,8 +391,9 @@ def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> tuple[Any, .
 def _refined(nodes: Any, *, step: int, count: int) -> tuple[Any, ...]:
     """Components (z, y, x) at ``count`` voxels along x, of nodes (components, z, y, n) at every ``step``-th of them."""
     t = jnp.asarray(np.arange(step) / step, jnp.float32)
-    return tuple(((1 - t) * d[:, :, :-1, None] + t * d[:, :, 1:, None]).reshape(*d.shape[:2], -1)[:, :, :count]
-                 for d in nodes)
+    return tuple(
+        ((1 - t) * d[:, :, :-1, None] + t * d[:, :, 1:, None]).reshape(*d.shape[:2], -1)[:, :, :count] for d in nodes
+    )
 
 
 @partial(compiled, on_one_thread=True)

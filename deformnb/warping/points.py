@@ -50,8 +50,14 @@ _TRIED = 4
 _NAMES_SHOWN = 8  # by repr
 
 
-def warp_points(points: ArrayLike | Landmarks, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None,
-                *, tolerance: float | None = None, max_iterations: int = 50) -> tuple[Array, NDArray[np.bool_]]:
+def warp_points(
+    points: ArrayLike | Landmarks,
+    field: AbstractField | HasField,
+    grid: Grid | VolumeLike | None = None,
+    *,
+    tolerance: float | None = None,
+    max_iterations: int = 50,
+) -> tuple[Array, NDArray[np.bool_]]:
     """Map points of the input forward to the result: y with ``y + D(y) = x``, the inverse of the backward map.
 
     Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself
@@ -110,8 +116,7 @@ def unit_factor(points: object, field: AbstractField, grid: Grid | VolumeLike | 
     return ratio(points.unit, there) if isinstance(points, Landmarks | ControlPoints) else 1.0
 
 
-def checked_points(points: ArrayLike | Landmarks, field: AbstractField,
-                   grid: Grid | VolumeLike | None = None) -> Array:
+def checked_points(points: ArrayLike | Landmarks, field: AbstractField, grid: Grid | VolumeLike | None = None) -> Array:
     """A copy of points (..., dim) as float64, of landmarks in the unit of the field or of the volume that it deforms.
 
     Raises
@@ -119,8 +124,13 @@ def checked_points(points: ArrayLike | Landmarks, field: AbstractField,
     DeformError
         If they are not finite or not of the field's dimension.
     """
-    given = points.points if isinstance(points, Landmarks) else points.source if isinstance(
-        points, ControlPoints) else points
+    given = (
+        points.points
+        if isinstance(points, Landmarks)
+        else points.source
+        if isinstance(points, ControlPoints)
+        else points
+    )
     x = real_array(given)
     if x is None:
         raise DeformError(f"points are numbers of shape (..., {field.dim}) or Landmarks, got {shown_value(points)}.")
@@ -137,12 +147,18 @@ def default_tolerance(x: Array, field: AbstractField) -> float:
     """1e-6 of the extent of points (N, dim), and of how far they go; never less than rounding."""
     d = [np.abs(field.displacement(x[k : k + POINTS_AT_A_TIME])) for k in range(0, len(x), POINTS_AT_A_TIME)]
     far = float(max(np.where(np.isfinite(part), part, 0.0).max() for part in d))
-    return max(_POINT_TOLERANCE * max(float(np.ptp(x, axis=0).max()), far),
-               _ROUNDING * (float(np.abs(x).max()) + far))
+    return max(_POINT_TOLERANCE * max(float(np.ptp(x, axis=0).max()), far), _ROUNDING * (float(np.abs(x).max()) + far))
 
 
-def moved(x: Array, field: AbstractField, tolerance: float, max_iterations: int = 50, *,
-          start: Array | None = None, thorough: bool = True) -> tuple[Array, NDArray[np.bool_]]:
+def moved(
+    x: Array,
+    field: AbstractField,
+    tolerance: float,
+    max_iterations: int = 50,
+    *,
+    start: Array | None = None,
+    thorough: bool = True,
+) -> tuple[Array, NDArray[np.bool_]]:
     """Result of :func:`warp_points`, for a block of points (N, dim), at least one.
 
     Parameters
@@ -182,8 +198,11 @@ def _bring_to_targets(y: Array, error: Array, x: Array, field: AbstractField, to
     if field.is_identity:  # no place but x; and scipy stays out of the start of a studio, where nothing is dragged
         return
     fits = field.fits if isinstance(field, LocalFits) else (field,)
-    targets = [fit.origin + fit.support * np.asarray(fit.centers, dtype=np.float64)[: int(fit.count)]
-               for fit in fits if isinstance(fit, RBFInterpolant) and int(fit.count)]
+    targets = [
+        fit.origin + fit.support * np.asarray(fit.centers, dtype=np.float64)[: int(fit.count)]
+        for fit in fits
+        if isinstance(fit, RBFInterpolant) and int(fit.count)
+    ]
     if not targets:
         return
     places = np.concatenate(targets)
@@ -211,8 +230,7 @@ def _determinants(places: Array, field: AbstractField) -> Array:
     return np.asarray(determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1))))
 
 
-def _beside_cuts(x: Array, field: Decoupled, tolerance: float,
-                 max_iterations: int) -> tuple[Array, NDArray[np.bool_]]:
+def _beside_cuts(x: Array, field: Decoupled, tolerance: float, max_iterations: int) -> tuple[Array, NDArray[np.bool_]]:
     """Tissue moves with the region it lies in; by the paper's rule none is seen across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
     for mask, own in field.of_source(x):
@@ -232,8 +250,9 @@ def _is_exact(field: Extrusion) -> bool:
     return bool(np.abs(frame @ frame.T - np.eye(3)).max() < 1e-12)
 
 
-def _in_the_plane(x: Array, field: Extrusion, tolerance: float, max_iterations: int,
-                  start: Array | None) -> tuple[Array, Array]:
+def _in_the_plane(
+    x: Array, field: Extrusion, tolerance: float, max_iterations: int, start: Array | None
+) -> tuple[Array, Array]:
     """Nothing leaves its depth: two unknowns instead of three, and weights that are known from the start."""
     plane = field.plane
     abc = plane.to_plane(x)
@@ -245,8 +264,10 @@ def _in_the_plane(x: Array, field: Extrusion, tolerance: float, max_iterations: 
         error = lengths_of(y + only.displacement(y) - ab)
     else:
         parts = list(zip(field.maps, weights, strict=True))
-        total = BackwardMap(lambda y, k: _sum(w[k, None] * m.displacement(y) for m, w in parts),
-                     lambda y, k: _sum(w[k, None, None] * m.jacobian(y) for m, w in parts))
+        total = BackwardMap(
+            lambda y, k: _sum(w[k, None] * m.displacement(y) for m, w in parts),
+            lambda y, k: _sum(w[k, None, None] * m.jacobian(y) for m, w in parts),
+        )
         y, error = searched(ab, total, tolerance, max_iterations, first)
     return x + (y - ab) @ plane.frame[:2], error
 
@@ -255,13 +276,15 @@ def _sum(parts: Any) -> Array:
     return np.asarray(sum(parts))
 
 
-def _from_seeds(x: Array, y: Array, error: Array, field: AbstractField, tolerance: float,
-                max_iterations: int) -> tuple[Array, Array]:
+def _from_seeds(
+    x: Array, y: Array, error: Array, field: AbstractField, tolerance: float, max_iterations: int
+) -> tuple[Array, Array]:
     """The same for points that the usual starts do not reach: from the nodes of a lattice that are brought nearest."""
     d = field.displacement(x)
     reach = float(np.abs(np.where(np.isfinite(d), d, 0.0)).max()) + 0.1 * float(np.ptp(x, axis=0).max()) + tolerance
-    lines = [np.linspace(a - reach, b + reach, _SEEDS[field.dim])
-             for a, b in zip(x.min(axis=0), x.max(axis=0), strict=True)]
+    lines = [
+        np.linspace(a - reach, b + reach, _SEEDS[field.dim]) for a, b in zip(x.min(axis=0), x.max(axis=0), strict=True)
+    ]
     nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, field.dim)
     brought = nodes + field.displacement(nodes)
     finite = np.isfinite(brought).all(axis=1)
@@ -320,9 +343,12 @@ class Landmarks:
         names = tuple(map(str, self.names)) or ("",) * len(points)
         check_fields(self, "active", "found")
         active = np.ones(len(points), dtype=bool) if self.active is None else np.array(self.active, dtype=bool)
-        if len(names) != len(points) or active.shape != (len(points),) or (
-                fixed is not None and fixed.shape != points.shape) or (
-                self.found is not None and self.found.shape != (len(points),)):
+        if (
+            len(names) != len(points)
+            or active.shape != (len(points),)
+            or (fixed is not None and fixed.shape != points.shape)
+            or (self.found is not None and self.found.shape != (len(points),))
+        ):
             raise DeformError(f"{len(points)} landmarks need as many names, switches and fixed places.")
         for name, value in (("points", points), ("names", names), ("fixed", fixed), ("active", active)):
             if isinstance(value, np.ndarray):
@@ -334,8 +360,10 @@ class Landmarks:
         names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
         pairs = "" if self.fixed is None else ", paired with fixed places"
         unit = self.unit and f", in {self.unit}"
-        return (f"<Landmarks: {len(self)} {'in space' if self.points.shape[1] == 3 else 'on a picture'}{pairs}{unit}"
-                f"{': ' if names else ''}{names}>")
+        return (
+            f"<Landmarks: {len(self)} {'in space' if self.points.shape[1] == 3 else 'on a picture'}{pairs}{unit}"
+            f"{': ' if names else ''}{names}>"
+        )
 
     def __len__(self) -> int:
         return len(self.points)
@@ -362,8 +390,12 @@ class Landmarks:
         whole = np.flatnonzero(np.isfinite(self.fixed).all(axis=1))
         assert self.active is not None
         return ControlPoints.from_arrays(
-            self.points[whole], self.fixed[whole], active=self.active[whole], unit=self.unit,
-            names=[self.names[k] for k in whole])
+            self.points[whole],
+            self.fixed[whole],
+            active=self.active[whole],
+            unit=self.unit,
+            names=[self.names[k] for k in whole],
+        )
 
 
 LandmarksLike: TypeAlias = Landmarks | ControlPoints | ArrayLike
@@ -389,8 +421,10 @@ def as_landmarks(given: LandmarksLike) -> Landmarks:
         return Landmarks(given.source, given.names, fixed=given.target, active=given.active)
     array = real_array(given)
     if array is None or array.ndim != 2:
-        raise DeformError(f"Landmarks are needed, got {shown_value(given)}; Landmarks(points, names), ControlPoints "
-                          "and arrays of shape (N, 3) are some.")
+        raise DeformError(
+            f"Landmarks are needed, got {shown_value(given)}; Landmarks(points, names), ControlPoints "
+            "and arrays of shape (N, 3) are some."
+        )
     return Landmarks(array)
 
 
@@ -406,8 +440,9 @@ def _places(given: Any, what: str) -> NDArray[np.float64]:
     return array
 
 
-def warp_landmarks(landmarks: LandmarksLike, field: AbstractField | HasField,
-                   grid: Grid | VolumeLike | None = None) -> Landmarks:
+def warp_landmarks(
+    landmarks: LandmarksLike, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None
+) -> Landmarks:
     """The landmarks in the deformed volume; those without a place in it stay where they were.
 
     A note names them, and ``found`` of the result is False for them.

@@ -115,10 +115,17 @@ def _cubic(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 CURVATURES: dict[type[kernels.AbstractKernel], Callable[[Array, Array], tuple[Array, Array]]] = {
-    kernels.WendlandC0: _c0, kernels.WendlandC2: _c2, kernels.WendlandC4: _c4, kernels.Gaussian: _gaussian,
-    kernels.Multiquadric: _multiquadric, kernels.Linear: _linear, kernels.ThinPlate: _thin_plate,
-    kernels.Cubic: _cubic, kernels.InverseMultiquadric: _inverse_multiquadric,
-    kernels.InverseQuadratic: _inverse_quadratic, kernels.Quintic: _quintic,
+    kernels.WendlandC0: _c0,
+    kernels.WendlandC2: _c2,
+    kernels.WendlandC4: _c4,
+    kernels.Gaussian: _gaussian,
+    kernels.Multiquadric: _multiquadric,
+    kernels.Linear: _linear,
+    kernels.ThinPlate: _thin_plate,
+    kernels.Cubic: _cubic,
+    kernels.InverseMultiquadric: _inverse_multiquadric,
+    kernels.InverseQuadratic: _inverse_quadratic,
+    kernels.Quintic: _quintic,
 }
 """Bounds of |phi'| and of the second derivatives (the larger of |phi''| and |phi' / rho|) for rho from a to b.
 
@@ -213,8 +220,11 @@ class DisplacementBounds:
         near = np.linalg.norm(np.maximum(np.maximum(first - centers, centers - last), 0), axis=1) * scale
         far = np.linalg.norm(np.maximum(np.abs(first - centers), np.abs(last - centers)), axis=1) * scale
         slope, bend = bound(near, far)
-        bent = (np.zeros((fit.dim, fit.dim)) if fit.quadratic is None
-                else np.abs(np.diagonal(np.asarray(fit.quadratic), axis1=1, axis2=2)))
+        bent = (
+            np.zeros((fit.dim, fit.dim))
+            if fit.quadratic is None
+            else np.abs(np.diagonal(np.asarray(fit.quadratic), axis1=1, axis2=2))
+        )
         for nodes in _NODES:
             h = (last - first) / (nodes - 1)
             between = np.minimum(scale**2 * bend * (h**2).sum() / 8, scale * slope * np.linalg.norm(h) / 2)
@@ -310,8 +320,9 @@ def _of_spline(field: BSplineField, low: Array, high: Array) -> Bounds:
 Slices = tuple[slice, slice, slice]
 
 
-def source_part(bounds: DisplacementBounds, field: AbstractField, block: Grid, source: Grid,
-                method: str) -> Slices | None:
+def source_part(
+    bounds: DisplacementBounds, field: AbstractField, block: Grid, source: Grid, method: str
+) -> Slices | None:
     """The voxels of a source that a block of the result can show, as slices along z, y, x; None if there are none.
 
     Parameters
@@ -334,8 +345,9 @@ def source_part(bounds: DisplacementBounds, field: AbstractField, block: Grid, s
         values = field.components_on_grid(block).reshape(3, -1).astype(np.float64)
         d = values.min(axis=1), values.max(axis=1)
     if not np.isfinite(d).all():
-        raise DeformError("the field is not finite everywhere; look for control points far away or nearly on top of "
-                          "each other.")
+        raise DeformError(
+            "the field is not finite everywhere; look for control points far away or nearly on top of each other."
+        )
     at, moved = source.point_to_index(corners), _turned(np.linalg.inv(source.matrix), d)
     more = _ROUNDING + _SPLINE * METHODS[method].is_spline
     counts = np.array(source.shape[::-1])

@@ -37,6 +37,7 @@ def distances(corners: Array, faces: Array, grid: Grid, *, oriented: bool, progr
     faces : (M, 3) of a closed surface.
     oriented : whether all faces show the same side to the outside, so that bodies may overlap.
     """
+
     def part(begin: float, end: float) -> Progress | None:
         return None if progress is None else lambda done: progress(begin + done * (end - begin))
 
@@ -203,8 +204,9 @@ def _spread(near: Array, closest: Array, grid: Grid, progress: Progress | None) 
     """Distances of all voxels to the point of the surface that is closest to the nearest voxel beside the surface."""
     away = np.ones(grid.shape, dtype=bool)
     away.reshape(-1)[near] = False
-    where = ndimage.distance_transform_edt(away, sampling=grid.spacing[::-1], return_distances=False,
-                                           return_indices=True)
+    where = ndimage.distance_transform_edt(
+        away, sampling=grid.spacing[::-1], return_distances=False, return_indices=True
+    )
     row = np.empty(grid.size, dtype=np.int32)
     row[near] = np.arange(len(near), dtype=np.int32)
     row, points = row.reshape(grid.shape), closest.astype(np.float32)

@@ -59,7 +59,7 @@ def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, dis
     whole = values = _writable(values)
     share = opacity.reshape(-1)[at].reshape([-1] + [1] * (values.ndim - opacity.ndim))
     if values.flags.c_contiguous:  # one index is four times as fast as three
-        values = values.reshape(opacity.size, *values.shape[opacity.ndim:])
+        values = values.reshape(opacity.size, *values.shape[opacity.ndim :])
     else:
         at = np.unravel_index(at, opacity.shape)
     some = values[at]
@@ -83,20 +83,41 @@ _ENDS = 0.25, 0.75, 1.0
 
 
 @overload
-def warp(volume: Channels, field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
-         fill: float | None = None, method: str | None = None, step: int = 1,
-         progress: Progress | None = None) -> Channels: ...
+def warp(
+    volume: Channels,
+    field: AbstractField | HasField,
+    *,
+    output: Grid | VolumeLike | None = None,
+    fill: float | None = None,
+    method: str | None = None,
+    step: int = 1,
+    progress: Progress | None = None,
+) -> Channels: ...
 
 
 @overload
-def warp(volume: VolumeLike, field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
-         fill: float | None = None, method: str | None = None, step: int = 1,
-         progress: Progress | None = None) -> Volume: ...
+def warp(
+    volume: VolumeLike,
+    field: AbstractField | HasField,
+    *,
+    output: Grid | VolumeLike | None = None,
+    fill: float | None = None,
+    method: str | None = None,
+    step: int = 1,
+    progress: Progress | None = None,
+) -> Volume: ...
 
 
-def warp(volume: Channels | VolumeLike, field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
-         fill: float | None = None, method: str | None = None, step: int = 1,
-         progress: Progress | None = None) -> Any:
+def warp(
+    volume: Channels | VolumeLike,
+    field: AbstractField | HasField,
+    *,
+    output: Grid | VolumeLike | None = None,
+    fill: float | None = None,
+    method: str | None = None,
+    step: int = 1,
+    progress: Progress | None = None,
+) -> Any:
     """The deformed volume: ``output(x) = input(x + D(x))``.
 
     Parameters
@@ -203,8 +224,15 @@ class Warper:
     [0, 1, 2, 3, 4, 5, 6, 7]
     """
 
-    def __init__(self, volume: VolumeLike, *, output: Grid | VolumeLike | None = None, fill: float | None = None,
-                 method: str | None = None, step: int = 1) -> None:
+    def __init__(
+        self,
+        volume: VolumeLike,
+        *,
+        output: Grid | VolumeLike | None = None,
+        fill: float | None = None,
+        method: str | None = None,
+        step: int = 1,
+    ) -> None:
         volume = as_volume(volume)
         discrete = volume.is_labels or volume.dtype == np.bool_
         self.volume = volume
@@ -282,12 +310,18 @@ class Warper:
     def _listed(self, flat: Any, d: Any, voxels: tuple[NDArray[np.int32], ...]) -> NDArray[Any]:
         at = self._places
         with self._arithmetic():
-            return as_numpy(sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill,
-                                            **self._settings()))
+            return as_numpy(
+                sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill, **self._settings())
+            )
 
     def _settings(self) -> dict[str, Any]:
-        return {"shape": self.volume.shape, "method": self.method, "compute": self._compute, "index": self._index,
-                "near": self._near}
+        return {
+            "shape": self.volume.shape,
+            "method": self.method,
+            "compute": self._compute,
+            "index": self._index,
+            "near": self._near,
+        }
 
     def _extruded(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
@@ -321,8 +355,14 @@ class Warper:
             taps, ok = sampling.row_taps(maps, at.matrix, *at.block((slice(0, count + gap),)), **settings)
 
         def moved(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
-            rows = sampling.rows_by(sampling.turned(sampling.spaced(voxels) if gap else voxels, normal, 2), taps, ok,
-                                    self._fill, method=self.method, compute=self._compute)
+            rows = sampling.rows_by(
+                sampling.turned(sampling.spaced(voxels) if gap else voxels, normal, 2),
+                taps,
+                ok,
+                self._fill,
+                method=self.method,
+                compute=self._compute,
+            )
             slices = np.asarray(sampling.turned(np.asarray(rows), 2, normal))
             return slices[:, :count] if gap else slices
 
@@ -347,21 +387,39 @@ class Warper:
             maps, matrix, whole, fraction = jax.tree.map(jnp.asarray, fixed)
 
         def moved(voxels: NDArray[Any], part: slice) -> NDArray[Any]:
-            return as_numpy(sampling.extruded(
-                sampling.shared(voxels), maps, weights[:, part], matrix, whole, fraction, self._fill, normal=normal,
-                **self._settings() | {"shape": voxels.shape}))
+            return as_numpy(
+                sampling.extruded(
+                    sampling.shared(voxels),
+                    maps,
+                    weights[:, part],
+                    matrix,
+                    whole,
+                    fraction,
+                    self._fill,
+                    normal=normal,
+                    **self._settings() | {"shape": voxels.shape},
+                )
+            )
 
         return moved
 
     def _has_words(self, normal: int) -> bool:
         """Whether slices along ``normal`` have small integers that are read as words, and most of a slice is read."""
         source, output = (np.delete(shape, normal) for shape in (self.volume.shape, self.output.shape))
-        return (normal != 2 and self._voxels.dtype.kind in "iu" and self._voxels.dtype.itemsize <= 2
-                and self.method == "linear" and devices.is_host() and self._near and min(source) > 1
-                and bool(np.prod(source) <= min(2 * np.prod(output), sampling.MOST_WORDS)))
+        return (
+            normal != 2
+            and self._voxels.dtype.kind in "iu"
+            and self._voxels.dtype.itemsize <= 2
+            and self.method == "linear"
+            and devices.is_host()
+            and self._near
+            and min(source) > 1
+            and bool(np.prod(source) <= min(2 * np.prod(output), sampling.MOST_WORDS))
+        )
 
-    def _in_words(self, plan: planning.Extruded,
-                  weights: NDArray[np.float32]) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
+    def _in_words(
+        self, plan: planning.Extruded, weights: NDArray[np.float32]
+    ) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
         """:meth:`_modulated` for small integers. NumPy computes what the parts share: it compiles nothing."""
         normal = plan.normal
         at = self._places.along([axis for axis in range(3) if axis != normal], plan.matrix)
@@ -373,8 +431,9 @@ class Warper:
 
         def moved(voxels: NDArray[Any], some: slice) -> NDArray[Any]:
             slices = np.moveaxis(voxels, normal, 0)
-            result = sampling.slices_in_words(sampling.shared(slices), moves, weights[:, some], whole, part, self._fill,
-                                              shape=slices.shape[1:])
+            result = sampling.slices_in_words(
+                sampling.shared(slices), moves, weights[:, some], whole, part, self._fill, shape=slices.shape[1:]
+            )
             return np.moveaxis(as_numpy(result), 0, normal)
 
         return moved
@@ -392,8 +451,16 @@ class Warper:
             of_map = [slice(None) if axis == normal else part for axis, part in enumerate(block)]
             weights = None if plan.weights is None else plan.weights[:, (*block, slice(None))[normal]]
             with self._arithmetic():
-                result = sampling.extruded(flat, maps[:, :, *of_map], weights, plan.matrix, *self._places.block(block),
-                                           self._fill, normal=normal, **self._settings())
+                result = sampling.extruded(
+                    flat,
+                    maps[:, :, *of_map],
+                    weights,
+                    plan.matrix,
+                    *self._places.block(block),
+                    self._fill,
+                    normal=normal,
+                    **self._settings(),
+                )
             _store(outs, 0, block, as_numpy(result))
 
         _share([self], planning.blocks(self.output.shape, 1), work, progress)
@@ -406,8 +473,11 @@ class Warper:
         settings = self._settings() | {"shape": shape}
         with self._arithmetic():
             first = np.asarray(self._first(2), self._index)
-            table = (self._tables[plan.normal] if plan.normal != 2 else
-                     sampling.Rows(self._flat, first, self.output.shape[2]))
+            table = (
+                self._tables[plan.normal]
+                if plan.normal != 2
+                else sampling.Rows(self._flat, first, self.output.shape[2])
+            )
         out = _moved_rows(table, plan.maps[0], at, self._fill, settings, progress)
         return np.moveaxis(out, 2, plan.normal)
 
@@ -418,8 +488,7 @@ def _outer_sum(rows: NDArray[Any], columns: NDArray[Any]) -> NDArray[np.float32]
     return (some + columns if columns.any() else some).astype(np.float32)
 
 
-def _together(warpers: Sequence[Warper], field: AbstractField | HasField,
-              progress: Progress | None) -> list[Volume]:
+def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progress: Progress | None) -> list[Volume]:
     """The volumes of several warpers, of one grid and one output, deformed by one field that is evaluated once."""
     first = warpers[0]
     field, grid, output = as_field(field, first.volume), first.volume.grid, first.output
@@ -440,8 +509,10 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField,
             values = _general(warpers, field, progress)
     except MemoryError:
         nz, ny, nx = output.shape
-        raise DeformError(f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
-                          "smaller or its spacing larger (output).") from None
+        raise DeformError(
+            f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
+            "smaller or its spacing larger (output)."
+        ) from None
     return [warper._finished(result) for warper, result in zip(warpers, values, strict=True)]
 
 
@@ -455,9 +526,11 @@ def _within(progress: Progress | None, first: float, last: float) -> Progress | 
     return None if progress is None else lambda share: progress(first + share * (last - first))
 
 
-def _share(warpers: Sequence[Warper], parts: Sequence[_Part], work: Callable[[_Part], None],
-           progress: Progress | None) -> None:
+def _share(
+    warpers: Sequence[Warper], parts: Sequence[_Part], work: Callable[[_Part], None], progress: Progress | None
+) -> None:
     """Do all parts; the file of a memory map is checked before each, for JAX reads from the map itself."""
+
     def checked(part: _Part) -> None:
         for warper in warpers:
             _ = warper.volume.values
@@ -487,8 +560,19 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
         for k, (warper, flat) in enumerate(zip(warpers, flats, strict=True)):
             at = warper._places
             with warper._arithmetic():
-                result = as_numpy(sampling.general(flat, own.d, at.matrix, *at.block(block), warper._fill, own.nodes,
-                                                   step=step, straight=at.is_straight, **warper._settings()))
+                result = as_numpy(
+                    sampling.general(
+                        flat,
+                        own.d,
+                        at.matrix,
+                        *at.block(block),
+                        warper._fill,
+                        own.nodes,
+                        step=step,
+                        straight=at.is_straight,
+                        **warper._settings(),
+                    )
+                )
             if own.opacity is not None:
                 result = warper._faded(result, own.opacity)
             _store(outs, k, block, result, is_final=by_lattice)
@@ -508,8 +592,9 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     return outs
 
 
-def _store(outs: list[NDArray[Any]], k: int, block: tuple[slice, slice], result: NDArray[Any], *,
-           is_final: bool = True) -> None:
+def _store(
+    outs: list[NDArray[Any]], k: int, block: tuple[slice, slice], result: NDArray[Any], *, is_final: bool = True
+) -> None:
     """Put a block of the k-th result in its place; what ends beyond it is cut off.
 
     One that comes from a GPU, is the whole result and is final, so that it may be read-only, is not copied once more:
@@ -547,9 +632,18 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
         weights = np.ones((1, d.shape[normal + 1]), np.float32)
         for warper, flat, out in zip(warpers, flats, outs, strict=True):
             with warper._arithmetic():
-                result = as_numpy(sampling.extruded(
-                    flat, (d,), weights, cut.apart.matrix, *warper._places.at_pixels(normal, depth, pixels),
-                    warper._fill, normal=normal, **warper._settings()))
+                result = as_numpy(
+                    sampling.extruded(
+                        flat,
+                        (d,),
+                        weights,
+                        cut.apart.matrix,
+                        *warper._places.at_pixels(normal, depth, pixels),
+                        warper._fill,
+                        normal=normal,
+                        **warper._settings(),
+                    )
+                )
             result = warper._faded(result, opacity)
             np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(result, normal, 2)[0]
 
@@ -557,9 +651,16 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
     return outs
 
 
-def warp_all(volumes: Sequence[VolumeLike], field: AbstractField | HasField, *, output: Grid | VolumeLike | None = None,
-             fill: float | None = None, method: str | None = None, step: int = 1,
-             progress: Progress | None = None) -> list[Volume]:
+def warp_all(
+    volumes: Sequence[VolumeLike],
+    field: AbstractField | HasField,
+    *,
+    output: Grid | VolumeLike | None = None,
+    fill: float | None = None,
+    method: str | None = None,
+    step: int = 1,
+    progress: Progress | None = None,
+) -> list[Volume]:
     """Several volumes on one grid, such as channels, deformed by one map, whose displacements are computed once.
 
     Parameters
@@ -586,8 +687,10 @@ def warp_all(volumes: Sequence[VolumeLike], field: AbstractField | HasField, *, 
     grid = volumes[0].grid
     for volume in volumes:
         if volume.grid != grid:
-            raise DeformError(f"the volumes {volumes[0].name!r} and {volume.name!r} do not lie on one grid, so that "
-                              "one map cannot move both; deform each by itself.")
+            raise DeformError(
+                f"the volumes {volumes[0].name!r} and {volume.name!r} do not lie on one grid, so that "
+                "one map cannot move both; deform each by itself."
+            )
     warpers = [Warper(volume, output=output, fill=fill, method=method, step=step) for volume in volumes]
     groups: dict[tuple[str, bool], list[int]] = {}
     for k, warper in enumerate(warpers):  # a map is planned in the precision of the voxels
@@ -599,8 +702,14 @@ def warp_all(volumes: Sequence[VolumeLike], field: AbstractField | HasField, *, 
     return [results[k] for k in range(len(volumes))]
 
 
-def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill: Any, settings: dict[str, Any],
-                progress: Progress | None = None) -> NDArray[Any]:
+def _moved_rows(
+    table: Any,
+    maps: NDArray[np.float32],
+    at: planning.Places,
+    fill: Any,
+    settings: dict[str, Any],
+    progress: Progress | None = None,
+) -> NDArray[Any]:
     """Rows of voxels or the channels of pixels, moved as a whole: (rows, columns, n)."""
     shape = (*maps.shape[1:], table.shape[-1])
 
@@ -624,8 +733,15 @@ def _moved_rows(table: Any, maps: NDArray[np.float32], at: planning.Places, fill
     return out
 
 
-def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, output: Raster | None = None,
-                 fill: float | None = None, method: str | None = None) -> NDArray[Any]:
+def warp_picture(
+    values: NDArray[Any],
+    raster: Raster,
+    field: AbstractField,
+    *,
+    output: Raster | None = None,
+    fill: float | None = None,
+    method: str | None = None,
+) -> NDArray[Any]:
     """The deformed picture: ``output(a, b) = input((a, b) + D(a, b))``.
 
     Parameters
@@ -646,8 +762,9 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
     """
     field = as_field(field)
     if not isinstance(raster, Raster):
-        raise DeformError(f"the pixels of a picture lie on a Raster, got {shown_value(raster)}; a Picture has one: "
-                          "picture.raster.")
+        raise DeformError(
+            f"the pixels of a picture lie on a Raster, got {shown_value(raster)}; a Picture has one: picture.raster."
+        )
     values = np.asarray(values)
     if field.dim != 2:
         raise DeformError("a picture needs a field on its plane, of dimension 2; this one is in space.")
@@ -666,8 +783,13 @@ def warp_picture(values: NDArray[Any], raster: Raster, field: AbstractField, *, 
         # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
         table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
     at = planning.picture_places(raster, output, compute)
-    settings = {"shape": raster.shape, "method": method, "compute": compute, "index": "int32",
-                "near": at.near(raster.shape)}
+    settings = {
+        "shape": raster.shape,
+        "method": method,
+        "compute": compute,
+        "index": "int32",
+        "near": at.near(raster.shape),
+    }
     d, opacity = planning.seen_on_raster(field, output)
     result = _moved_rows(table, d, at, lowest, settings)
     if opacity is not None:

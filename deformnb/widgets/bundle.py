@@ -23,7 +23,7 @@ BUNDLES = Path(__file__).parent / "static"
 STAMP = BUNDLES / "sources.sha256"
 """The digest of the modules that the bundles were made of."""
 
-_CURE = "run \"sh run bundle\" in the checkout"
+_CURE = 'run "sh run bundle" in the checkout'
 
 
 def bundle(name: str) -> str:

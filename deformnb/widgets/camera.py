@@ -148,8 +148,13 @@ def checked_camera(value: Any) -> dict[str, Any]:
     return {**whole, "perspective": True} if given.get("perspective") else whole
 
 
-def turned(camera: Mapping[str, Any], direction: ArrayLike | None = None, up: ArrayLike | None = None,
-           zoom: float | None = None, perspective: bool | None = None) -> dict[str, Any]:
+def turned(
+    camera: Mapping[str, Any],
+    direction: ArrayLike | None = None,
+    up: ArrayLike | None = None,
+    zoom: float | None = None,
+    perspective: bool | None = None,
+) -> dict[str, Any]:
     """A camera with what is not None changed; another direction looks at the middle again.
 
     Examples

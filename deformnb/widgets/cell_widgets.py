@@ -95,6 +95,7 @@ def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
                 made.append(widget)
             if before is not None:
                 before(widget)
+
         ipw.Widget.on_widget_constructed(remember)
         try:
             yield

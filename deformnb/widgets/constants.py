@@ -26,8 +26,20 @@ from deformnb.volume import units
 from deformnb.widgets import edit_messages
 
 CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
-    "conditioning": (conditioning, ("LARGEST_SET", "SAME_PLACE", "SAME_DISPLACEMENT", "LONGEST_SHARE", "COLLAPSED",
-                                    "FAR_BEHIND", "SAME_DISTANCE", "NEAREST", "NEAREST_AND_EQUAL")),
+    "conditioning": (
+        conditioning,
+        (
+            "LARGEST_SET",
+            "SAME_PLACE",
+            "SAME_DISPLACEMENT",
+            "LONGEST_SHARE",
+            "COLLAPSED",
+            "FAR_BEHIND",
+            "SAME_DISTANCE",
+            "NEAREST",
+            "NEAREST_AND_EQUAL",
+        ),
+    ),
     "cross_validation": (cross_validation, ("MOST_LEFT_OUT",)),
     "exactness": (exactness, ("RESIDUAL", "ROUNDING", "MOST_MISSED")),
     "interpolant": (interpolant, ("MOST_GAIN", "STEEP")),

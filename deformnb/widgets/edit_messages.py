@@ -34,8 +34,23 @@ LONGEST_MESSAGE = 65536
 LONGEST_EDIT = 2**20
 """Bytes of an edit at most: all the points that a fit takes."""
 
-KINDS = ("move", "nudge", "add", "remove", "rename", "switch", "reset", "undo", "redo", "several", "lock", "turn",
-         "scale", "brush", "open")
+KINDS = (
+    "move",
+    "nudge",
+    "add",
+    "remove",
+    "rename",
+    "switch",
+    "reset",
+    "undo",
+    "redo",
+    "several",
+    "lock",
+    "turn",
+    "scale",
+    "brush",
+    "open",
+)
 """Kinds of edits; "several" is more than one of them, which a busy kernel gets as one."""
 
 OVERLAYS = ("none", "folds", "area", "strain", "uncertainty")
@@ -53,9 +68,16 @@ _COUNTS = {2: "two", 3: "three"}
 def points_to_json(points: ControlPoints) -> list[PointData]:
     """The list that the front end gets."""
     return [
-        {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
-         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
-         "locked": bool(points.locked[k]), "radius": None if np.isnan(r := points.radius[k]) else float(r)}
+        {
+            "id": points.ids[k],
+            "name": points.names[k],
+            "source": points.source[k].tolist(),
+            "target": points.target[k].tolist(),
+            "active": bool(points.active[k]),
+            "weight": float(points.weight[k]),
+            "locked": bool(points.locked[k]),
+            "radius": None if np.isnan(r := points.radius[k]) else float(r),
+        }
         for k in range(len(points))
     ]
 
@@ -73,9 +95,14 @@ def points_from_json(data: Any, next_id: int = 0, dim: int = 2) -> ControlPoints
     rows = [_row(item, dim) for item in data]
     places = np.array([[r["source"], r["target"]] for r in rows], dtype=np.float64).reshape(-1, 2, dim)
     return ControlPoints(
-        places[:, 0].copy(), places[:, 1].copy(), tuple(r["id"] for r in rows), tuple(r["name"] for r in rows),
-        np.array([r["active"] for r in rows], dtype=bool), np.array([r["weight"] for r in rows], dtype=np.float64),
-        next_id, np.array([r["locked"] for r in rows], dtype=bool),
+        places[:, 0].copy(),
+        places[:, 1].copy(),
+        tuple(r["id"] for r in rows),
+        tuple(r["name"] for r in rows),
+        np.array([r["active"] for r in rows], dtype=bool),
+        np.array([r["weight"] for r in rows], dtype=np.float64),
+        next_id,
+        np.array([r["locked"] for r in rows], dtype=bool),
         np.array([np.nan if r["radius"] is None else r["radius"] for r in rows], dtype=np.float64),
     )
 
@@ -165,6 +192,7 @@ def message_from_page(content: Any, next_id: int, dim: int = 2) -> Message | Non
 
     None, and a line in the log, where it does not even name its sender.
     """
+
     def read(sender: str, seq: int) -> Message:
         if content["type"] == "greet":
             return Message(sender, seq)
@@ -210,8 +238,9 @@ def _edit(content: dict[str, Any], sender: str, seq: int, next_id: int, dim: int
     if not _is_id(least):
         raise DeformError("the next id of an edit must be a whole number from 0.")
     points = points_from_json(content.get("points"), max(least, next_id), dim)
-    return EditMessage(sender, seq, phase, kind, joins, points, _drawn(content.get("drawn")),
-                       _moved_part(content.get("part")))
+    return EditMessage(
+        sender, seq, phase, kind, joins, points, _drawn(content.get("drawn")), _moved_part(content.get("part"))
+    )
 
 
 def _moved_part(told: Any) -> tuple[int, RigidMotion | None] | None:

@@ -53,9 +53,16 @@ class KernelTable:
     def as_json(self) -> dict[str, Any]:
         """The table as a front end takes it (``maths/kernel_table.js``), numbers as base64 of float64."""
         kind, numbers = self.kind, np.concatenate([self.ends, self.edges, self.powers.ravel()])
-        return {"name": kind.name, "title": kind.title, "order": kind.order, "compact": kind.compact,
-                "share": kind.shares[len(kind.shares) // 2], "gaps": kind.gaps if np.isfinite(kind.gaps) else None,
-                "pieces": len(self.powers), "numbers": base64.b64encode(numbers.astype("<f8").tobytes()).decode()}
+        return {
+            "name": kind.name,
+            "title": kind.title,
+            "order": kind.order,
+            "compact": kind.compact,
+            "share": kind.shares[len(kind.shares) // 2],
+            "gaps": kind.gaps if np.isfinite(kind.gaps) else None,
+            "pieces": len(self.powers),
+            "numbers": base64.b64encode(numbers.astype("<f8").tobytes()).decode(),
+        }
 
 
 def table_for_page(name: str) -> dict[str, Any] | None:
@@ -88,8 +95,11 @@ def kernel_table(kind: type[AbstractKernel]) -> KernelTable:
         is_done = (errors.max(axis=1) <= _CLOSE) | (high - low < 2 * _NARROWEST * 2 ** np.floor(np.log2(low)))
         done.update({float(a): (p, e) for a, p, e in zip(low[is_done], powers[is_done], errors[is_done], strict=True)})
         middle = (low + high) / 2
-        waiting = [half for a, m, b in zip(*(v[~is_done].tolist() for v in (low, middle, high)), strict=True)
-                   for half in ((a, m), (m, b))]
+        waiting = [
+            half
+            for a, m, b in zip(*(v[~is_done].tolist() for v in (low, middle, high)), strict=True)
+            for half in ((a, m), (m, b))
+        ]
     begins = sorted(done)
     errors = np.max([done[a][1] for a in begins], axis=0)
     edges = np.array([*begins, 2.0**last])

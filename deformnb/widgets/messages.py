@@ -69,10 +69,13 @@ class PointsEdit(TypedDict):
     joins: Annotated[NotRequired[bool], "whether it goes on with the edit before it"]
     next_id: Annotated[NotRequired[int], "least id that was never given"]
     points: Annotated[list[PointData], "all points"]
-    part: Annotated[NotRequired[dict[str, Any]],
-                    "index and motion (matrix and shift, or null at rest) of a rigid part that is being dragged"]
-    drawn: Annotated[NotRequired[dict[str, float]],
-                     "hz, pictures per second of the drag, and ms, milliseconds to a picture"]
+    part: Annotated[
+        NotRequired[dict[str, Any]],
+        "index and motion (matrix and shift, or null at rest) of a rigid part that is being dragged",
+    ]
+    drawn: Annotated[
+        NotRequired[dict[str, float]], "hz, pictures per second of the drag, and ms, milliseconds to a picture"
+    ]
 
 
 class ShapesEdit(TypedDict):
@@ -96,8 +99,9 @@ class ShapeChoice(TypedDict):
     seq: Counted
     what: Annotated[Literal["cuts", "parts"] | None, "null for none"]
     index: Annotated[NotRequired[int], "place in the list"]
-    shape: Annotated[NotRequired[dict[str, Any]],
-                     "the shape without the pixels of a mask: its place may be another one by now"]
+    shape: Annotated[
+        NotRequired[dict[str, Any]], "the shape without the pixels of a mask: its place may be another one by now"
+    ]
 
 
 class HistoryRequest(TypedDict):
@@ -616,8 +620,15 @@ class MessageKind:
             yield f"{name}?" if is_optional else name, type_words(kind), "".join(map(str, meaning))
 
 
-_WORDS = {str: "text", int: "whole number", float: "number", bool: "true or false", NoneType: "null", Any: "any JSON",
-          PointData: "points"}
+_WORDS = {
+    str: "text",
+    int: "whole number",
+    float: "number",
+    bool: "true or false",
+    NoneType: "null",
+    Any: "any JSON",
+    PointData: "points",
+}
 
 
 def type_words(hint: Any) -> str:
@@ -711,10 +722,14 @@ MESSAGES: tuple[MessageKind, ...] = (
 
 def as_markdown() -> str:
     """The page of the documentation."""
-    lines = ["# Messages between Python and the front ends", "",
-             "JSON objects with a `type`, and binary buffers beside them. The rest of a widget is synced traits.",
-             "A question mark behind a name means that it may be missing.",
-             "This page is written by `python -m deformnb.widgets.messages`.", ""]
+    lines = [
+        "# Messages between Python and the front ends",
+        "",
+        "JSON objects with a `type`, and binary buffers beside them. The rest of a widget is synced traits.",
+        "A question mark behind a name means that it may be missing.",
+        "This page is written by `python -m deformnb.widgets.messages`.",
+        "",
+    ]
     for widgets in dict.fromkeys(kind.widgets for kind in MESSAGES):
         lines += [f"## {widgets}", "", "| type | | fields | buffers |", "|---|---|---|---|"]
         for kind in (kind for kind in MESSAGES if kind.widgets == widgets):

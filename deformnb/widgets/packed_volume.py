@@ -112,10 +112,18 @@ class PackedVolume:
         home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
         views = {view: _look(Plane.along(self.original, view)) for view in VIEWS}
         return {
-            "id": self.id, "shape": list(grid.shape[::-1]), "spacing": list(grid.spacing), "origin": list(grid.origin),
+            "id": self.id,
+            "shape": list(grid.shape[::-1]),
+            "spacing": list(grid.spacing),
+            "origin": list(grid.origin),
             "chunks": self.chunks,
-            "to_frame": self.frame.tolist(), "axes": np.asarray(grid.direction).tolist(), "box": self.box(),
-            "outside": self.outside, "is_labels": self.volume.is_labels, "grey": [0.0, self.white], "note": self.note,
+            "to_frame": self.frame.tolist(),
+            "axes": np.asarray(grid.direction).tolist(),
+            "box": self.box(),
+            "outside": self.outside,
+            "is_labels": self.volume.is_labels,
+            "grey": [0.0, self.white],
+            "note": self.note,
             "share": self.share,
             "unit": unit_of(self.original),
             "views": {**views, "home": home},
@@ -158,8 +166,13 @@ def _look(plane: Plane) -> dict[str, list[float]]:
     return {"direction": list(plane.normal), "up": [-c for c in plane.v]}
 
 
-def packed_volume(volume: Volume, limit: int, largest: int, window: tuple[float, float] | None = None,
-                  progress: Progress | None = None) -> PackedVolume:
+def packed_volume(
+    volume: Volume,
+    limit: int,
+    largest: int,
+    window: tuple[float, float] | None = None,
+    progress: Progress | None = None,
+) -> PackedVolume:
     """A volume with at most ``limit`` voxels and ``largest`` along each axis, as bytes.
 
     Parameters
@@ -180,8 +193,15 @@ def packed_volume(volume: Volume, limit: int, largest: int, window: tuple[float,
         if progress is not None:
             progress(min(1.0, (k + step) / grid.shape[0]))
     background = int(_bytes(np.array(volume.background), low, high))
-    return PackedVolume(Volume(values, grid, volume.name, is_labels=discrete), volume.grid, (low, high), factors,
-                        uuid.uuid4().hex, background, _white(volume, low, high))
+    return PackedVolume(
+        Volume(values, grid, volume.name, is_labels=discrete),
+        volume.grid,
+        (low, high),
+        factors,
+        uuid.uuid4().hex,
+        background,
+        _white(volume, low, high),
+    )
 
 
 def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:

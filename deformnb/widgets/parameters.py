@@ -129,58 +129,116 @@ def _label(name: str) -> str:
 
 PARAMETERS: dict[str, AbstractParameter] = {
     # Picture
-    "view": Choice("Side", "Where the picture is seen from; another side of a picture on which something was dragged "
-                   "begins a new step", SIDES, SIDES),
+    "view": Choice(
+        "Side",
+        "Where the picture is seen from; another side of a picture on which something was dragged begins a new step",
+        SIDES,
+        SIDES,
+    ),
     "method": Choice("Projection", "How depth becomes a picture", PROJECTIONS),
     "depth": Number("Slice", "Where the slice lies: 0 in front, 1 at the back", 0.0, 1.0, 0.005),
-    "colour_map": Choice("Colour map", "Colours of the grey values from black to white of the window; the bar beside "
-                         "the picture has the values, and handles that change the window", COLOUR_MAPS),
-    "density": Number("Grid", "Cells of the grid along the longer side of the picture; 0 for none", 0, 64, 1, "cells",
-                      0),
+    "colour_map": Choice(
+        "Colour map",
+        "Colours of the grey values from black to white of the window; the bar beside "
+        "the picture has the values, and handles that change the window",
+        COLOUR_MAPS,
+    ),
+    "density": Number(
+        "Grid", "Cells of the grid along the longer side of the picture; 0 for none", 0, 64, 1, "cells", 0
+    ),
     "show_grid": Switch("Grid", "A grid that bends with the picture"),
     "drag_grid": Switch("Drag grid", "The nodes of the grid can be dragged: each becomes a point"),
     "show_radius": Switch("Radii", "The support radius of each point: how far it reaches"),
-    "overlay": Choice("Overlay", "What is laid over the picture; the key V goes through them", OVERLAYS,
-                      {"folds": "Folds (red)", "area": "Area (green grows, purple shrinks)",
-                       "strain": "Principal strains"}),
+    "overlay": Choice(
+        "Overlay",
+        "What is laid over the picture; the key V goes through them",
+        OVERLAYS,
+        {"folds": "Folds (red)", "area": "Area (green grows, purple shrinks)", "strain": "Principal strains"},
+    ),
     # Interpolation
-    "kernel": Choice(_label("kernel"), "How the influence of a point fades with distance; Wendland kernels end at the "
-                     "support radius", KERNELS),
-    "trend": Choice(_label("trend"), "What all points do together (shift, turn, stretch), before the rest bends",
-                    TRENDS),
+    "kernel": Choice(
+        _label("kernel"),
+        "How the influence of a point fades with distance; Wendland kernels end at the support radius",
+        KERNELS,
+    ),
+    "trend": Choice(
+        _label("trend"), "What all points do together (shift, turn, stretch), before the rest bends", TRENDS
+    ),
     "support": Number(_label("support"), "How far a point reaches", 0.02, 4.0, 0.01, "diagonal", 3, is_log=True),
     "automatic_support": Switch("Automatic", "The points choose the support radius"),
-    "smoothing": Number(_label("smoothing"), "0 meets every point; more is smoother and lets them miss", 0.0,
-                        2.0, 0.01),
-    "strength": Number(_label("strength"), "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite "
-                       "way", -1.0, 3.0, 0.01),
-    "stages": Number(_label("stages"), "Small maps done one after the other; more fold later and take longer", 1,
-                     MOST_STAGES, 1, digits=0),
-    "direction": Choice(_label("direction"), "Backward fits where the result comes from; forward fits where the points "
-                        "go, and that map is inverted", DIRECTIONS),
+    "smoothing": Number(
+        _label("smoothing"), "0 meets every point; more is smoother and lets them miss", 0.0, 2.0, 0.01
+    ),
+    "strength": Number(
+        _label("strength"),
+        "1 as dragged, 0 not at all, more exaggerates, less than 0 the opposite way",
+        -1.0,
+        3.0,
+        0.01,
+    ),
+    "stages": Number(
+        _label("stages"),
+        "Small maps done one after the other; more fold later and take longer",
+        1,
+        MOST_STAGES,
+        1,
+        digits=0,
+    ),
+    "direction": Choice(
+        _label("direction"),
+        "Backward fits where the result comes from; forward fits where the points go, and that map is inverted",
+        DIRECTIONS,
+    ),
     "keep_chosen": Switch("Chosen", "After every edit of the points, choose the fit that predicts them best"),
     "keep_free": Switch("Keep fold-free", "After every edit, choose the stages that leave no fold"),
     # In space
-    "extrusion": Choice(_label("extrusion"), "What the displacement of the picture becomes in the depth", EXTRUSIONS,
-                        {"replicate": "Replicate: same at all depths", "modulate": "Modulate: times a curve f(z)",
-                         "interpolate": "Interpolate: between key pictures"}),
-    "mode": Choice("Steps", "Composed in order each step deforms the result of those before; added up their "
-                   "displacements are summed", MODES, {"compose": "Compose in order", "blend": "Add up"}),
-    "cut_rule": Choice("Sides seen", "What is seen where the two sides of a cut have been moved over each other",
-                       CUT_RULES, {"source": "Wherever they moved", "paper": "Own side only (paper)"}),
+    "extrusion": Choice(
+        _label("extrusion"),
+        "What the displacement of the picture becomes in the depth",
+        EXTRUSIONS,
+        {
+            "replicate": "Replicate: same at all depths",
+            "modulate": "Modulate: times a curve f(z)",
+            "interpolate": "Interpolate: between key pictures",
+        },
+    ),
+    "mode": Choice(
+        "Steps",
+        "Composed in order each step deforms the result of those before; added up their displacements are summed",
+        MODES,
+        {"compose": "Compose in order", "blend": "Add up"},
+    ),
+    "cut_rule": Choice(
+        "Sides seen",
+        "What is seen where the two sides of a cut have been moved over each other",
+        CUT_RULES,
+        {"source": "Wherever they moved", "paper": "Own side only (paper)"},
+    ),
     # Volume
-    "projection": Choice("Rendering", "How the volume is drawn", ("shaded", "composite", "mip"),
-                         {"mip": "Maximum (MIP)"}),
-    "shows": Choice("Compare", "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items())
-                    + "; the picture does the same, but for two side by side or in turn", SHOWS),
-    "movie_renderer": Choice("Drawn by", "What draws the frames of a movie: the page itself, as its view looks, or "
-                             "Python; automatic takes the page where it has a graphics card",
-                             ("automatic", "page", "python"),
-                             {"automatic": "Automatic", "page": "This view", "python": "Python"}),
-    "slices": Switch("Slices", "Three linked slices of the deformed volume in the place of the view; drag the "
-                     "cross-hair"),
-    "ambient_occlusion": Switch("Ambient occlusion", "Hollows and what lies deep inside are darker, where the browser "
-                                "draws the volume shaded; VTK's pictures have none"),
+    "projection": Choice(
+        "Rendering", "How the volume is drawn", ("shaded", "composite", "mip"), {"mip": "Maximum (MIP)"}
+    ),
+    "shows": Choice(
+        "Compare",
+        "; ".join(f"{name.replace('_', ' ')}: {text}" for name, text in SHOWS.items())
+        + "; the picture does the same, but for two side by side or in turn",
+        SHOWS,
+    ),
+    "movie_renderer": Choice(
+        "Drawn by",
+        "What draws the frames of a movie: the page itself, as its view looks, or "
+        "Python; automatic takes the page where it has a graphics card",
+        ("automatic", "page", "python"),
+        {"automatic": "Automatic", "page": "This view", "python": "Python"},
+    ),
+    "slices": Switch(
+        "Slices", "Three linked slices of the deformed volume in the place of the view; drag the cross-hair"
+    ),
+    "ambient_occlusion": Switch(
+        "Ambient occlusion",
+        "Hollows and what lies deep inside are darker, where the browser "
+        "draws the volume shaded; VTK's pictures have none",
+    ),
     "show_folds": Switch("Folds in the volume", "Red stripes on tissue that is shown twice"),
 }
 """All parameters by name; lengths are shares of the volume's diagonal."""
@@ -190,18 +248,28 @@ OF_THE_FIT = tuple(name for name in PARAMETERS if name in SETTINGS)
 
 ACTIONS: dict[str, Action] = {
     "reset": Action("Reset", "The volume as it was, without points and steps; can be undone"),
-    "hold_outline": Action("Hold outline", "Points that stay along the outline: a drag then bends only what lies "
-                           "around it, and not the whole body"),
-    "thompson": Action("Grids", "Thompson's grids and your own: the picture on a regular grid beside the deformed one, "
-                       "whose nodes can be dragged"),
-    "auto_window": Action("Automatic window", "Black and white of the picture as its values suggest, instead of those "
-                          "set by hand"),
+    "hold_outline": Action(
+        "Hold outline",
+        "Points that stay along the outline: a drag then bends only what lies around it, and not the whole body",
+    ),
+    "thompson": Action(
+        "Grids",
+        "Thompson's grids and your own: the picture on a regular grid beside the deformed one, "
+        "whose nodes can be dragged",
+    ),
+    "auto_window": Action(
+        "Automatic window", "Black and white of the picture as its values suggest, instead of those set by hand"
+    ),
     "add_step": Action("Add step", "Deform once more from this side, after all other steps"),
     "take_back": Action("Limit to fold-free", "Take the last drag, or else the strength, back to where nothing folds"),
-    "unfold": Action("Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to "
-                     "its target"),
-    "best_prediction": Action("Best prediction", "Choose kernel, trend, support radius, smoothing and direction of the "
-                              "fit by how well it predicts points that are left out"),
+    "unfold": Action(
+        "Unfold by stages", "The same drag in as many stages as leave no fold; every point still comes to its target"
+    ),
+    "best_prediction": Action(
+        "Best prediction",
+        "Choose kernel, trend, support radius, smoothing and direction of the "
+        "fit by how well it predicts points that are left out",
+    ),
     "fit_box": Action("As large as needed", "So that nothing is cut off that was dragged out of the volume's box"),
     "own_box": Action("The volume's own", "What lies outside of it is cut off"),
     "look_at": Action("", "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"),
@@ -221,8 +289,12 @@ def parameters(diagonal: float) -> dict[str, AbstractParameter]:
     >>> parameters(100.0)["support"].high
     400.0
     """
-    return {name: replace(p, low=p.low * diagonal, high=p.high * diagonal, unit="")
-            if isinstance(p, Number) and p.unit == "diagonal" else p for name, p in PARAMETERS.items()}
+    return {
+        name: replace(p, low=p.low * diagonal, high=p.high * diagonal, unit="")
+        if isinstance(p, Number) and p.unit == "diagonal"
+        else p
+        for name, p in PARAMETERS.items()
+    }
 
 
 def as_json(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
@@ -233,6 +305,7 @@ def as_json(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     >>> as_json(("smoothing",))["smoothing"]["high"]
     2.0
     """
+
     def plain(parameter: AbstractParameter) -> dict[str, Any]:
         if isinstance(parameter, Choice):
             return {"label": parameter.label, "tooltip": parameter.tooltip, "options": parameter.options}
@@ -245,10 +318,25 @@ def as_markdown() -> str:
     """The page of the documentation."""
     rows = [f"| `{name}` | {p.label} | {p.values} | {p.tooltip}. |" for name, p in PARAMETERS.items()]
     buttons = [f"| `{name}` | {a.label} | {a.tooltip}. |" for name, a in ACTIONS.items() if a.label]
-    about = ("What can be set in the studio and, partly, in an exported page, by the names that "
-             "code uses. This page is written by `python -m deformnb.widgets.parameters`.")
-    lines = ["# Parameters", "", about, "", "| name | label | values | |", "|---|---|---|---|", *rows, "",
-             "## Buttons", "", "| name | label | |", "|---|---|---|", *buttons]
+    about = (
+        "What can be set in the studio and, partly, in an exported page, by the names that "
+        "code uses. This page is written by `python -m deformnb.widgets.parameters`."
+    )
+    lines = [
+        "# Parameters",
+        "",
+        about,
+        "",
+        "| name | label | values | |",
+        "|---|---|---|---|",
+        *rows,
+        "",
+        "## Buttons",
+        "",
+        "| name | label | |",
+        "|---|---|---|",
+        *buttons,
+    ]
     return "\n".join(lines) + "\n"
 
 

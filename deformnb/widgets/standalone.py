@@ -58,16 +58,24 @@ LIMIT = 256**3
 MOST_BYTES = 9_000_000
 """Bytes that the voxels take in a file by default, as text: with scripts and pictures it stays below 10 MB."""
 
-CONTROLS = {"strength": "Strength", "kernel": "Kernel", "shows": "Compare", "density": "Grid",
-            "reset": "Reset", "download": "Download points", "clip": "Clipping"}
+CONTROLS = {
+    "strength": "Strength",
+    "kernel": "Kernel",
+    "shows": "Compare",
+    "density": "Grid",
+    "reset": "Reset",
+    "download": "Download points",
+    "clip": "Clipping",
+}
 """Controls of a page by name, with their labels."""
 
 # A GPU shows at least 256 along an axis, every one of today 1024; a file cannot query it.
 _LARGEST = 1024
 _SPACE_SIZE = 48  # samples of a displacement that is no extrusion: 64 as in a live view would be twice the file
 
-FILE_PAGE_ABOUT = ("Open a volume or a picture of your own, drag points on it, compare before and after, and download "
-                   "the result.")
+FILE_PAGE_ABOUT = (
+    "Open a volume or a picture of your own, drag points on it, compare before and after, and download the result."
+)
 """The line under the title of a page for files."""
 
 _STILL = (640, 480)
@@ -81,9 +89,17 @@ _EXACTNESS = 1 / 64
 _NOT_FOR_THE_PAGE = ("comm", "language", "layout", "tabbable", "tooltip", "words")
 
 
-def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str = "", about: str = "",
-                    limit: int | None = None, controls: Iterable[str] = tuple(CONTROLS),
-                    language: str | None = None, progress: Progress | None = None) -> str:
+def standalone_html(
+    editor: Editor,
+    view: LiveView | None = None,
+    *,
+    title: str = "",
+    about: str = "",
+    limit: int | None = None,
+    controls: Iterable[str] = tuple(CONTROLS),
+    language: str | None = None,
+    progress: Progress | None = None,
+) -> str:
     """A page that needs nothing but a browser, in which points are dragged and picture and volume follow.
 
     Parameters
@@ -124,8 +140,11 @@ def standalone_html(editor: Editor, view: LiveView | None = None, *, title: str 
     name = title or (part.volume.name if part else "") or "Deformation"
     code = chosen_language(language)
     data = _page_data(editor, part, name, wanted, code)
-    scripts = [_as_script(Editor._esm, "editor"), *([_as_script(LiveView._esm, "view")] if part else []),
-               bundle("standalone.js")]
+    scripts = [
+        _as_script(Editor._esm, "editor"),
+        *([_as_script(LiveView._esm, "view")] if part else []),
+        bundle("standalone.js"),
+    ]
     styles = [Editor._css, *([LiveView._css] if part else []), bundle("standalone.css")]
     facts = translate(f"{part.about}. {_PROMISE}" if part else _PROMISE, code)
     texts = {"title": name, "about": about, "facts": facts}
@@ -166,8 +185,14 @@ def file_page_html(language: str | None = None) -> str:
     scripts = [_as_script(Editor._esm, "editor"), _as_script(LiveView._esm, "view"), bundle("file_page.js")]
     texts = {"title": "deformnb", "about": translate(FILE_PAGE_ABOUT, code), "facts": translate(_PROMISE, code)}
     opening = f'<div class="dnb-page-open" role="group" aria-label="{translate("File", code)}"></div>'
-    return _page(texts, {"opening": opening, "hidden": " hidden", "still": ""}, data, scripts,
-                 [Editor._css, LiveView._css, bundle("file_page.css")], code)
+    return _page(
+        texts,
+        {"opening": opening, "hidden": " hidden", "still": ""},
+        data,
+        scripts,
+        [Editor._css, LiveView._css, bundle("file_page.css")],
+        code,
+    )
 
 
 def write_file_page(path: str | os.PathLike[str], *, language: str | None = None, overwrite: bool = True) -> None:
@@ -193,20 +218,24 @@ def write_file_page(path: str | os.PathLike[str], *, language: str | None = None
         stream.write(text)
 
 
-def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str],
-               code: str) -> dict[str, Any]:
+def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str], code: str) -> dict[str, Any]:
     """What the scripts of a page get."""
     return {
-        "language": code, "words": word_table(code),
+        "language": code,
+        "words": word_table(code),
         "editor": {**_traits(editor), "uid": "standalone", "live": False, "seen": {}, "history": {}},
-        "view": part.traits if part else None, "chunks": part.chunks if part else [],
-        "field": part.field if part else None, "still_background": part.background if part else None,
+        "view": part.traits if part else None,
+        "chunks": part.chunks if part else [],
+        "field": part.field if part else None,
+        "still_background": part.background if part else None,
         "kernels": {k.name: k.order for k in KERNELS.values()},
         "kernel_tables": {kernel: table for kernel in KERNELS if (table := table_for_page(kernel))},
         "trends": {t.name: t.order for t in TRENDS.values()},
-        "controls": list(controls), "cut_off": part.cut_off if part else None,
+        "controls": list(controls),
+        "cut_off": part.cut_off if part else None,
         "parameters": as_json(("strength", "kernel", "shows", "density")),
-        "picture_shows": PICTURE_SHOWS, "document": _document(editor, part, name),
+        "picture_shows": PICTURE_SHOWS,
+        "document": _document(editor, part, name),
     }
 
 
@@ -230,8 +259,14 @@ def _silent(_share: float) -> None:
     """Progress that is not shown."""
 
 
-def write_standalone(path: str | os.PathLike[str], editor: Editor, view: LiveView | None = None, *,
-                     overwrite: bool = True, **options: Any) -> None:
+def write_standalone(
+    path: str | os.PathLike[str],
+    editor: Editor,
+    view: LiveView | None = None,
+    *,
+    overwrite: bool = True,
+    **options: Any,
+) -> None:
     """Write the page of :func:`standalone_html` to a file, whole or not at all.
 
     Parameters
@@ -296,17 +331,32 @@ def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progre
     shown, chunks = _packed_chunks(volume, limit, seen, report)
     maps = field_textures(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
     box = view._output or volume.grid
-    traits = {**_traits(view), "volume_info": shown.info(), "editor": "IPY_MODEL_editor", "editor_map": index,
-              "tissue_check": _tissue_check(volume, shown, box)}
+    traits = {
+        **_traits(view),
+        "volume_info": shown.info(),
+        "editor": "IPY_MODEL_editor",
+        "editor_map": index,
+        "tissue_check": _tissue_check(volume, shown, box),
+    }
     scene = replace(view._scene(), shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
     report(0.9)
-    return _ViewPart(volume, shown, _step_of(editor, _extrusion(field)), traits, chunks, _message(maps, shown, index),
-                     scene.background, still, {"sides": side_names(box), "text": cut_off_text((_SIDES,))})
+    return _ViewPart(
+        volume,
+        shown,
+        _step_of(editor, _extrusion(field)),
+        traits,
+        chunks,
+        _message(maps, shown, index),
+        scene.background,
+        still,
+        {"sides": side_names(box), "text": cut_off_text((_SIDES,))},
+    )
 
 
-def _packed_chunks(volume: Volume, limit: int | None, seen: PackedVolume,
-                   report: Progress) -> tuple[PackedVolume, list[dict[str, Any]]]:
+def _packed_chunks(
+    volume: Volume, limit: int | None, seen: PackedVolume, report: Progress
+) -> tuple[PackedVolume, list[dict[str, Any]]]:
     """The voxels and their pieces; without a limit as many voxels as :data:`MOST_BYTES` hold."""
     most = LIMIT if limit is None else limit
     while True:
@@ -327,8 +377,10 @@ def _tissue_check(volume: Volume, shown: PackedVolume, box: Grid) -> dict[str, A
     """Values above which bytes, from 0 to 1, are foreground, and how far beyond the box it has left it, in shares."""
     low, high = shown.window
     level = (foreground_level(volume) - low) / (high - low)
-    return {"tissue": float(np.clip(level, 0.0, 254 / 255)),
-            "beyond": (leaving_voxels(box) / np.array(box.shape[::-1])).tolist()}
+    return {
+        "tissue": float(np.clip(level, 0.0, 254 / 255)),
+        "beyond": (leaving_voxels(box) / np.array(box.shape[::-1])).tolist(),
+    }
 
 
 def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
@@ -385,8 +437,9 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
     """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
     half = ("space", "depths") if (maps.content["space"] or {}).get("cut") else ()
-    buffers: dict[str, NDArray[Any]] = {name: np.frombuffer(maps.buffer(name), "<f2" if name in half else "<f4")
-                                        for name in maps.content["buffers"]}
+    buffers: dict[str, NDArray[Any]] = {
+        name: np.frombuffer(maps.buffer(name), "<f2" if name in half else "<f4") for name in maps.content["buffers"]
+    }
     planar = maps.content["planar"]
     if planar is not None:
         layers, cut = planar["shape"][0], planar["cut"]
@@ -400,8 +453,14 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
     for name in ("space", "distances"):
         if name in buffers and name not in half:
             buffers[name] = _rounded(buffers[name], step)
-    content: StoredFieldMaps = {**maps.content, "type": "field", "seq": 0, "follow": {"index": index, "points": []},
-                                "planar": planar, "buffers": list(buffers)}
+    content: StoredFieldMaps = {
+        **maps.content,
+        "type": "field",
+        "seq": 0,
+        "follow": {"index": index, "points": []},
+        "planar": planar,
+        "buffers": list(buffers),
+    }
     return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
 
 
@@ -416,8 +475,11 @@ def _rounded(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
 def _traits(widget: Any) -> dict[str, Any]:
     """The traits that the page of a widget sees."""
     state = widget.get_state()
-    return {name: _plain(value) for name, value in state.items()
-            if not name.startswith("_") and name not in _NOT_FOR_THE_PAGE}
+    return {
+        name: _plain(value)
+        for name, value in state.items()
+        if not name.startswith("_") and name not in _NOT_FOR_THE_PAGE
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -450,26 +512,46 @@ def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, An
 
 def _as_script(module: str, name: str) -> str:
     """A widget's module as an inline script: what it exports is kept under a name, since nobody can import it."""
-    text, count = re.subn(r"\bexport *\{ *([\w$]+) as default *\};?\s*$",
-                          rf'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = \1;', module)
+    text, count = re.subn(
+        r"\bexport *\{ *([\w$]+) as default *\};?\s*$",
+        rf'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = \1;',
+        module,
+    )
     assert count == 1, "the bundle of a widget ends with its only export"
     return text
 
 
-def _page(texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], scripts: list[str],
-          styles: list[str], code: str) -> str:
+def _page(
+    texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], scripts: list[str], styles: list[str], code: str
+) -> str:
     scripts = [_unbroken(f"\n{script}\n") for script in scripts]
     digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
-    policy = ("default-src 'none'", f"script-src {digests}", "style-src 'unsafe-inline'", "img-src data: blob:",
-              "base-uri 'none'", "form-action 'none'")
+    policy = (
+        "default-src 'none'",
+        f"script-src {digests}",
+        "style-src 'unsafe-inline'",
+        "img-src data: blob:",
+        "base-uri 'none'",
+        "form-action 'none'",
+    )
     # A "<" in JSON stands only in strings, where it may be written as a number: nothing in them can end the script.
     text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
     seen = {name: _escaped(text) for name, text in texts.items()}
-    parts |= {"language": code, "controls": translate("Deformation", code),
-              "needs": translate("This page needs JavaScript.", code)}
-    return _SKELETON.format(policy="; ".join(policy), **parts, silent="" if texts["about"] else " hidden",
-                            styles=_unbroken("\n".join(styles)), data=text, scripts=body, **seen)
+    parts |= {
+        "language": code,
+        "controls": translate("Deformation", code),
+        "needs": translate("This page needs JavaScript.", code),
+    }
+    return _SKELETON.format(
+        policy="; ".join(policy),
+        **parts,
+        silent="" if texts["about"] else " hidden",
+        styles=_unbroken("\n".join(styles)),
+        data=text,
+        scripts=body,
+        **seen,
+    )
 
 
 def _escaped(text: str) -> str:

@@ -49,8 +49,9 @@ class LocalComm(BaseComm):
         self._post = post
         super().__init__(target_name="deformnb.page", comm_id=comm_id)
 
-    def publish_msg(self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None,
-                    **keys: Any) -> None:
+    def publish_msg(
+        self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None, **keys: Any
+    ) -> None:
         """Publish a message of ipywidgets: of its own life, its traits, and custom messages."""
         if msg_type == "comm_msg" and data:
             self._post(data, [bytes(buffer) for buffer in buffers or []])

@@ -150,9 +150,15 @@ def about_cut(plane: CutPlane, raster: Raster) -> dict[str, Any]:
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
     name = hashlib.sha256(repr((data, raster)).encode()).hexdigest()[:16]
-    return {"shape": [len(data), *raster.shape], "origin": list(raster.origin), "spacing": list(raster.spacing),
-            "sides": [list(sides) for sides in plane.sides], "rule": plane.cut.rule,
-            "regions": data, "id": name}
+    return {
+        "shape": [len(data), *raster.shape],
+        "origin": list(raster.origin),
+        "spacing": list(raster.spacing),
+        "sides": [list(sides) for sides in plane.sides],
+        "rule": plane.cut.rule,
+        "regions": data,
+        "id": name,
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +292,9 @@ class FieldTextures:
         return FieldTextures({**self.content, "buffers": [n for n, _ in kept]}, [b for _, b in kept])
 
 
-def field_textures(field: AbstractField | None, shown: PackedVolume, output: Grid | None, map_size: int,
-                   space_size: int) -> FieldTextures:
+def field_textures(
+    field: AbstractField | None, shown: PackedVolume, output: Grid | None, map_size: int, space_size: int
+) -> FieldTextures:
     """The maps of a field on the box of ``output``.
 
     Parameters
@@ -337,8 +344,9 @@ def map_raster(field: Extrusion, grid: Grid, map_size: int) -> Raster:
     return Raster((int(counts[1]), int(counts[0])), tuple(size / (counts - 1)), tuple(low))
 
 
-def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid,
-            map_size: int) -> tuple[dict[str, Any], dict[str, bytes]]:
+def _planar(
+    planar: CutPlane, shown: PackedVolume, grid: Grid, map_size: int
+) -> tuple[dict[str, Any], dict[str, bytes]]:
     field = planar.first
     raster = map_raster(field, grid, map_size)
     maps = np.stack([np.moveaxis(m.on_raster(raster), 0, -1) for region in planar.regions for m in region.maps])
@@ -347,15 +355,25 @@ def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid,
     plane, turn = field.plane, shown.frame
     same = field.is_replication and bool((weights[:, 0] == 1).all()) and planar.count == 1
     about: dict[str, Any] = {
-        "shape": list(maps.shape[:3]), "origin": list(raster.origin), "spacing": list(raster.spacing),
-        "depth": list(field.depth), "isReplicated": same, "cut": None,
+        "shape": list(maps.shape[:3]),
+        "origin": list(raster.origin),
+        "spacing": list(raster.spacing),
+        "depth": list(field.depth),
+        "isReplicated": same,
+        "cut": None,
         "softness": softness_of(planar, shown.original),
-        "plane": {"origin": shown.to_frame(np.asarray(plane.origin)).tolist(),
-                  **{name: (turn @ np.asarray(vector)).tolist()
-                     for name, vector in (("u", plane.u), ("v", plane.v), ("n", plane.normal))}},
+        "plane": {
+            "origin": shown.to_frame(np.asarray(plane.origin)).tolist(),
+            **{
+                name: (turn @ np.asarray(vector)).tolist()
+                for name, vector in (("u", plane.u), ("v", plane.v), ("n", plane.normal))
+            },
+        },
     }
-    buffers = {"maps": np.ascontiguousarray(maps, "<f4").tobytes(),
-               "weights": np.ascontiguousarray(weights, "<f4").tobytes()}
+    buffers = {
+        "maps": np.ascontiguousarray(maps, "<f4").tobytes(),
+        "weights": np.ascontiguousarray(weights, "<f4").tobytes(),
+    }
     if planar.cut is not None:
         around = cut_raster(field, grid, shown.original)
         about["cut"] = about_cut(planar, around)
@@ -369,8 +387,14 @@ def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
         return 0.0
     raster = map_raster(planar.first, grid, min(map_size, 64))
     largest = np.abs(np.asarray(planar.first.weights)).max(axis=1)
-    return float(max(sum(w * np.linalg.norm(m.on_raster(raster), axis=0).max()
-                         for w, m in zip(largest, region.maps, strict=True)) for region in planar.regions))
+    return float(
+        max(
+            sum(
+                w * np.linalg.norm(m.on_raster(raster), axis=0).max() for w, m in zip(largest, region.maps, strict=True)
+            )
+            for region in planar.regions
+        )
+    )
 
 
 def nodes_along(size: NDArray[np.float64], most: int) -> NDArray[np.int64]:
@@ -378,8 +402,9 @@ def nodes_along(size: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     return np.maximum(4, np.ceil(most * size / size.max())).astype(int)
 
 
-def _space(field: AbstractField, shown: PackedVolume, grid: Grid, space_size: int,
-           reach: float) -> tuple[dict[str, Any], dict[str, bytes]]:
+def _space(
+    field: AbstractField, shown: PackedVolume, grid: Grid, space_size: int, reach: float
+) -> tuple[dict[str, Any], dict[str, bytes]]:
     box = shown.box(grid)
     low, high = np.asarray(box["low"]) - reach, np.asarray(box["high"]) + reach
     size = np.maximum(high - low, 1e-9)
@@ -387,8 +412,9 @@ def _space(field: AbstractField, shown: PackedVolume, grid: Grid, space_size: in
     spacing = size / (counts - 1)
     own = shown.volume.grid
     first = own.index_to_point(low / np.asarray(own.spacing))
-    lattice = replace(own, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing),
-                      origin=tuple(first))
+    lattice = replace(
+        own, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing), origin=tuple(first)
+    )
     about = {"shape": counts.tolist(), "origin": low.tolist(), "spacing": spacing.tolist()}
     chain = cut_chain(field)
     if chain is not None:
@@ -399,8 +425,9 @@ def _space(field: AbstractField, shown: PackedVolume, grid: Grid, space_size: in
     return about, {"space": np.ascontiguousarray(samples, "<f4").tobytes()}
 
 
-def _cut_space(chain: CutChain, frame: NDArray[np.float64],
-               lattice: Grid) -> tuple[dict[str, Any] | None, dict[str, bytes]]:
+def _cut_space(
+    chain: CutChain, frame: NDArray[np.float64], lattice: Grid
+) -> tuple[dict[str, Any] | None, dict[str, bytes]]:
     """In half precision: small where it counts, which is near the cut, and half as much to send."""
     points = lattice.index_to_point(np.moveaxis(np.indices(lattice.shape)[::-1], 0, -1))
     layers = space_layers(chain, points)
@@ -408,11 +435,20 @@ def _cut_space(chain: CutChain, frame: NDArray[np.float64],
         return None, {}
     moves = layers.moves.copy()
     moves[..., :3] = layers.moves[..., :3] @ frame.T
-    slope = max(np.sqrt(sum((np.diff(m, axis=axis) ** 2).sum(axis=-1).max() / step**2
-                            for axis, step in enumerate(lattice.spacing[::-1]))) for m in moves[..., :3])
+    slope = max(
+        np.sqrt(
+            sum(
+                (np.diff(m, axis=axis) ** 2).sum(axis=-1).max() / step**2
+                for axis, step in enumerate(lattice.spacing[::-1])
+            )
+        )
+        for m in moves[..., :3]
+    )
     about = {"regions": len(moves), "rule": chain.cut.rule, "softness": chain.cut.softness, "slope": float(slope)}
-    return about, {name: np.ascontiguousarray(np.clip(values, -6e4, 6e4), "<f2").tobytes()
-                   for name, values in (("space", moves), ("depths", layers.depths))}
+    return about, {
+        name: np.ascontiguousarray(np.clip(values, -6e4, 6e4), "<f2").tobytes()
+        for name, values in (("space", moves), ("depths", layers.depths))
+    }
 
 
 def differ_only_in(index: int, old: AbstractField | None, new: AbstractField | None) -> bool:
@@ -455,5 +491,7 @@ def texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, map
     (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
     raster = Raster((rows, columns), (da, db), (a, b))
     frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])
-    return FieldTextures({**first.content, "frames": {"count": len(maps), "duration": maps.duration}},
-                         [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]])
+    return FieldTextures(
+        {**first.content, "frames": {"count": len(maps), "duration": maps.duration}},
+        [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]],
+    )

@@ -58,9 +58,13 @@ class Worker:
     >>> worker.close()
     """
 
-    def __init__(self, name: str = "deformnb-worker", at_end: Callable[[], None] | None = None,
-                 failed: Callable[[Exception], None] | None = None,
-                 is_kept: Callable[[], bool] = lambda: False) -> None:
+    def __init__(
+        self,
+        name: str = "deformnb-worker",
+        at_end: Callable[[], None] | None = None,
+        failed: Callable[[Exception], None] | None = None,
+        is_kept: Callable[[], bool] = lambda: False,
+    ) -> None:
         self._queue = _Queue(at_end, failed, is_kept)
         self._name = name
         self._thread: threading.Thread | None = None
@@ -132,8 +136,9 @@ class Worker:
 class _Queue:
     """Queue of jobs, shared by the thread and its owner, with a reference to neither."""
 
-    def __init__(self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None,
-                 is_kept: Callable[[], bool]) -> None:
+    def __init__(
+        self, at_end: Callable[[], None] | None, failed: Callable[[Exception], None] | None, is_kept: Callable[[], bool]
+    ) -> None:
         self.changed = threading.Condition()
         self.calls: deque[tuple[Callable[[], None], Future[Any]]] = deque()
         self.jobs: dict[str, Callable[[], None]] = {}

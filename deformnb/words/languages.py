@@ -43,8 +43,10 @@ def word_table(code: str) -> dict[str, str]:
     return table
 
 
-LANGUAGES: dict[str, str] = {_FIRST: "English", **{path.stem: word_table(path.stem)["English"]
-                                                   for path in sorted(_FOLDER.glob("*.json"))}}
+LANGUAGES: dict[str, str] = {
+    _FIRST: "English",
+    **{path.stem: word_table(path.stem)["English"] for path in sorted(_FOLDER.glob("*.json"))},
+}
 """Languages by their codes, each named in its own words."""
 
 

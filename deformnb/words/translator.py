@@ -84,8 +84,9 @@ class Translator:
         for pattern in self._patterns:
             match = pattern.regex.fullmatch(core)
             if match:
-                values = {name: self._value(name, given)
-                          for name, given in zip(pattern.names, match.groups(), strict=True)}
+                values = {
+                    name: self._value(name, given) for name, given in zip(pattern.names, match.groups(), strict=True)
+                }
                 if None not in values.values():
                     return pattern.value.format_map(values)
         return None

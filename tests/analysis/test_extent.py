@@ -56,8 +56,9 @@ def test_what_is_not_deformed_needs_the_box_it_has_and_to_the_bit() -> None:
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize(("way", "view"), [((25.0, 0.0), "+y"), ((0.0, 18.0), "+y"), ((-20.0, -12.0), "-z"),
-                                           ((14.0, 30.0), "+x")])
+@pytest.mark.parametrize(
+    ("way", "view"), [((25.0, 0.0), "+y"), ((0.0, 18.0), "+y"), ((-20.0, -12.0), "-z"), ((14.0, 30.0), "+x")]
+)
 def test_the_box_holds_all_that_the_warp_shows_and_hardly_more(way: tuple[float, float], view: str) -> None:
     volume = brick()
     field = dragged(volume, way, view, kernel="gaussian")
@@ -101,8 +102,9 @@ def test_several_steps_and_cuts_are_followed() -> None:
     beside = [[middle[0] - 10, middle[1]], [middle[0] + 10, middle[1]]]
     apart = ControlPoints.from_arrays(beside, [[middle[0] - 30, middle[1]], [middle[0] + 30, middle[1]]])
     opened = Step((apart,), plane, trend="translation", cuts=(cut,))
-    lifted = Step((ControlPoints.from_arrays([[0.0, 0.0]], [[0.0, 9.0]]),), Plane.along(volume.grid, "-z"),
-                  trend="translation")
+    lifted = Step(
+        (ControlPoints.from_arrays([[0.0, 0.0]], [[0.0, 9.0]]),), Plane.along(volume.grid, "-z"), trend="translation"
+    )
     field = Deformation((opened, lifted)).field(volume.grid)
     (first, last), (low, high) = really(volume, field), ends(volume, field_of_view(volume, field).grid)
     assert last[0] > volume.shape[2] + 8  # it did go far
@@ -160,8 +162,12 @@ def test_sides_are_told_as_those_of_the_body() -> None:
 
 def test_a_field_of_the_plane_is_refused() -> None:
     with pytest.raises(DeformError, match="needs a field in space"):
-        field_of_view(brick(), Deformation.on_picture(
-            brick().grid, "+y", ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]])).steps[0].fits(brick().grid)[0])
+        field_of_view(
+            brick(),
+            Deformation.on_picture(brick().grid, "+y", ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]]))
+            .steps[0]
+            .fits(brick().grid)[0],
+        )
 
 
 def test_a_margin_is_whole_voxels_on_every_side() -> None:

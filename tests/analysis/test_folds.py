@@ -183,7 +183,7 @@ def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:
     odd = Raster((40, 40), (2.317, 2.411), (1.13, 1.27))  # no node on a cut
     off = np.abs(jacobian_determinant(field, odd) - at_points(field, odd.points()))
     assert np.mean(off < SINGLE) > 0.995  # float32 may see the other side of a cut
-    assert (jacobian_determinant(pushed(-4.0, 3.0, rule=rule), odd) == pytest.approx(1, abs=1e-6))
+    assert jacobian_determinant(pushed(-4.0, 3.0, rule=rule), odd) == pytest.approx(1, abs=1e-6)
 
 
 def test_cuts_in_space() -> None:

@@ -32,11 +32,23 @@ def tangent(trend: str, linear: np.ndarray) -> list[Any]:
     shifts = [lambda x, m=m: np.tile(np.eye(dim)[m], (len(x), 1)) for m in range(dim)]
     entries = np.eye(dim * dim).reshape(-1, dim, dim)
     turns = [(e - e.T) @ linear for e in entries.reshape(dim, dim, dim, dim)[np.triu_indices(dim, 1)]]
-    more = {"none": None, "translation": [], "affine": list(entries), "affine_exact": list(entries), "rigid": turns,
-            "similarity": [*turns, linear], "quadratic": list(entries)}
+    more = {
+        "none": None,
+        "translation": [],
+        "affine": list(entries),
+        "affine_exact": list(entries),
+        "rigid": turns,
+        "similarity": [*turns, linear],
+        "quadratic": list(entries),
+    }
     chosen = more[trend]
-    bent = [lambda x, m=m, a=a, b=b: (x[:, a] * x[:, b])[:, None] * np.eye(dim)[m] / SUPPORT
-            for m in range(dim) for a in range(dim) for b in range(a + 1) if trend == "quadratic"]
+    bent = [
+        lambda x, m=m, a=a, b=b: (x[:, a] * x[:, b])[:, None] * np.eye(dim)[m] / SUPPORT
+        for m in range(dim)
+        for a in range(dim)
+        for b in range(a + 1)
+        if trend == "quadratic"
+    ]
     return [] if chosen is None else [*shifts, *(lambda x, m=m: x @ m.T for m in chosen), *bent]
 
 

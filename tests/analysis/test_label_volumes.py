@@ -21,7 +21,9 @@ def test_a_map_that_shrinks_by_two_leaves_an_eighth() -> None:
     shrunk = warp(labels, Affine(2 * np.eye(3), -middle))
     rows = label_volumes(labels, shrunk, {5: "cube"})
     assert [(row.label, row.name, row.before, row.after) for row in rows] == [
-        (5, "cube", 512 * 2.0, 64 * 2.0), (9, "", 2.0, 0.0)]
+        (5, "cube", 512 * 2.0, 64 * 2.0),
+        (9, "", 2.0, 0.0),
+    ]
     assert [row.change for row in rows] == [-87.5, -100.0]
 
 

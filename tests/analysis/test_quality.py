@@ -34,10 +34,13 @@ def some_points(n: int, dim: int, seed: int = 0, **more: Any) -> ControlPoints:
 def slow(points: ControlPoints, support: float, **options: Any) -> np.ndarray:
     """Leave-one-out as it is defined: a fit for every point."""
     active = points.take(np.flatnonzero(points.active))
-    return np.array([
-        active.displacement[k] - fit_rbf(active.remove(i), support=support, **options).displacement(active.target[k])
-        for k, i in enumerate(active.ids)
-    ])
+    return np.array(
+        [
+            active.displacement[k]
+            - fit_rbf(active.remove(i), support=support, **options).displacement(active.target[k])
+            for k, i in enumerate(active.ids)
+        ]
+    )
 
 
 def check(points: ControlPoints, support: float = 90.0, **options: Any) -> None:
@@ -233,8 +236,9 @@ def second_derivatives(points: ControlPoints, places: np.ndarray) -> np.ndarray:
 
 
 def test_bending_energy_is_the_integral_of_squared_second_derivatives_in_the_plane() -> None:
-    points = ControlPoints.from_arrays([[0, 0], [1, 0], [0, 1], [1, 1], [0.4, 0.6]],
-                                       [[0, 0], [1.1, 0], [0, 1], [1, 1.2], [0.5, 0.5]])
+    points = ControlPoints.from_arrays(
+        [[0, 0], [1, 0], [0, 1], [1, 1], [0.4, 0.6]], [[0, 0], [1.1, 0], [0, 1], [1, 1.2], [0.5, 0.5]]
+    )
     # Polar about the middle, out to 200 with radii in equal ratios; beyond that little is left (r^-6 at least).
     integral = _integral(points, np.array([0.5, 0.5]))
     assert bending_energy(points) == pytest.approx(integral, rel=0.02)
@@ -248,8 +252,10 @@ def _integral(points: ControlPoints, middle: np.ndarray) -> float:
     inner = second_derivatives(points, square + middle).sum() * (2 * near / cells) ** 2
     # Outside the square: rays from its edge, the integral over t of f(middle + t q) t dt dq along the edge.
     edge = (np.arange(200) + 0.5) / 200 * 2 * near - near
-    q = np.concatenate([np.stack([np.full(200, s * near), edge], axis=-1) for s in (-1, 1)]
-                       + [np.stack([edge, np.full(200, s * near)], axis=-1) for s in (-1, 1)])
+    q = np.concatenate(
+        [np.stack([np.full(200, s * near), edge], axis=-1) for s in (-1, 1)]
+        + [np.stack([edge, np.full(200, s * near)], axis=-1) for s in (-1, 1)]
+    )
     log_t = (np.arange(120) + rng.uniform(0.4, 0.6)) / 120 * np.log(far / near)
     t = np.exp(log_t)
     f = second_derivatives(points, (middle + t[:, None, None] * q).reshape(-1, 2)).reshape(len(t), -1)
@@ -261,20 +267,25 @@ def _integral(points: ControlPoints, middle: np.ndarray) -> float:
 def test_bending_energy_in_space_is_that_of_the_biharmonic_spline() -> None:
     # Five points: C has rank one, so the energy is a square that grows with the sideways drag alone; the factor comes
     # from the integral along rays, since outside the sources' ball the derivatives fall like r^-4 and faster.
-    points = ControlPoints.from_arrays([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]],
-                                       [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.3, 0, 0]])
+    points = ControlPoints.from_arrays(
+        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0, 0, 0]],
+        [[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [0.3, 0, 0]],
+    )
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     edges = np.geomspace(0.02, 60, 90)
     r = np.sqrt(edges[1:] * edges[:-1])
+
     # About each source the squared derivatives grow like 1/r^2: what is near to any of the others is added there.
     def shell(middle: np.ndarray, mask: Any) -> float:
         places = middle + r[:, None, None] * directions
         f = second_derivatives(points, places.reshape(-1, 3)).reshape(len(r), -1) * mask(places)
         return float((4 * np.pi * f.mean(axis=1) * (edges[1:] ** 3 - edges[:-1] ** 3) / 3).sum())
+
     def nearest(places: np.ndarray, k: int) -> np.ndarray:
         return np.linalg.norm(places[..., None, :] - points.source, axis=-1).argmin(axis=-1) == k
+
     integral = sum(shell(points.source[k], lambda places, k=k: nearest(places, k)) for k in range(5))
     assert bending_energy(points) == pytest.approx(integral, rel=0.04)
 

@@ -29,14 +29,21 @@ def along(direction: NDArray[np.float64], wanted: list[float]) -> None:
     oracle.assert_close(np.abs(direction @ np.asarray(wanted)), np.linalg.norm(wanted), atol=1e-9)
 
 
-@pytest.mark.parametrize(("m", "principal", "first"), [
-    (np.diag([2.0, 1.0]), [2.0, 1.0], [1.0, 0.0]),  # stretched along a
-    (np.diag([0.5, 3.0]), [3.0, 0.5], [0.0, 1.0]),
-    (turned(30) @ np.diag([2.0, 0.5]), [2.0, 0.5], [np.cos(np.pi / 6), 0.5]),  # stretched, then turned: in the result
-    (np.diag([2.0, 0.5]) @ turned(30), [2.0, 0.5], [1.0, 0.0]),
-    # Simple shear by g: stretches (sqrt(g^2 + 4) +- g) / 2, along the axes of F F^T. For g = 1.5 these are 2 and 1/2.
-    (np.array([[1.0, 1.5], [0.0, 1.0]]), [2.0, 0.5], [2.0, 1.0]),
-])
+@pytest.mark.parametrize(
+    ("m", "principal", "first"),
+    [
+        (np.diag([2.0, 1.0]), [2.0, 1.0], [1.0, 0.0]),  # stretched along a
+        (np.diag([0.5, 3.0]), [3.0, 0.5], [0.0, 1.0]),
+        (
+            turned(30) @ np.diag([2.0, 0.5]),
+            [2.0, 0.5],
+            [np.cos(np.pi / 6), 0.5],
+        ),  # stretched, then turned: in the result
+        (np.diag([2.0, 0.5]) @ turned(30), [2.0, 0.5], [1.0, 0.0]),
+        # Simple shear by g: stretches (sqrt(g^2 + 4) +- g) / 2, along the axes of F F^T; for g = 1.5: 2 and 1/2.
+        (np.array([[1.0, 1.5], [0.0, 1.0]]), [2.0, 0.5], [2.0, 1.0]),
+    ],
+)
 def test_pure_stretch_and_shear(m: NDArray[np.float64], principal: list[float], first: list[float]) -> None:
     found = stretches(linear(m, [5.0, 6.0], np.array([40.0, 50.0])), AT)
     oracle.assert_close(found.area, np.full(2, np.linalg.det(m)), rtol=1e-10)

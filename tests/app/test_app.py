@@ -72,9 +72,9 @@ def test_a_page_gets_all_widgets_that_the_studio_refers_to(running: RunningApp) 
     assert states[studio.view.model_id]["editor"] == f"IPY_MODEL_{studio.editor.model_id}"
 
 
-
 def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
     """Of each kind of input, what its front end saves; a new kind is missing here until it is thought of."""
+
     async def talk() -> Any:
         async with connected(running) as page:
             return (await page.call("deformnb.open"))["widgets"]
@@ -82,8 +82,11 @@ def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
     for late in running.studio._panels.late:
         running.application.thread.call(late.make).result(30)
     shown_only = {"HTMLModel", "LabelModel", "ImageModel", "ButtonModel", "FloatProgressModel", "AnyModel"}
-    kinds = {state["_model_name"] for state in asyncio.run(talk()).values()
-             if state["_model_module"] != "@jupyter-widgets/base" and not state["_model_name"].endswith("StyleModel")}
+    kinds = {
+        state["_model_name"]
+        for state in asyncio.run(talk()).values()
+        if state["_model_module"] != "@jupyter-widgets/base" and not state["_model_name"].endswith("StyleModel")
+    }
     boxes = {"VBoxModel", "HBoxModel", "BoxModel"}
     assert kinds - shown_only - boxes == set(SETTABLE) & kinds
     assert set(SETTABLE) - kinds <= {"FloatTextModel"}  # of a row that is made when it is needed
@@ -116,8 +119,9 @@ def test_the_volume_comes_in_pieces_that_make_it_whole(running: RunningApp) -> N
             info = (await page.call("deformnb.open"))["widgets"][view]["volume_info"]
             chunk = {"type": "chunk", "view": "v", "id": info["id"], "index": 0}
             await page.call("deformnb.comm", view, _custom(chunk), "1", [])
-            return info, await heard(page, lambda m: m.get("result", {}).get("data", {}).get("content", {}).get(
-                "type") == "chunk")
+            return info, await heard(
+                page, lambda m: m.get("result", {}).get("data", {}).get("content", {}).get("type") == "chunk"
+            )
 
     info, message = asyncio.run(talk())
     voxels = np.frombuffer(gzip.decompress(message["result"]["buffers"][0]), np.uint8)
@@ -154,8 +158,13 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
         async with connected(running) as page:
             await page.call("deformnb.open")
             await page.call("deformnb.comm", running.studio.editor.model_id, _custom(edit_of(points)), "1", [])
-            await heard(page, lambda m: "are at the same place" in str(
-                m.get("result", {}).get("data", {}).get("state", {}).get("value", "")))
+            await heard(
+                page,
+                lambda m: (
+                    "are at the same place"
+                    in str(m.get("result", {}).get("data", {}).get("state", {}).get("value", ""))
+                ),
+            )
 
     asyncio.run(talk())
     running.settled()  # the reason is told before the points go back
@@ -199,8 +208,12 @@ def test_a_name_that_is_html_stays_text() -> None:
 
 def test_options_are_checked_before_a_volume_is_read() -> None:
     assert check_app("localhost", 0, None) == "127.0.0.1"
-    for host, port, side in (("0.0.0.0", 0, None), ("127.0.0.1", 65536, None), ("127.0.0.1", -1, None),
-                             ("127.0.0.1", 0, "z")):
+    for host, port, side in (
+        ("0.0.0.0", 0, None),
+        ("127.0.0.1", 65536, None),
+        ("127.0.0.1", -1, None),
+        ("127.0.0.1", 0, "z"),
+    ):
         with pytest.raises(DeformError):
             check_app(host, port, side)
     assert check_app("localhost", 0, None, 0) == "127.0.0.1"

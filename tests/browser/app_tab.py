@@ -60,8 +60,9 @@ def grey(image: NDArray[Any]) -> NDArray[np.float64]:
 def finer(grid: Grid) -> Grid:
     """The same box, which says how large things are seen, with voxels a third as long: the edges are sharper."""
     first = grid.index_to_point(np.full(3, -1 / 3))
-    return replace(grid, shape=tuple(3 * n for n in grid.shape), spacing=tuple(np.asarray(grid.spacing) / 3),
-                   origin=tuple(first))
+    return replace(
+        grid, shape=tuple(3 * n for n in grid.shape), spacing=tuple(np.asarray(grid.spacing) / 3), origin=tuple(first)
+    )
 
 
 def silhouette(image: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -87,8 +88,16 @@ def eventually(condition: Callable[[], Any]) -> None:
 class Tab:
     """A tab of the browser that shows the application; none may complain or ask elsewhere."""
 
-    def __init__(self, browser: Any, app: RunningApp, *, viewer: str = "live", scheme: str = "light",
-                 init: str = "", size: tuple[int, int] = (900, 560)) -> None:
+    def __init__(
+        self,
+        browser: Any,
+        app: RunningApp,
+        *,
+        viewer: str = "live",
+        scheme: str = "light",
+        init: str = "",
+        size: tuple[int, int] = (900, 560),
+    ) -> None:
         self.app = app  # the window is small, for a processor draws the volume here
         self.context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
         self.page = self.context.new_page()
@@ -117,16 +126,20 @@ class Tab:
 
     def has(self, points: int, moved: int) -> None:
         """Wait until the session and the page have so many points, and so many of them moved."""
+
         def count() -> tuple[int, int]:
             now = self.app.session.points
             return len(now), int(now.displacement.any(axis=1).sum())
 
         eventually(lambda: count() == (points, moved))
-        self.page.wait_for_function("""([count, moved]) => {
+        self.page.wait_for_function(
+            """([count, moved]) => {
           const points = document.querySelector('.dnb-editor')?.deformnb?.points ?? [];
           return points.length === count && points.filter(({ source, target }) =>
             Math.hypot(source[0] - target[0], source[1] - target[1]) > 1e-6).length === moved; }""",
-                                    arg=[points, moved], timeout=PATIENCE)
+            arg=[points, moved],
+            timeout=PATIENCE,
+        )
 
     def _image(self, script: str) -> NDArray[np.float64]:
         from PIL import Image

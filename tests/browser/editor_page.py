@@ -29,8 +29,11 @@ class EditorOnPage(LivePage):
         """Values of traits on their way to the page, oldest first, while they are held; None sends them at once."""
         editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
         editor.observe(self._told)
-        state = {k: packed(v) for k, v in editor.get_state().items() if not k.startswith("_") and k not in
-                 ("layout", "tabbable", "tooltip")}
+        state = {
+            k: packed(v)
+            for k, v in editor.get_state().items()
+            if not k.startswith("_") and k not in ("layout", "tabbable", "tooltip")
+        }
         self.page.evaluate("([n, s]) => { makeModel(n, s); }", ["editor", state])
         for _ in range(draws):
             self.draw("editor")
@@ -55,8 +58,10 @@ class EditorOnPage(LivePage):
 
     def settled(self) -> None:
         """Until the picture is there, and all views of the editor are drawn as they will stay."""
-        self.wait(f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
-                  "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: e }) => !e.isMoving && !e.frame)")
+        self.wait(
+            f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
+            "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: e }) => !e.isMoving && !e.frame)"
+        )
 
     @property
     def points(self) -> ControlPoints:
@@ -100,8 +105,9 @@ class EditorOnPage(LivePage):
         """Where the pixels of the canvas are on the picture's plane."""
         v = self.js(f"({PAGE}.view)")
         shape, d = self.canvas().shape[:2], 1 / (v["k"] * v["ratio"])
-        return Raster((shape[0], shape[1]), (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"],
-                                                     (0.5 / v["ratio"] - v["y"]) / v["k"]))
+        return Raster(
+            (shape[0], shape[1]), (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"], (0.5 / v["ratio"] - v["y"]) / v["k"])
+        )
 
 
 def packed(value: Any) -> Any:

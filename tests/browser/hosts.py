@@ -60,32 +60,60 @@ class Host:
 
     def _launch(self) -> None:
         self.port = self.free_port()
-        command = [sys.executable, "-m", self.module,
-                   *(option.format(folder=self.folder, token=self.token, port=self.port)
-                     for option in (*self.alone, *self.options)), *self._options]
-        self.process = subprocess.Popen(command, env=self._environment(), cwd=self.folder, stdout=self.log,
-                                        stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
+        command = [
+            sys.executable,
+            "-m",
+            self.module,
+            *(
+                option.format(folder=self.folder, token=self.token, port=self.port)
+                for option in (*self.alone, *self.options)
+            ),
+            *self._options,
+        ]
+        self.process = subprocess.Popen(
+            command,
+            env=self._environment(),
+            cwd=self.folder,
+            stdout=self.log,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
 
     def prepare(self) -> None:
         """Settings that are files."""
 
     def _environment(self) -> dict[str, str]:
-        own = {name: str(self.folder / name.lower()) for name in
-               ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR",
-                "JUPYTERLAB_SETTINGS_DIR", "JUPYTERLAB_WORKSPACES_DIR")}
+        own = {
+            name: str(self.folder / name.lower())
+            for name in (
+                "JUPYTER_CONFIG_DIR",
+                "JUPYTER_DATA_DIR",
+                "JUPYTER_RUNTIME_DIR",
+                "IPYTHONDIR",
+                "JUPYTERLAB_SETTINGS_DIR",
+                "JUPYTERLAB_WORKSPACES_DIR",
+            )
+        }
         path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
         # The server's extension is enabled by the file that the package installs, also where it is not installed.
         own["DEFORMNB_STATE"] = str(self.folder / "state")  # what other servers have left is not offered here
         of_tests = ("JAX_DEBUG_NANS", "XLA_FLAGS")
         inherited = {name: value for name, value in os.environ.items() if name not in of_tests}
-        return {**inherited, **own, "PATH": path, "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
-                "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config")}
+        return {
+            **inherited,
+            **own,
+            "PATH": path,
+            "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
+            "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config"),
+        }
 
     @classmethod
     def missing(cls) -> str:
         """Why it cannot be run here, or an empty text."""
-        absent = [module for module in (cls.module, "ipykernel", *cls.requires)
-                  if importlib.util.find_spec(module) is None]
+        absent = [
+            module for module in (cls.module, "ipykernel", *cls.requires) if importlib.util.find_spec(module) is None
+        ]
         return f"{absent[0]} is not installed: pip install deformnb[test]" if absent else ""
 
     def started(self, timeout: float = 180.0) -> None:
@@ -120,8 +148,17 @@ class Host:
     def write_notebook(self, cells: list[str], name: str) -> None:
         """A notebook with these cells in the server's folder."""
         kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
-        code = [{"cell_type": "code", "id": f"cell-{k}", "metadata": {}, "execution_count": None, "outputs": [],
-                 "source": cell} for k, cell in enumerate(cells)]
+        code = [
+            {
+                "cell_type": "code",
+                "id": f"cell-{k}",
+                "metadata": {},
+                "execution_count": None,
+                "outputs": [],
+                "source": cell,
+            }
+            for k, cell in enumerate(cells)
+        ]
         notebook = {"nbformat": 4, "nbformat_minor": 5, "metadata": {"kernelspec": kernel}, "cells": code}
         path = self.folder / self.place / name
         path.parent.mkdir(exist_ok=True)
@@ -177,14 +214,19 @@ class _Application(Host):
 
     def run(self, page: Any, code: str) -> str:
         """What a new cell at the end of the notebook prints."""
-        return str(page.evaluate("""async (code) => {
+        return str(
+            page.evaluate(
+                """async (code) => {
             const { sessionContext } = jupyterapp.shell.currentWidget;
             const future = sessionContext.session.kernel.requestExecute({ code, store_history: false });
             let text = "";
             future.onIOPub = ({ content }) => { text += content.text ?? content.traceback?.join("\\n") ?? ""; };
             await future.done;
             return text;
-        }""", code))
+        }""",
+                code,
+            )
+        )
 
     def end_kernels(self) -> None:
         """Ends all kernels, and forgets what they have written by themselves."""
@@ -197,8 +239,9 @@ class _Application(Host):
         shutil.rmtree(self.folder / "state", ignore_errors=True)
 
     def _ask(self, method: str, path: str) -> Any:
-        request = urllib.request.Request(self.url(path), method=method,
-                                         headers={"Authorization": f"token {self.token}"})
+        request = urllib.request.Request(
+            self.url(path), method=method, headers={"Authorization": f"token {self.token}"}
+        )
         with urllib.request.urlopen(request, timeout=60) as answer:
             return json.loads(answer.read() or "null")
 
@@ -214,9 +257,16 @@ class Lab(_Application):
 
     name, module, requires = "JupyterLab", "jupyterlab", ("jupyterlab",)
     address = "/lab/workspaces/{workspace}/tree/{name}"  # else it opens the notebooks of other pages as well
-    options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
-               "--ServerApp.port_retries=0", "--LabApp.expose_app_in_browser=True", "--LabApp.news_url=",
-               "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate")
+    options = (
+        "--ip=127.0.0.1",
+        "--IdentityProvider.token={token}",
+        "--ServerApp.root_dir={folder}",
+        "--allow-root",
+        "--ServerApp.port_retries=0",
+        "--LabApp.expose_app_in_browser=True",
+        "--LabApp.news_url=",
+        "--LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate",
+    )
 
     def prepare(self) -> None:
         settings = self.folder / "jupyterlab_settings_dir" / "@jupyterlab" / "apputils-extension"
@@ -229,8 +279,14 @@ class Notebook(_Application):
 
     name, module, requires = "Notebook 7", "notebook", ("jupyterlab",)
     address = "/notebooks/{name}"
-    options = ("--ip=127.0.0.1", "--IdentityProvider.token={token}", "--ServerApp.root_dir={folder}", "--allow-root",
-               "--ServerApp.port_retries=0", "--JupyterNotebookApp.expose_app_in_browser=True")
+    options = (
+        "--ip=127.0.0.1",
+        "--IdentityProvider.token={token}",
+        "--ServerApp.root_dir={folder}",
+        "--allow-root",
+        "--ServerApp.port_retries=0",
+        "--JupyterNotebookApp.expose_app_in_browser=True",
+    )
 
 
 class Voila(Host):
@@ -239,8 +295,7 @@ class Voila(Host):
     name, module = "Voila", "voila"
     address = "/voila/render/{name}"
     ready = "/voila/static/voila.js"
-    options = ("--Voila.ip=127.0.0.1", "--Voila.token={token}", "--Voila.root_dir={folder}",
-               "--Voila.port_retries=0")
+    options = ("--Voila.ip=127.0.0.1", "--Voila.token={token}", "--Voila.root_dir={folder}", "--Voila.port_retries=0")
 
     def open_notebook(self, page: Any, cells: list[str], name: str = "test.ipynb") -> None:
         self.write_notebook(cells, name)

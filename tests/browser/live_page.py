@@ -76,8 +76,15 @@ function pixels() { // what is on the canvas, drawn at once and in full
 </script>"""
 
 # Without a sandbox it runs in containers; without a network it is quiet.
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync",
-             "--disable-component-update", "--enable-unsafe-swiftshader"]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-sync",
+    "--disable-component-update",
+    "--enable-unsafe-swiftshader",
+]
 
 
 class LivePage:
@@ -123,8 +130,9 @@ class LivePage:
                 self._changes.append((name, change["name"]))
 
     def _deliver_trait(self, name: str, key: str) -> None:
-        self.page.evaluate("([m, k, v]) => models[m].fromPython(k, v)",
-                           [name, key, _plain(self.widgets[name].get_state(key)[key])])
+        self.page.evaluate(
+            "([m, k, v]) => models[m].fromPython(k, v)", [name, key, _plain(self.widgets[name].get_state(key)[key])]
+        )
 
     def draw(self, name: str = "view") -> None:
         self.page.add_style_tag(content=self.widgets[name]._css)
@@ -202,8 +210,10 @@ class LivePage:
 
     def loaded(self) -> None:
         """Until the volume is on the card and all that was sent is applied."""
-        self.wait("document.querySelector('.dnb-view').deformnb.caster?.isReady && "
-                  "document.querySelector('.dnb-view').deformnb.field")
+        self.wait(
+            "document.querySelector('.dnb-view').deformnb.caster?.isReady && "
+            "document.querySelector('.dnb-view').deformnb.field"
+        )
 
     def pixels(self) -> NDArray[np.uint8]:
         """The picture, drawn in full now."""

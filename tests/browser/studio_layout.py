@@ -59,9 +59,18 @@ BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb
 
 
 GROUPS = {
-    "Shape": ["Steps", "Interpolation", "Points", "Rigid parts and cuts", "Match to another picture",
-              "Thompson's grids and your own"],
-    "Depth": [], "View": ["Colours and opacity", "Picture", "Second volume"], "Animate": [], "Check": [],
+    "Shape": [
+        "Steps",
+        "Interpolation",
+        "Points",
+        "Rigid parts and cuts",
+        "Match to another picture",
+        "Thompson's grids and your own",
+    ],
+    "Depth": [],
+    "View": ["Colours and opacity", "Picture", "Second volume"],
+    "Animate": [],
+    "Check": [],
 }
 """Sections with a heading, by the title of their group."""
 

@@ -33,6 +33,7 @@ pytestmark = pytest.mark.needs_browser
 @pytest.fixture
 def fresh(app: RunningApp) -> RunningApp:
     """The application as it was at the start."""
+
     def begin() -> None:
         session = app.session
         session.deformation = type(session.deformation)()
@@ -219,10 +220,13 @@ def test_the_keyboard_moves_a_slider(tab: Tab) -> None:
 def test_another_side_shows_another_picture(tab: Tab) -> None:
     before = tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.model.get('raster').shape")
     tab.page.locator(".dnb-pane-head").get_by_label("Side").select_option("from above (-z)")
-    tab.page.wait_for_function("""(before) => {
+    tab.page.wait_for_function(
+        """(before) => {
         const { painter, model } = document.querySelector('.dnb-editor').deformnb;
         return model.get('raster').shape[0] !== before[0] && painter.source?.raster.shape[0] !== before[0]; }""",
-                               arg=before, timeout=PATIENCE)
+        arg=before,
+        timeout=PATIENCE,
+    )
     assert before == [28, 32]
     assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.model.get('raster').shape") == [24, 32]
 
@@ -298,8 +302,23 @@ def _channels(page: Any, part: str) -> list[float]:
     return [float(n) for n in colour.strip("rgba()").split(",")[:3]]
 
 
-_OPERATED = {"button", "checkbox", "combobox", "img", "image", "link", "listbox", "menuitem", "radio", "searchbox",
-             "slider", "spinbutton", "switch", "tab", "textbox"}
+_OPERATED = {
+    "button",
+    "checkbox",
+    "combobox",
+    "img",
+    "image",
+    "link",
+    "listbox",
+    "menuitem",
+    "radio",
+    "searchbox",
+    "slider",
+    "spinbutton",
+    "switch",
+    "tab",
+    "textbox",
+}
 
 
 def test_everything_is_reached_by_tab_and_has_a_name(tab: Tab) -> None:
@@ -307,12 +326,23 @@ def test_everything_is_reached_by_tab_and_has_a_name(tab: Tab) -> None:
     tab.page.evaluate("document.activeElement.blur()")
     for _ in range(110):
         tab.page.keyboard.press("Tab")
-        names.add(tab.page.evaluate("""() => { const at = document.activeElement;
+        names.add(
+            tab.page.evaluate("""() => { const at = document.activeElement;
           const label = at.labels?.[0]?.innerText || at.closest('.jupyter-widgets')?.querySelector('label')?.innerText;
-          return at.getAttribute('aria-label') || label || at.title || at.innerText; }"""))
+          return at.getAttribute('aria-label') || label || at.title || at.innerText; }""")
+        )
     text = "\n".join(str(name) for name in names)
-    for wanted in ("Save", "History", "Export", "Light or dark", "Add points", "control points", "Side", "Kernel",
-                   "Strength"):
+    for wanted in (
+        "Save",
+        "History",
+        "Export",
+        "Light or dark",
+        "Add points",
+        "control points",
+        "Side",
+        "Kernel",
+        "Strength",
+    ):
         assert wanted in text, wanted
     reader = tab.page.context.new_cdp_session(tab.page)
     for title in ("Shape", "Depth", "View", "Animate", "Check"):
@@ -331,8 +361,9 @@ def test_keys_fold_a_section(tab: Tab) -> None:
     was_open = heading.get_attribute("aria-expanded") == "true"  # a section stays as a test before has left it
     for key, opens in (("Enter", not was_open), (" ", was_open)):
         heading.press(key)
-        tab.page.wait_for_function("([heading, wanted]) => heading.ariaExpanded === wanted",
-                                   arg=[heading.element_handle(), str(opens).lower()])
+        tab.page.wait_for_function(
+            "([heading, wanted]) => heading.ariaExpanded === wanted", arg=[heading.element_handle(), str(opens).lower()]
+        )
         assert tab.page.locator(".dnb-pt-bar").is_visible() == opens
 
 
@@ -345,7 +376,8 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
     tab = Tab(browser, fresh)
     tab.has(4, 4)
     assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.points[0].target[0]") == pytest.approx(
-        float(moved.target[0, 0]))
+        float(moved.target[0, 0])
+    )
     tab.close()
 
 
@@ -409,8 +441,11 @@ def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(t
     assert page.locator(".dnb-studio-panel").bounding_box()["width"] == pytest.approx(320, abs=1)
     choose(page, "Points")
     choose(page, "Depth")
-    page.wait_for_function("""() => { const kept = decodeURIComponent(document.cookie);
-      return kept.includes('"tab":"Depth"') && kept.includes('"Points":true'); }""", timeout=PATIENCE)
+    page.wait_for_function(
+        """() => { const kept = decodeURIComponent(document.cookie);
+      return kept.includes('"tab":"Depth"') && kept.includes('"Points":true'); }""",
+        timeout=PATIENCE,
+    )
     page.goto("about:blank")
 
     def as_made() -> None:  # as those of a new studio are
@@ -444,11 +479,16 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
             page.evaluate("(c) => document.querySelector('.dnb-editor').deformnb.run(c, null)", command)
             look()
         page.keyboard.press("Escape")
-        for what, region in (("parts", {"kind": "polygon", "vertices": [[10, 8], [18, 8], [18, 16]]}),
-                             ("parts", {"kind": "half_space", "point": [4, 4], "normal": [0, -1]}),
-                             ("cuts", {"kind": "line", "vertices": [[6, 0], [6, 30]]})):
-            page.evaluate("""([what, region]) =>
-                document.querySelector('.dnb-editor').deformnb.shapeTools.add(what, region)""", [what, region])
+        for what, region in (
+            ("parts", {"kind": "polygon", "vertices": [[10, 8], [18, 8], [18, 16]]}),
+            ("parts", {"kind": "half_space", "point": [4, 4], "normal": [0, -1]}),
+            ("cuts", {"kind": "line", "vertices": [[6, 0], [6, 30]]}),
+        ):
+            page.evaluate(
+                """([what, region]) =>
+                document.querySelector('.dnb-editor').deformnb.shapeTools.add(what, region)""",
+                [what, region],
+            )
             look()
         assert len(seen) >= 9
         assert tab.errors == []

@@ -66,7 +66,8 @@ def nearest(points: ControlPoints) -> float:
 @pytest.mark.parametrize("way", [(0.55, 0.0), (-0.3, 0.4), (0.0, -0.5)])
 @pytest.mark.parametrize("has_points", [True, False])
 def test_a_moving_brush_takes_along_what_lies_under_it_and_nothing_beyond(
-        opened: Any, picture: Picture, points: ControlPoints, way: tuple[float, float], has_points: bool) -> None:
+    opened: Any, picture: Picture, points: ControlPoints, way: tuple[float, float], has_points: bool
+) -> None:
     page = opened(Editor(picture, points.remove(4) if has_points else None))
     radius = brush(page, "s")
     by = radius * np.array(way)
@@ -87,8 +88,9 @@ def test_a_moving_brush_takes_along_what_lies_under_it_and_nothing_beyond(
     assert ring.sum() > 8
 
 
-def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(opened: Any, picture: Picture,
-                                                                      points: ControlPoints) -> None:
+def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor, seen = Editor(picture, points, show_grid=False), []
     editor.on_edit(lambda edit: seen.append((edit.phase, edit.kind)), details=True)
     page = opened(editor)
@@ -157,7 +159,8 @@ def test_wild_strokes_end_before_the_picture_folds(opened: Any, picture: Picture
 
 @pytest.mark.parametrize(("pixels", "name"), [(50, "grow 1"), (-60, "shrink 1")])
 def test_the_other_brush_grows_to_the_right_and_shrinks_to_the_left(
-        opened: Any, picture: Picture, points: ControlPoints, pixels: int, name: str) -> None:
+    opened: Any, picture: Picture, points: ControlPoints, pixels: int, name: str
+) -> None:
     page = opened(Editor(picture, points.remove(4)))
     radius = brush(page, "e")
     x, y = page.on_screen(MIDDLE)
@@ -186,7 +189,8 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     circle = page.page.locator(".dnb-ed-circle-line")
     assert float(circle.get_attribute("r")) == pytest.approx(1.1 * radius * k, abs=0.1)
     assert (float(circle.get_attribute("cx")), float(circle.get_attribute("cy"))) == pytest.approx(
-        (k * MIDDLE[0] + page.js(f"{PAGE}.view.x"), k * MIDDLE[1] + page.js(f"{PAGE}.view.y")), abs=1)
+        (k * MIDDLE[0] + page.js(f"{PAGE}.view.x"), k * MIDDLE[1] + page.js(f"{PAGE}.view.y")), abs=1
+    )
     page.page.mouse.wheel(0, 120)
     page.wait(f"{PAGE}.brush.radius < {1.05 * radius}")
     assert page.js(f"{PAGE}.view.k") == k
@@ -220,8 +224,9 @@ def test_keys_alone_make_a_stroke(opened: Any, picture: Picture, points: Control
     assert page.js(f"{PAGE}.brush.isOn") is False
 
 
-def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(opened: Any, picture: Picture,
-                                                                       points: ControlPoints) -> None:
+def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     radius = brush(page, "s")
     mouse = page.page.mouse
@@ -254,8 +259,10 @@ def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: Co
     fingers = page.page.context.new_cdp_session(page.page)
 
     def touch(kind: str, *places: Any) -> None:
-        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [
-            {"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]})
+        fingers.send(
+            "Input.dispatchTouchEvent",
+            {"type": kind, "touchPoints": [{"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]},
+        )
 
     touch("touchStart", page.on_screen(MIDDLE))
     for share in (0.1, 0.25, 0.4):
@@ -281,8 +288,10 @@ def test_names_are_shown_where_a_point_is_selected(opened: Any, picture: Picture
     stroke(page, MIDDLE, beside(5.0))
     stroke(page, [30.0, 60.0], [34.0, 60.0])
     assert {name for name in page.points.names if re.match("move", name)} == {"move 1", "move 2"}
-    names = ("() => [...document.querySelectorAll('.dnb-ed-name')].filter((t) => getComputedStyle(t).visibility === "
-             "'visible').map((t) => t.textContent)")
+    names = (
+        "() => [...document.querySelectorAll('.dnb-ed-name')].filter((t) => getComputedStyle(t).visibility === "
+        "'visible').map((t) => t.textContent)"
+    )
     page.page.mouse.move(0, 0)  # a name is shown under the pointer too
     page.page.wait_for_function(f"({names})().length === 0")
     chosen = page.points.ids[page.points.names.index("middle")]

@@ -40,8 +40,12 @@ def test_letters_say_where_each_slider_leads(page: LivePage) -> None:
     opened(page)
     assert texts(page, ".dnb-clip-side") == ["I", "S", "L", "R", "P", "A"]
     labels = [end.get_attribute("aria-label") for end in page.page.locator(".dnb-clip-end").all()]
-    assert labels[:4] == ["cut away from the bottom", "cut away from the top", "cut away from the left",
-                          "cut away from the right"]
+    assert labels[:4] == [
+        "cut away from the bottom",
+        "cut away from the top",
+        "cut away from the left",
+        "cut away from the right",
+    ]
     assert texts(page, ".dnb-clip-value") == ["all", "all", "all"]
 
 
@@ -90,8 +94,12 @@ def test_keys_move_the_ends_and_both_can_be_reached(page: LivePage) -> None:
 def test_one_button_opens_towards_the_viewer_and_one_closes(page: LivePage) -> None:
     view = opened(page)
     button = page.page.get_by_role("button", name="Open towards me")
-    for direction, wanted in (((0, 1, 0), (2, (0.0, 0.5))), ((0, -1, 0), (2, (0.5, 1.0))),
-                              ((0.2, 0.1, 1), (0, (0.5, 1.0))), ((0.9, 0.1, 0.1), (1, (0.0, 0.5)))):
+    for direction, wanted in (
+        ((0, 1, 0), (2, (0.0, 0.5))),
+        ((0, -1, 0), (2, (0.5, 1.0))),
+        ((0.2, 0.1, 1), (0, (0.5, 1.0))),
+        ((0.9, 0.1, 0.1), (1, (0.0, 0.5))),
+    ):
         view.set_camera(direction)
         button.click()
         page.answered()

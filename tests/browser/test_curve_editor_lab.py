@@ -105,7 +105,9 @@ def test_the_curve_editors_work_in_jupyterlab(lab: Lab, tab: Any) -> None:
     assert page.locator(".dnb-curves .dnb-cv-alert:visible").count() == 0
 
     lab.run(page, "curve.curve = (1.0, 0.0); keys.knots = (0.2,)")
-    page.wait_for_function("document.querySelectorAll('.dnb-curve-editor .dnb-cv-node').length === 2 && "
-                           "document.querySelectorAll('.dnb-depth-keys .dnb-cv-node').length === 1")
+    page.wait_for_function(
+        "document.querySelectorAll('.dnb-curve-editor .dnb-cv-node').length === 2 && "
+        "document.querySelectorAll('.dnb-depth-keys .dnb-cv-node').length === 1"
+    )
     lab.dark(page)
     page.wait_for_function("document.querySelectorAll('.dnb-curves.dnb-dark').length === 3")

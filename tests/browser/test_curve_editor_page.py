@@ -52,8 +52,11 @@ class Drawn(LivePage):
     def at(self, place: Any) -> tuple[float, float]:
         """CSS pixels of the window for a place (x, y) of the plot, or a depth of the bar."""
         box = self.page.locator(".dnb-cv-svg").first.bounding_box()
-        x, y = self.js(f"w.toPixel({json.dumps(place)})") if isinstance(place, tuple | list) else \
-            (self.js(f"w.toPixel({place})"), 42)
+        x, y = (
+            self.js(f"w.toPixel({json.dumps(place)})")
+            if isinstance(place, tuple | list)
+            else (self.js(f"w.toPixel({place})"), 42)
+        )
         return box["x"] + x, box["y"] + y
 
     def drag(self, start: Any, end: Any, *, steps: int = 6, release: bool = True) -> None:
@@ -262,7 +265,7 @@ def test_buttons_add_and_remove(drawn: Any) -> None:
 def test_a_formula_is_drawn_where_it_runs(drawn: Any) -> None:
     page = drawn(CurveEditor("1-2*z*z"))
     ink = page.pixels()
-    is_line = (np.abs(ink - [0, 0x72, 0xB2]).sum(axis=-1) < 60)
+    is_line = np.abs(ink - [0, 0x72, 0xB2]).sum(axis=-1) < 60
     for z in (0.06, 0.31, 0.44, 0.69, 0.81, 0.94):
         x, y = page.at((z, 1 - 2 * z * z))
         rows = np.flatnonzero(is_line[:, round(x)])
@@ -509,8 +512,13 @@ def test_keys_come_and_go(drawn: Any) -> None:
         page.page.get_by_label("Remove the selected").click(force=True)
     page.settled()
     assert len(page.widget.knots) == 1
-    assert [(e.kind, e.index) for e, _ in page.heard] == [("add", 1), ("add", 2), ("remove", 1), ("remove", 1),
-                                                         ("remove", 1)]
+    assert [(e.kind, e.index) for e, _ in page.heard] == [
+        ("add", 1),
+        ("add", 2),
+        ("remove", 1),
+        ("remove", 1),
+        ("remove", 1),
+    ]
     assert "One key stays" in page.page.locator(".dnb-cv-alert").inner_text()
 
 

@@ -27,8 +27,9 @@ def notes(page: EditorOnPage) -> str:
 # ---- focus ----------------------------------------------------------------------------------------------------------
 
 
-def test_undo_and_redo_go_on_when_the_point_in_focus_is_gone(opened: Any, picture: Picture,
-                                                            points: ControlPoints) -> None:
+def test_undo_and_redo_go_on_when_the_point_in_focus_is_gone(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     page.page.mouse.dblclick(*page.on_screen([50, 20]))
     added = page.points
@@ -45,8 +46,9 @@ def test_undo_and_redo_go_on_when_the_point_in_focus_is_gone(opened: Any, pictur
     assert page.points == moved
 
 
-def test_focus_stays_in_the_editor_when_python_takes_the_point_away(opened: Any, picture: Picture,
-                                                                   points: ControlPoints) -> None:
+def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor, past = Editor(picture, points), [points]
 
     def edited(edit: EditMessage) -> None:
@@ -88,8 +90,9 @@ def test_focus_outside_stays_outside(opened: Any, picture: Picture, points: Cont
 # ---- waiting --------------------------------------------------------------------------------------------------------
 
 
-def test_nothing_is_edited_while_python_makes_another_picture(opened: Any, picture: Picture,
-                                                              points: ControlPoints) -> None:
+def test_nothing_is_edited_while_python_makes_another_picture(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points)
     page = opened(editor)
     page.drag(points.target[4], (30, 20))
@@ -174,8 +177,7 @@ def test_points_that_turn_without_a_fold_are_not_said_to_fold(opened: Any, pictu
     assert "the control points lie nearly on one line" in notes(page)  # no word on folds, so it stays
 
 
-def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: Picture,
-                                                          points: ControlPoints) -> None:
+def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     start = "Double-click adds a point. Drag a disc to move what is under it; ? for keys"
     assert notes(page) == start
@@ -219,8 +221,9 @@ HOST = "dl, dt, dd, li { width: 20%; float: left; } "
 
 @pytest.mark.parametrize(("width", "columns"), [(1000, 2), (545, 2), (360, 1)])
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_the_list_of_keys_is_wide_and_its_keys_never_wrap(opened: Any, picture: Picture, points: ControlPoints,
-                                                         width: int, columns: int, theme: str) -> None:
+def test_the_list_of_keys_is_wide_and_its_keys_never_wrap(
+    opened: Any, picture: Picture, points: ControlPoints, width: int, columns: int, theme: str
+) -> None:
     page = opened(Editor(picture, points, theme=theme, height=240), size=(width, 600))
     page.page.add_style_tag(content=HOST)
     page.page.locator(".dnb-ed-stage").focus()
@@ -240,5 +243,7 @@ def test_the_list_of_keys_is_wide_and_its_keys_never_wrap(opened: Any, picture: 
     assert ["Enter on the picture", "add a point in the middle"] in [[key[3], what[3]] for key, what in rows]
     assert panel["height"] > stage["height"] - 16  # the rest by scrolling, with the keys too
     page.page.keyboard.press("End")
-    page.wait("(([p, e]) => e.bottom <= p.bottom)([document.querySelector('.dnb-ed-help'), "
-              "[...document.querySelectorAll('.dnb-ed-entry')].at(-1)].map((e) => e.getBoundingClientRect()))")
+    page.wait(
+        "(([p, e]) => e.bottom <= p.bottom)([document.querySelector('.dnb-ed-help'), "
+        "[...document.querySelectorAll('.dnb-ed-entry')].at(-1)].map((e) => e.getBoundingClientRect()))"
+    )

@@ -23,8 +23,9 @@ EYES = ("none", "protanopia", "deuteranopia", "tritanopia", "achromatopsia")
 def numbers(page: EditorOnPage, element: str) -> NDArray[np.float64]:
     """The places in a path of the first arrow."""
     text = page.js(f"document.querySelector('.dnb-ed-arrows {element}').getAttribute('d')")
-    return np.array([float(word) for word in text.replace("M", " ").replace("L", " ").replace("Z", " ").split()]
-                    ).reshape(-1, 2)
+    return np.array(
+        [float(word) for word in text.replace("M", " ").replace("L", " ").replace("Z", " ").split()]
+    ).reshape(-1, 2)
 
 
 def on_stage(page: EditorOnPage, place: Any) -> NDArray[np.float64]:
@@ -75,16 +76,20 @@ def test_an_arrow_follows_the_hand_and_goes_where_there_is_no_room(opened: Any, 
 
 
 def circles(page: EditorOnPage) -> list[tuple[float, float, float]]:
-    return [tuple(c) for c in page.js("""[...document.querySelectorAll(".dnb-ed-radius")]
+    return [
+        tuple(c)
+        for c in page.js("""[...document.querySelectorAll(".dnb-ed-radius")]
         .filter((c) => c.getAttribute("visibility") === "visible")
-        .map((c) => ["cx", "cy", "r"].map((name) => Number(c.getAttribute(name))))""")]
+        .map((c) => ["cx", "cy", "r"].map((name) => Number(c.getAttribute(name))))""")
+    ]
 
 
 def test_the_circle_is_where_a_point_ceases_to_move_anything(opened: Any, picture: Picture) -> None:
-    editor = Editor(picture, ControlPoints.from_arrays([[70.0, 25]], [[74.0, 27]]), support=30.0, trend="none",
-                    show_radius=True)
+    editor = Editor(
+        picture, ControlPoints.from_arrays([[70.0, 25]], [[74.0, 27]]), support=30.0, trend="none", show_radius=True
+    )
     page, at = opened(editor), np.array([74.0, 27])
-    (cx, cy, r), = circles(page)
+    ((cx, cy, r),) = circles(page)
     assert (cx, cy) == pytest.approx(on_stage(page, at), abs=0.06)
     assert r == pytest.approx(30 * page.js(f"{PAGE}.view.k"), abs=0.06)
     rim = at + 30 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [0.6, 0.8]])
@@ -103,7 +108,7 @@ def test_a_point_with_a_radius_of_its_own_shows_that(opened: Any, picture: Pictu
     assert sorted(r for *_, r in circles(page)) == pytest.approx([17 * k, 40 * k, 40 * k, 40 * k], abs=0.06)
     page.page.mouse.click(*page.on_screen(points.target[1]))
     page.settled()
-    (cx, cy, r), = circles(page)  # of what is selected only
+    ((cx, cy, r),) = circles(page)  # of what is selected only
     assert [cx, cy] == pytest.approx(on_stage(page, points.target[1]), abs=0.06)
     assert r == pytest.approx(17 * k, abs=0.06)
 
@@ -122,7 +127,7 @@ def seen(page: EditorOnPage, eyes: str) -> NDArray[np.float64]:
 
 def patch(image: NDArray[np.float64], place: tuple[float, float], half: int = 9) -> NDArray[np.float64]:
     x, y = (round(v) for v in place)
-    return image[y - half:y + half + 1, x - half:x + half + 1]
+    return image[y - half : y + half + 1, x - half : x + half + 1]
 
 
 def brightness(colour: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -153,8 +158,9 @@ def test_handles_are_told_apart_by_form_whatever_colours_are_seen(opened: Any, p
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("eyes", EYES)
-def test_what_is_selected_has_a_ring_that_all_eyes_see(opened: Any, picture: Picture, points: ControlPoints,
-                                                      eyes: str) -> None:
+def test_what_is_selected_has_a_ring_that_all_eyes_see(
+    opened: Any, picture: Picture, points: ControlPoints, eyes: str
+) -> None:
     page = opened(Editor(picture, points, density=0))
     place = page.on_screen(points.target[0])
     before = patch(seen(page, eyes), place, 14)

@@ -90,5 +90,8 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
     lab.run(page, "editor.points = editor.points.move(0, [14, 12])")
     page.wait_for_function(f"{PAGE}.points[0].target[0] === 14")
     page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")
-    page.wait_for_function("document.querySelectorAll('.dnb-editor').length === 1 && "
-                           f"{PAGE}.points[0].target[0] === 10 && {PAGE}.painter.source", timeout=60_000)
+    page.wait_for_function(
+        "document.querySelectorAll('.dnb-editor').length === 1 && "
+        f"{PAGE}.points[0].target[0] === 10 && {PAGE}.painter.source",
+        timeout=60_000,
+    )

@@ -64,8 +64,9 @@ def assert_red_where_it_folds(page: EditorOnPage, picture: Picture) -> None:
     assert not painted[~near(folded, 4)].any()
 
 
-def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(opened: Any, picture: Picture,
-                                                              points: ControlPoints) -> None:
+def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     assert not layer(page).any()
     page.drag(points.target[4], OVER)
@@ -166,8 +167,9 @@ def colours(page: EditorOnPage) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize(("grows", "sign"), [(1.6, 1), (0.6, -1)])
-def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(opened: Any, picture: Picture, points: ControlPoints,
-                                                                  grows: float, sign: int) -> None:
+def test_matter_that_grows_is_green_and_matter_that_shrinks_purple(
+    opened: Any, picture: Picture, points: ControlPoints, grows: float, sign: int
+) -> None:
     middle = points.source.mean(axis=0)
     scaled = ControlPoints.from_arrays(points.source, middle + np.sqrt(grows) * (points.source - middle))
     page = opened(Editor(picture, scaled, overlay="area", show_grid=False))

@@ -54,8 +54,9 @@ def test_the_picture_at_rest_is_the_picture(opened: Any, picture: Picture, point
 
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("by", [(60, 0), (-45, 0), (0, 50), (0, -40), (37, 29)])
-def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(opened: Any, picture: Picture, points: ControlPoints,
-                                                                by: tuple[int, int]) -> None:
+def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(
+    opened: Any, picture: Picture, points: ControlPoints, by: tuple[int, int]
+) -> None:
     page = opened(Editor(picture, points, show_grid=False))
     page.drag(points.target[4], by)
     k = page.js(f"{PAGE}.view.k")
@@ -74,8 +75,12 @@ def test_what_lies_under_a_point_appears_where_it_is_dropped(opened: Any, view: 
     volume = Volume(values, Grid((24, 30, 36), (1.0, 1.5, 1.2), (4.0, 5.0, 6.0)))
     picture = project(volume, view)
     v, u = np.argwhere(picture.values == 255).mean(axis=0)
-    mark = np.array([picture.raster.columns[0] + u * picture.raster.spacing[0],
-                     picture.raster.rows[0] + v * picture.raster.spacing[1]])
+    mark = np.array(
+        [
+            picture.raster.columns[0] + u * picture.raster.spacing[0],
+            picture.raster.rows[0] + v * picture.raster.spacing[1],
+        ]
+    )
     page = opened(Editor(picture, ControlPoints.from_arrays([mark]), show_grid=False, height=400))
     page.drag(mark, (-31, 42))
     bright = np.argwhere((page.canvas()[..., 0] > 128) & inside(page, picture)).mean(axis=0)
@@ -141,8 +146,9 @@ def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, point
 # ---- editing --------------------------------------------------------------------------------------------------------
 
 
-def test_a_double_click_takes_hold_without_moving_anything(opened: Any, picture: Picture,
-                                                           points: ControlPoints) -> None:
+def test_a_double_click_takes_hold_without_moving_anything(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     points = points.move(4, [85, 30])
     page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
@@ -253,10 +259,17 @@ def test_no_other_way_to_a_menu_deletes(opened: Any, picture: Picture, points: C
     page = opened(Editor(picture, points))
     x, y = page.on_screen(points.target[3])
     # A Mac's Ctrl + click with either button, the key for menus, and a finger that rests.
-    for event in ({"button": 0, "ctrlKey": True}, {"button": 2, "ctrlKey": True}, {"button": 0},
-                  {"button": 2, "pointerType": "touch"}):
-        left = page.page.evaluate("""(event) => document.querySelector("[data-id='3']").dispatchEvent(new PointerEvent(
-            "contextmenu", { bubbles: true, cancelable: true, ...event }))""", {**event, "clientX": x, "clientY": y})
+    for event in (
+        {"button": 0, "ctrlKey": True},
+        {"button": 2, "ctrlKey": True},
+        {"button": 0},
+        {"button": 2, "pointerType": "touch"},
+    ):
+        left = page.page.evaluate(
+            """(event) => document.querySelector("[data-id='3']").dispatchEvent(new PointerEvent(
+            "contextmenu", { bubbles: true, cancelable: true, ...event }))""",
+            {**event, "clientX": x, "clientY": y},
+        )
         assert left is False  # and the browser's own menu stays away
     assert page.points == points
 
@@ -302,11 +315,14 @@ def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture
     assert page.points == points
 
 
-def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(opened: Any, picture: Picture,
-                                                                points: ControlPoints) -> None:
+def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
-    page.js(f"{PAGE}.pointTools.edit({PAGE}.points.map((p) => "
-            f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))")
+    page.js(
+        f"{PAGE}.pointTools.edit({PAGE}.points.map((p) => "
+        f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))"
+    )
     assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
     assert page.points == points
     page.editor.kernel = "thin_plate"
@@ -364,8 +380,10 @@ def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, p
     k, fingers = page.js(f"{PAGE}.view.k"), page.page.context.new_cdp_session(page.page)
 
     def touch(kind: str, *places: Any) -> None:
-        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [
-            {"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]})
+        fingers.send(
+            "Input.dispatchTouchEvent",
+            {"type": kind, "touchPoints": [{"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]},
+        )
 
     x, y = page.on_screen([70, 40])
     touch("touchStart", (x - 40, y))
@@ -391,8 +409,9 @@ def test_a_point_beyond_the_view_waits_at_the_rim(opened: Any, picture: Picture,
     assert rim.locator(".dnb-ed-disc").bounding_box()["x"] < page.page.locator(".dnb-ed-stage").bounding_box()["width"]
 
 
-def test_edits_on_their_way_are_few_and_the_last_always_arrives(opened: Any, picture: Picture,
-                                                                points: ControlPoints) -> None:
+def test_edits_on_their_way_are_few_and_the_last_always_arrives(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p.target[4].tolist())))
     page = opened(editor)
@@ -464,8 +483,9 @@ def test_twenty_runs_of_a_cell_leave_nothing_behind(opened: Any, picture: Pictur
     page.frames()
 
 
-def test_a_broken_picture_is_said_and_the_points_still_work(opened: Any, picture: Picture,
-                                                            points: ControlPoints) -> None:
+def test_a_broken_picture_is_said_and_the_points_still_work(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points)
     page = opened(editor)
     editor.image = b"no picture"
@@ -503,10 +523,13 @@ def test_everything_has_a_name_and_a_role(opened: Any, picture: Picture, points:
     assert nameless == []
 
 
-@pytest.mark.parametrize(("theme", "scheme", "is_dark"), [
-    ("auto", "light", False), ("auto", "dark", True), ("light", "dark", False), ("dark", "light", True)])
-def test_light_and_dark_follow_the_page_unless_told(browser: Any, picture: Picture, theme: str, scheme: str,
-                                                    is_dark: bool) -> None:
+@pytest.mark.parametrize(
+    ("theme", "scheme", "is_dark"),
+    [("auto", "light", False), ("auto", "dark", True), ("light", "dark", False), ("dark", "light", True)],
+)
+def test_light_and_dark_follow_the_page_unless_told(
+    browser: Any, picture: Picture, theme: str, scheme: str, is_dark: bool
+) -> None:
     page = EditorOnPage(browser, Editor(picture, theme=theme))
     page.page.emulate_media(color_scheme=scheme)
     page.wait(f"document.querySelector('.dnb-dark') {'!==' if is_dark else '==='} null")
@@ -540,8 +563,9 @@ def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints
     assert min(left, top - stage["y"], width - right, stage["y"] + stage["height"] - bottom) >= 19  # all of it is seen
 
 
-def test_in_a_row_the_editor_takes_what_its_neighbour_leaves(opened: Any, picture: Picture,
-                                                            points: ControlPoints) -> None:
+def test_in_a_row_the_editor_takes_what_its_neighbour_leaves(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points, height=480), size=(1280, 800))
     page.js("""{ const root = document.getElementById("root"), other = document.createElement("div");
         root.style.display = "flex"; other.innerHTML = "<div style='width: 480px; height: 300px'></div>";

@@ -38,8 +38,10 @@ def choose(page: EditorOnPage, place: Any = (62.0, 18.0)) -> None:
 
 def handle(page: EditorOnPage, name: str) -> tuple[float, float]:
     """The place of the knob or the cross on the screen."""
-    x, y = page.js(f"(({{ left, top, width, height }}) => [left + width / 2, top + height / 2])"
-                   f"(document.querySelector('{name} .dnb-ed-hit').getBoundingClientRect())")
+    x, y = page.js(
+        f"(({{ left, top, width, height }}) => [left + width / 2, top + height / 2])"
+        f"(document.querySelector('{name} .dnb-ed-hit').getBoundingClientRect())"
+    )
     return x, y
 
 
@@ -103,8 +105,11 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     assert_motion(part, RigidMotion.turn(0, MIDDLE, (40 / k, -25 / k)))
     assert_as_the_core(page, picture, 100_000)
     corner = page.page.locator("[data-corner='0']").bounding_box()
-    np.testing.assert_allclose([corner["x"] + corner["width"] / 2, corner["y"] + corner["height"] / 2],
-                               page.on_screen(part.motion(CORNERS[0])), atol=1.5)
+    np.testing.assert_allclose(
+        [corner["x"] + corner["width"] / 2, corner["y"] + corner["height"] / 2],
+        page.on_screen(part.motion(CORNERS[0])),
+        atol=1.5,
+    )
     undo(page)
     assert page.editor.parts == (BONE,)
 
@@ -153,8 +158,13 @@ def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: 
     np.testing.assert_allclose(part.region.vertices[1:], CORNERS[1:])
 
 
-@pytest.mark.parametrize("region", [HalfSpace((70.0, 20.0), (0.0, -1.0)), Mask(
-    np.pad(np.ones((12, 10), bool), 3), Raster((18, 16), (2.0, 2.0), (50.0, 5.0)))])
+@pytest.mark.parametrize(
+    "region",
+    [
+        HalfSpace((70.0, 20.0), (0.0, -1.0)),
+        Mask(np.pad(np.ones((12, 10), bool), 3), Raster((18, 16), (2.0, 2.0), (50.0, 5.0))),
+    ],
+)
 def test_every_kind_of_region_is_moved_by_its_inside(opened: Any, picture: Picture, region: Any) -> None:
     page = opened(Editor(picture, ControlPoints.from_arrays([[15.0, -25], [150, -25]]), parts=[RigidPart(region)]))
     k = page.js(f"{PAGE}.view.k")
@@ -227,8 +237,7 @@ def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(opened: Any, p
         page.page.keyboard.press(key)
     page.answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(15, MIDDLE, (2 * du, -10 * dv)))
-    assert page.page.locator(".dnb-ed-spoken").inner_text() == (
-        f"bone moved {2 * du:g}, {-10 * dv:g}, turned 15\u00b0")
+    assert page.page.locator(".dnb-ed-spoken").inner_text() == (f"bone moved {2 * du:g}, {-10 * dv:g}, turned 15\u00b0")
     page.page.locator(".dnb-ed-part-knob").focus()
     page.page.keyboard.press("ArrowLeft")
     page.answered()

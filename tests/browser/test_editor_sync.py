@@ -42,8 +42,10 @@ class History:
         self._told()
 
     def _told(self) -> None:
-        self.editor.history = {"undo": f"{len(self.past)} back" if self.past else "",
-                               "redo": f"{len(self.future)} on" if self.future else ""}
+        self.editor.history = {
+            "undo": f"{len(self.past)} back" if self.past else "",
+            "redo": f"{len(self.future)} on" if self.future else "",
+        }
 
     def _edited(self, change: Any) -> None:
         if self.editor.edit_under_way is not None:
@@ -96,8 +98,9 @@ def lit(page: EditorOnPage) -> tuple[bool, bool]:
     return undo == "false", redo == "false"
 
 
-def test_undo_and_redo_are_lit_by_what_is_there_however_late_python_answers(opened: Any, picture: Picture,
-                                                                            points: ControlPoints) -> None:
+def test_undo_and_redo_are_lit_by_what_is_there_however_late_python_answers(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points)
     page, held = opened(editor), History(editor)
     page.held = []
@@ -145,14 +148,17 @@ def test_a_name_being_typed_keeps_its_own_undo(opened: Any, picture: Picture, po
 # ---- what Python hears ----------------------------------------------------------------------------------------------
 
 
-def test_python_hears_what_was_done_and_what_belongs_together(opened: Any, picture: Picture,
-                                                              points: ControlPoints) -> None:
+def test_python_hears_what_was_done_and_what_belongs_together(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda edit: seen.append((edit.kind, edit.joins)), details=True)
     page = opened(editor)
     page.page.locator("[data-id='4']").focus()
-    page.js(f"{{ const {{ history }} = {PAGE}.sender, record = history.record.bind(history); let now = 0;"
-            "history.record = (before, kind) => record(before, kind, now += 300); }")  # a slow machine joins as well
+    page.js(
+        f"{{ const {{ history }} = {PAGE}.sender, record = history.record.bind(history); let now = 0;"
+        "history.record = (before, kind) => record(before, kind, now += 300); }"
+    )  # a slow machine joins as well
     for key in ("ArrowRight", "ArrowRight", "ArrowDown", "o", "ArrowRight", "Home", "Delete"):
         page.page.keyboard.press(key)
         page.answered()
@@ -162,12 +168,23 @@ def test_python_hears_what_was_done_and_what_belongs_together(opened: Any, pictu
     page.page.keyboard.type("eye")
     page.page.keyboard.press("Enter")
     page.answered()
-    assert seen == [("nudge", False), ("nudge", True), ("nudge", True), ("switch", False), ("nudge", False),
-                    ("reset", False), ("remove", False), ("undo", False), ("add", False), ("rename", False)]
+    assert seen == [
+        ("nudge", False),
+        ("nudge", True),
+        ("nudge", True),
+        ("switch", False),
+        ("nudge", False),
+        ("reset", False),
+        ("remove", False),
+        ("undo", False),
+        ("add", False),
+        ("rename", False),
+    ]
 
 
-def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(opened: Any, picture: Picture,
-                                                               points: ControlPoints) -> None:
+def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points)
 
     def fail(_points: ControlPoints, phase: str) -> None:
@@ -186,8 +203,9 @@ def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(opened: Any, pict
     assert page.points.displacement[4] == pytest.approx(np.array([-50, 30]) / k, abs=1e-9)
 
 
-def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(opened: Any, picture: Picture,
-                                                                   points: ControlPoints) -> None:
+def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p == points)))
     page = opened(editor)

@@ -31,8 +31,10 @@ class Fingers:
         self.page, self._cdp = page, page.context.new_cdp_session(page)
 
     def touch(self, kind: str, *places: Any) -> None:
-        self._cdp.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [
-            {"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]})
+        self._cdp.send(
+            "Input.dispatchTouchEvent",
+            {"type": kind, "touchPoints": [{"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]},
+        )
 
     def tap(self, place: Any) -> None:
         self.touch("touchStart", place)
@@ -67,9 +69,19 @@ def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:
     cdp, (x, y) = page.page.context.new_cdp_session(page.page), start
 
     def event(kind: str, share: float, buttons: int) -> None:
-        cdp.send("Input.dispatchMouseEvent", {"type": kind, "x": x + by[0] * share, "y": y + by[1] * share,
-                                              "button": "left", "buttons": buttons, "clickCount": 1,
-                                              "pointerType": "pen", "force": 0.5})
+        cdp.send(
+            "Input.dispatchMouseEvent",
+            {
+                "type": kind,
+                "x": x + by[0] * share,
+                "y": y + by[1] * share,
+                "button": "left",
+                "buttons": buttons,
+                "clickCount": 1,
+                "pointerType": "pen",
+                "force": 0.5,
+            },
+        )
 
     event("mousePressed", 0, 1)
     for step in range(1, steps + 1):
@@ -81,8 +93,9 @@ def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:
 # ---- who owns a finger ----------------------------------------------------------------------------------------------
 
 
-def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(opened: Any, picture: Picture,
-                                                                    points: ControlPoints) -> None:
+def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     tall(page.page)
     fingers, place, view = Fingers(page.page), page.on_screen([52, 40]), page.js(f"({{...{PAGE}.view}})")
@@ -125,8 +138,9 @@ def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, pi
 # ---- several points -------------------------------------------------------------------------------------------------
 
 
-def test_fingers_select_several_points_by_taps_and_by_a_band(opened: Any, picture: Picture,
-                                                            points: ControlPoints) -> None:
+def test_fingers_select_several_points_by_taps_and_by_a_band(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     fingers, button = Fingers(page.page), page.page.locator("[data-command=select]")
     selected = f"[...{PAGE}.selected].sort().join()"
@@ -185,7 +199,11 @@ def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints
     for key in ("a", "s", "x"):
         press("b")
         assert page.js(f"[{PAGE}.isSelecting, {PAGE}.isAdding, {PAGE}.brush.isOn, {PAGE}.pen.isOn]") == [
-            True, False, False, False]
+            True,
+            False,
+            False,
+            False,
+        ]
         press(key)
         assert not page.js(f"{PAGE}.isSelecting"), key
     page.page.mouse.dblclick(*page.on_screen([52, 30]))
@@ -196,8 +214,9 @@ def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints
     assert page.points == before
 
 
-def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(opened: Any, picture: Picture,
-                                                                             points: ControlPoints) -> None:
+def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points, cuts=[Cut(Line([(55, -20), (55, 70)]))]))
     k = page.js(f"{PAGE}.view.k")
     page.drag([55, 15], (30 * k, 20 * k))
@@ -214,8 +233,10 @@ def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
 
 def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    page.js("(() => { window.kinds = new Set(); document.querySelector('.dnb-ed-svg').addEventListener('pointerdown', "
-            "(e) => kinds.add(e.pointerType)); })()")
+    page.js(
+        "(() => { window.kinds = new Set(); document.querySelector('.dnb-ed-svg').addEventListener('pointerdown', "
+        "(e) => kinds.add(e.pointerType)); })()"
+    )
     k = page.js(f"{PAGE}.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     pen(page, page.on_screen(points.target[4]), (24, -18))

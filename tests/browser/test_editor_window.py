@@ -34,7 +34,8 @@ def wanted(picture: Picture | None) -> Any:
 
 @pytest.mark.parametrize("factor", [1.0, 11.7])
 def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hears_the_end(
-        opened: Any, picture: Picture, points: ControlPoints, factor: float) -> None:
+    opened: Any, picture: Picture, points: ControlPoints, factor: float
+) -> None:
     if factor != 1.0:  # values that need two bytes
         values = picture.values * np.float32(factor) - 1000
         picture = replace(picture, values=values, window=(-900.0, 1500.0), unit="HU")
@@ -61,7 +62,8 @@ def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hear
 
 
 def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
-        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.page.locator("[data-command=window]").click()
@@ -94,7 +96,8 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
 
 
 def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
-        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points, show_grid=False))
     bar = page.page.locator(".dnb-ed-colours")
     assert bar.is_hidden()
@@ -126,7 +129,8 @@ def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
 
 
 def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
-        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points.move(4, points.target[4] + [9, -5]), show_grid=False, overlay="none"))
 
     def shown(shows: str) -> Any:
@@ -206,7 +210,8 @@ def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture
 
 
 def test_the_status_line_names_place_and_value_under_the_pointer(
-        opened: Any, picture: Picture, points: ControlPoints) -> None:
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     moved = points.move(4, points.target[4] + [10.0, 0.0])
     page = opened(Editor(replace(picture, unit="HU"), moved))
     page.page.mouse.move(*page.on_screen(points.target[4] + [10.0, 0.0]))
@@ -223,10 +228,12 @@ def test_the_status_line_names_place_and_value_under_the_pointer(
     page.wait("document.querySelector('.dnb-ed-value').textContent === ''")
 
 
-def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(opened: Any, picture: Picture,
-                                                                           points: ControlPoints) -> None:
-    editor = Editor(picture, points.move(points.ids[4], points.target[4] + [4.0, 0.0]), show_grid=False,
-                    wand={"region": None})
+def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
+    editor = Editor(
+        picture, points.move(points.ids[4], points.target[4] + [4.0, 0.0]), show_grid=False, wand={"region": None}
+    )
     asked: list[WandMessage] = []
     editor.on_wand(asked.append)
     page = opened(editor)
@@ -250,8 +257,9 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(opene
     box = page.page.locator(".dnb-ed-svg").bounding_box()
     seen, dark = (np.argwhere(part)[len(np.argwhere(part)) // 2] for part in (mask.values, ~mask.values))
     for (line, column), is_in in ((seen, True), (dark, False)):  # all of it is marked, and nothing else
-        at = np.subtract(page.on_screen(np.array([picture.raster.columns[column], picture.raster.rows[line]])),
-                         (box["x"], box["y"]))
+        at = np.subtract(
+            page.on_screen(np.array([picture.raster.columns[column], picture.raster.rows[line]])), (box["x"], box["y"])
+        )
         assert page.page.evaluate(inside, at.tolist()) is is_in
     page.page.get_by_role("button", name="Make rigid part").click()
     page.settled()

@@ -19,7 +19,8 @@ pytestmark = pytest.mark.needs_browser
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("size", "direction"), [((900, 700), "rtl"), ((320, 260), "ltr"), ((320, 260), "rtl")])
 def test_a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged(
-        browser: Any, picture: Picture, points: ControlPoints, size: tuple[int, int], direction: str) -> None:
+    browser: Any, picture: Picture, points: ControlPoints, size: tuple[int, int], direction: str
+) -> None:
     page = EditorOnPage(browser, Editor(picture, points), size)  # 1280 x 1040 at 400 % has room for 320 x 260
     page.page.evaluate("(direction) => { document.documentElement.dir = direction; }", direction)
     page.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()

@@ -46,8 +46,10 @@ class FilePage(Opened):
     def open(self, path: Path) -> None:
         name = path.name.split(".")[0]
         self.drop(path)
-        self.wait(f"document.querySelector('.dnb-page-words').textContent.startsWith('{name}: ') && "
-                  "!document.body.opener.work")
+        self.wait(
+            f"document.querySelector('.dnb-page-words').textContent.startsWith('{name}: ') && "
+            "!document.body.opener.work"
+        )
         self.settled()
 
     def save(self, button: str, path: Path) -> Path:
@@ -134,8 +136,10 @@ def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[
     assert cut.name == "a cut"
     page.js(f"{MODELS}.editor.update({{ cuts: [] }})")
     # Tissue that leaves the box is reported.
-    page.js(f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
-            "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })")
+    page.js(
+        f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+        "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
+    )
     page.settled()
     page.volume()
     page.wait("!document.querySelector('.dnb-page-note').hidden")

@@ -69,8 +69,11 @@ def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(
     status = page.locator("[role=status]", has_text="Similarity")
     status.wait_for(timeout=60_000)
     assert "6 points moved" in status.inner_text()
-    page.wait_for_function("(first) => [...document.querySelectorAll('img.widget-image')].some("
-                           "(image) => image.offsetParent && image.src !== first)", arg=first)
+    page.wait_for_function(
+        "(first) => [...document.querySelectorAll('img.widget-image')].some("
+        "(image) => image.offsetParent && image.src !== first)",
+        arg=first,
+    )
     shown_to_the_hand = page.evaluate(f"() => {EDITOR}.points.filter((p) => p.locked).length")
     assert shown_to_the_hand == 4
     page.locator(".dnb-ed-stage").focus()

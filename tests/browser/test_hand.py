@@ -61,8 +61,9 @@ def test_several_points_turn_about_their_middle(opened: Any, picture: Picture, p
     turn_by_hand(page, about, 30)
     after = page.points
     assert after.target[[1, 2, 4]] == pytest.approx(turned(points.target[[1, 2, 4]], about, 30), abs=0.6)
-    angle = np.degrees(np.arctan2(*np.flip(after.target[1] - about))) - np.degrees(np.arctan2(
-        *np.flip(points.target[1] - about)))
+    angle = np.degrees(np.arctan2(*np.flip(after.target[1] - about))) - np.degrees(
+        np.arctan2(*np.flip(points.target[1] - about))
+    )
     assert (angle + 180) % 360 - 180 == pytest.approx(30, abs=0.6)
     sides = np.linalg.norm(np.diff(after.target[[1, 2, 4, 1]], axis=0), axis=1)
     assert sides == pytest.approx(np.linalg.norm(np.diff(points.target[[1, 2, 4, 1]], axis=0), axis=1), abs=1e-9)
@@ -72,8 +73,9 @@ def test_several_points_turn_about_their_middle(opened: Any, picture: Picture, p
     assert page.points == points
 
 
-def test_shift_turns_in_steps_and_keys_by_two_or_fifteen_degrees(opened: Any, picture: Picture,
-                                                               points: ControlPoints) -> None:
+def test_shift_turns_in_steps_and_keys_by_two_or_fifteen_degrees(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     select(page, 1, 2)
     about = points.target[[1, 2]].mean(axis=0)
@@ -89,7 +91,11 @@ def test_shift_turns_in_steps_and_keys_by_two_or_fifteen_degrees(opened: Any, pi
     assert page.points.target[[1, 2]] == pytest.approx(turned(points.target[[1, 2]], about, -9, 1.02), abs=1e-9)
     kinds = [m["kind"] for m in page.js("models.editor.sent") if m["phase"] == "end"]
     assert [kind for kind, before in zip(kinds, [None, *kinds], strict=False) if kind != before] == [
-        "turn", "undo", "turn", "scale"]
+        "turn",
+        "undo",
+        "turn",
+        "scale",
+    ]
 
 
 def test_alt_scales_by_the_handle(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -108,8 +114,9 @@ def test_alt_scales_by_the_handle(opened: Any, picture: Picture, points: Control
 
 
 @pytest.mark.parametrize("degrees", [30, -20])
-def test_one_point_gets_a_rim_and_its_neighbourhood_turns(opened: Any, picture: Picture, points: ControlPoints,
-                                                        degrees: float) -> None:
+def test_one_point_gets_a_rim_and_its_neighbourhood_turns(
+    opened: Any, picture: Picture, points: ControlPoints, degrees: float
+) -> None:
     page = opened(Editor(picture, points))
     select(page, 4)
     turn_by_hand(page, points.target[4], degrees)
@@ -179,8 +186,9 @@ def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Pictu
 
 
 @pytest.mark.parametrize("height", [120, 560])
-def test_a_flat_picture_does_not_cut_the_menu_off(opened: Any, picture: Picture, points: ControlPoints,
-                                                 height: int) -> None:
+def test_a_flat_picture_does_not_cut_the_menu_off(
+    opened: Any, picture: Picture, points: ControlPoints, height: int
+) -> None:
     page = opened(Editor(picture, points, height=height), size=(545, 700))
     page.js("{ document.body.style.height = '3000px'; document.getElementById('root').style.overflow = 'hidden'; }")
     page.page.locator("[data-command=more]").click()
@@ -313,8 +321,9 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
 
 
 @pytest.mark.parametrize("stops", [False, True])
-def test_a_drop_keeps_the_fit_of_the_last_move(opened: Any, picture: Picture, points: ControlPoints,
-                                               stops: bool) -> None:
+def test_a_drop_keeps_the_fit_of_the_last_move(
+    opened: Any, picture: Picture, points: ControlPoints, stops: bool
+) -> None:
     page = opened(Editor(picture, points, stop_at_folds=stops))
     at = page.on_screen(points.target[4])
     page.page.mouse.move(*at)

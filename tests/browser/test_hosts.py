@@ -89,8 +89,9 @@ class Shown:
     def ready(self) -> None:
         """Until picture and volume are drawn, and nothing moves any more."""
         self.page.wait_for_selector(".told", timeout=60_000)
-        self.page.wait_for_function(f"{EDITOR}.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar",
-                                    timeout=60_000)
+        self.page.wait_for_function(
+            f"{EDITOR}.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar", timeout=60_000
+        )
         self.page.locator(".dnb-editor").first.scroll_into_view_if_needed()
         resting(self.page.locator(".dnb-view").first)
 
@@ -156,8 +157,11 @@ def shift_by_the_core(x: float, y: float) -> NDArray[np.float64]:
     return np.argwhere(after > 190).mean(axis=0)[::-1] - 29.5
 
 
-@pytest.fixture(scope="module", ids=lambda host: host.__name__, params=[
-    Lab, pytest.param(Notebook, marks=pytest.mark.nightly), pytest.param(Voila, marks=pytest.mark.nightly)])
+@pytest.fixture(
+    scope="module",
+    ids=lambda host: host.__name__,
+    params=[Lab, pytest.param(Notebook, marks=pytest.mark.nightly), pytest.param(Voila, marks=pytest.mark.nightly)],
+)
 def opened(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Shown]:
     host: type[Host] = request.param
     if host is Lab:

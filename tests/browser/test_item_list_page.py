@@ -11,8 +11,11 @@ from deformnb.widgets.inputs.item_list import ItemList
 
 pytestmark = pytest.mark.needs_browser
 
-ROWS = [{"title": "from the front", "facts": ["front", "5 points"]}, {"name": "bend", "facts": ["left", "4 points"]},
-        {"title": "in space", "facts": ["in space", "8 points"], "on": False}]
+ROWS = [
+    {"title": "from the front", "facts": ["front", "5 points"]},
+    {"name": "bend", "facts": ["left", "4 points"]},
+    {"title": "in space", "facts": ["in space", "8 points"], "on": False},
+]
 
 
 @pytest.fixture
@@ -85,7 +88,12 @@ def test_a_click_chooses_and_buttons_act_on_their_row(shown: LivePage) -> None:
     until(shown, 5)
     assert texts(shown) == ["from the front", "in space", "in space"]
     assert [act[:2] for act in shown.heard] == [  # type: ignore[attr-defined]
-        ("choose", 1), ("switch", 2), ("down", 0), ("double", 2), ("remove", 0)]
+        ("choose", 1),
+        ("switch", 2),
+        ("down", 0),
+        ("double", 2),
+        ("remove", 0),
+    ]
 
 
 def test_all_is_done_by_keys_and_the_focus_goes_along(shown: LivePage) -> None:
@@ -115,8 +123,13 @@ def test_all_is_done_by_keys_and_the_focus_goes_along(shown: LivePage) -> None:
     page.keyboard.press("Tab")
     page.keyboard.press("Space")
     until(shown, 5)
-    assert shown.heard == [("choose", 1, None), ("up", 1, None), ("rename", 0, "tail"),  # type: ignore[attr-defined]
-                           ("remove", 0, None), ("switch", 0, False)]
+    assert shown.heard == [
+        ("choose", 1, None),
+        ("up", 1, None),
+        ("rename", 0, "tail"),  # type: ignore[attr-defined]
+        ("remove", 0, None),
+        ("switch", 0, False),
+    ]
 
 
 def test_a_name_being_written_outlives_news_of_python(shown: LivePage) -> None:

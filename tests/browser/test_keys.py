@@ -35,9 +35,14 @@ def told(table: str) -> set[str]:
     return {part.split("+")[-1] or "+" for part in keys}
 
 
-@pytest.mark.parametrize(("scripts", "table"), [
-    (("editor/pointer.js", "editor/shape_tools.js", "editor/brush_tool.js"), "EDITOR_KEYS"),
-    (("space_editor/pointer.js",), "SPACE_EDITOR_KEYS"), (("view/pointer.js",), "VIEW_KEYS")])
+@pytest.mark.parametrize(
+    ("scripts", "table"),
+    [
+        (("editor/pointer.js", "editor/shape_tools.js", "editor/brush_tool.js"), "EDITOR_KEYS"),
+        (("space_editor/pointer.js",), "SPACE_EDITOR_KEYS"),
+        (("view/pointer.js",), "VIEW_KEYS"),
+    ],
+)
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:
     keys = set().union(*(heard(name) for name in scripts))
     assert len(keys) >= 7
@@ -61,8 +66,9 @@ def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
 
 
 @pytest.mark.needs_browser
-def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(opened: Any, picture: Picture,
-                                                                      points: ControlPoints) -> None:
+def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points))
     page.page.locator("[data-id='2']").focus()
     page.page.keyboard.press("?")
@@ -71,7 +77,13 @@ def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(opened: A
     assert page.js("document.activeElement.className") == "dnb-ed-help"
     groups = page.page.locator(".dnb-ed-help [role=list]")
     assert [groups.nth(k).get_attribute("aria-label") for k in range(groups.count())] == [
-        "Points", "Several points", "Brushes", "Helpers", "Cuts and rigid parts", "View"]
+        "Points",
+        "Several points",
+        "Brushes",
+        "Helpers",
+        "Cuts and rigid parts",
+        "View",
+    ]
     before = page.points
     page.page.keyboard.press("Delete")  # keys of the editor rest while the list is read
     assert page.points == before
@@ -85,18 +97,35 @@ def test_the_list_is_a_dialog_that_escape_closes_and_the_focus_returns(opened: A
 
 
 @pytest.mark.needs_browser
-def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(opened: Any, picture: Picture,
-                                                                  points: ControlPoints) -> None:
+def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = opened(Editor(picture, points, wand={"region": None}))
-    tips = dict(page.js("[...document.querySelectorAll('.dnb-editor [data-command]')].map((b) => "
-                        "[b.dataset.command, [b.title, b.getAttribute('aria-keyshortcuts')]])"))
+    tips = dict(
+        page.js(
+            "[...document.querySelectorAll('.dnb-editor [data-command]')].map((b) => "
+            "[b.dataset.command, [b.title, b.getAttribute('aria-keyshortcuts')]])"
+        )
+    )
     assert tips["add"] == ["Add points: press on a feature and drag it, or click (Double-click, A)", "A"]
     assert tips["undo"] == ["Undo (Ctrl+Z)", "Control+Z"]
     assert tips["mirror-axis"] == ["Lay the line of the mirror level or upright (Shift+M)", "Shift+M"]
     assert tips["zoom-in"][1] == "+"
-    for command, key in (("move", "s"), ("grow", "e"), ("cut", "x"), ("part", "p"), ("fixed", "g"), ("grid", "n"),
-                         ("compare", "c"), ("mirror", "m"), ("snap", "Shift+N"), ("stop", "t"), ("radius", "r"),
-                         ("select", "b"), ("wand", "q")):
+    for command, key in (
+        ("move", "s"),
+        ("grow", "e"),
+        ("cut", "x"),
+        ("part", "p"),
+        ("fixed", "g"),
+        ("grid", "n"),
+        ("compare", "c"),
+        ("mirror", "m"),
+        ("snap", "Shift+N"),
+        ("stop", "t"),
+        ("radius", "r"),
+        ("select", "b"),
+        ("wand", "q"),
+    ):
         button = page.page.locator(f"[data-command={command}]")
         state = "aria-checked" if button.get_attribute("role") == "menuitemcheckbox" else "aria-pressed"
         before = button.get_attribute(state)

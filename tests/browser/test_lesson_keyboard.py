@@ -13,8 +13,13 @@ from deformnb.lessons.translation import write_translated
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
-ANSWERS = {"distances-check": '"starr"', "turn-check": "[-10, 30]", "freedom-check": "[3, 4, 6]", "points-check": "3",
-           "area-check": "1"}
+ANSWERS = {
+    "distances-check": '"starr"',
+    "turn-check": "[-10, 30]",
+    "freedom-check": "[3, 4, 6]",
+    "points-check": "3",
+    "area-check": "1",
+}
 IN_STUDIO = "document.activeElement.closest('.dnb-studio') !== null"
 ON_STAGE = "document.activeElement.matches('.dnb-ed-stage')"
 ON_TREND = "document.activeElement.matches('select') && document.activeElement.labels?.[0]?.textContent === 'Trend'"
@@ -58,8 +63,9 @@ def test_a_lesson_is_done_by_the_keyboard_alone(browser: Any, lab: Lab) -> None:
                 keys.press("Backspace")
             keys.insert_text(ANSWERS[cell])
         keys.press("Shift+Enter")
-    page.wait_for_function(f"document.querySelectorAll('.dnb-editor').length === 2 && {LAST}.painter.source",
-                           timeout=120_000)
+    page.wait_for_function(
+        f"document.querySelectorAll('.dnb-editor').length === 2 && {LAST}.painter.source", timeout=120_000
+    )
     assert page.locator(".jp-OutputArea-output", has_text="Richtig.").count() == len(ANSWERS)
 
     keys.press("ArrowUp")  # to the studio's cell, and into it
@@ -81,5 +87,6 @@ def test_a_lesson_is_done_by_the_keyboard_alone(browser: Any, lab: Lab) -> None:
     _press_until(page, "ArrowUp", ON_CHECK, 5)  # from the solution behind it
     keys.press("Shift+Enter")
     page.locator(".jp-OutputArea-output", has_text="Er ist gedreht, und jeder Abstand ist erhalten.").wait_for(
-        timeout=60_000)
+        timeout=60_000
+    )
     page.close()

@@ -47,8 +47,14 @@ def pulled(gap: float, rule: str = "source", *, shift: float = 0.0, plane: Plane
     source = np.array([[a - 14, b - 4], [a - 14, b + 4], [a - 6, b], [a + 14, b - 4], [a + 14, b + 4], [a + 6, b]])
     move = np.where(source[:, :1] < a, -gap / 2 + shift, gap / 2 + shift) * np.array([1.0, 0.0])
     cut = Cut(Line(((a - 2.0, b - 10.0), (a + 2.0, b + 10.0))))
-    return Step((ControlPoints.from_arrays(source, source + move),), plane, trend="translation", cuts=(cut,),
-                cut_rule=rule, **options)
+    return Step(
+        (ControlPoints.from_arrays(source, source + move),),
+        plane,
+        trend="translation",
+        cuts=(cut,),
+        cut_rule=rule,
+        **options,
+    )
 
 
 def slit(gap: float) -> Step:
@@ -57,13 +63,16 @@ def slit(gap: float) -> Step:
     source = np.array([[a - 20, b - 12], [a + 20, b - 12], [a - 20, b + 12], [a + 20, b + 12], [a, b - 3], [a, b + 3]])
     move = np.array([[0.0, 0.0]] * 4 + [[0.0, -gap / 2], [0.0, gap / 2]])
     cut = Cut(Line(((a - 10.0, b - 0.5), (a + 10.0, b + 0.5)), stops=(True, True)))
-    return Step((ControlPoints.from_arrays(source, source + move),), PLANE, cuts=(cut,), extrusion="modulate",
-                curve="1-z/4")
+    return Step(
+        (ControlPoints.from_arrays(source, source + move),), PLANE, cuts=(cut,), extrusion="modulate", curve="1-z/4"
+    )
 
 
 def opened(page: LivePage, **options: Any) -> LiveView:
-    view = LiveView(bar(), **{"transfer": WHITE, "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000,
-                              "background": "dark", **options})
+    view = LiveView(
+        bar(),
+        **{"transfer": WHITE, "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, "background": "dark", **options},
+    )
     page.add(view)
     page.loaded()
     return view
@@ -94,14 +103,19 @@ def dice(a: np.ndarray, b: np.ndarray) -> float:
 
 def but(kept: set[Any], *cases: Any) -> list[Any]:
     """Cases of which only some are run at every change: the others are of the same kind and take as long."""
-    return [case if case in kept else pytest.param(*case if isinstance(case, tuple) else (case,),
-                                                   marks=pytest.mark.nightly) for case in cases]
+    return [
+        case if case in kept else pytest.param(*case if isinstance(case, tuple) else (case,), marks=pytest.mark.nightly)
+        for case in cases
+    ]
 
 
 CASES = {
-    "source": pulled(9.0), "paper": pulled(9.0, "paper"), "moved on": pulled(4.0, shift=6.0),
+    "source": pulled(9.0),
+    "paper": pulled(9.0, "paper"),
+    "moved on": pulled(4.0, shift=6.0),
     "moved on, paper": pulled(4.0, "paper", shift=6.0),
-    "modulate": pulled(10.0, extrusion="modulate", curve="z"), "pushed together": pulled(-6.0),
+    "modulate": pulled(10.0, extrusion="modulate", curve="z"),
+    "pushed together": pulled(-6.0),
     "stops inside": slit(10.0),
 }
 
@@ -130,9 +144,12 @@ def early() -> dict[str, Deformation]:
     target = source + np.array([4.0, 0, 0]) * np.sign(source[:, :1] - GRID.center[0])
     cut = Cut(HalfSpace(tuple(GRID.center), (1.0, 0.1, 0.25)))
     in_space = Step((ControlPoints.from_arrays(source, target),), None, cuts=(cut,), trend="translation")
-    return {"before a bend": Deformation((pulled(9.0), bend)), "in space": Deformation((in_space,)),
-            "paper, before a bend": Deformation((pulled(4.0, "paper", shift=6.0), bend)),
-            "cut twice": Deformation((in_space, pulled(6.0, plane=other)))}
+    return {
+        "before a bend": Deformation((pulled(9.0), bend)),
+        "in space": Deformation((in_space,)),
+        "paper, before a bend": Deformation((pulled(4.0, "paper", shift=6.0), bend)),
+        "cut twice": Deformation((in_space, pulled(6.0, plane=other))),
+    }
 
 
 @pytest.mark.sampled(4)
@@ -219,11 +236,16 @@ def test_a_closed_cut_is_not_seen(drawn: tuple[LivePage, LiveView], projection: 
     assert page.errors == []
 
 
-@pytest.mark.parametrize(("name", "projection"), but(
-    {("source", "shaded"), ("modulate", "mip"), ("pushed together", "shaded")},
-    *product(["source", "paper", "modulate", "pushed together"], ["shaded", "mip"])))
-def test_skipping_what_is_empty_changes_nothing_beside_a_cut(drawn: tuple[LivePage, LiveView], name: str,
-                                                             projection: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "projection"),
+    but(
+        {("source", "shaded"), ("modulate", "mip"), ("pushed together", "shaded")},
+        *product(["source", "paper", "modulate", "pushed together"], ["shaded", "mip"]),
+    ),
+)
+def test_skipping_what_is_empty_changes_nothing_beside_a_cut(
+    drawn: tuple[LivePage, LiveView], name: str, projection: str
+) -> None:
     page, view = drawn
     view.projection, view.show_folds = projection, True
     view.set_transfer(WHITE)
@@ -239,8 +261,9 @@ def test_a_cut_face_is_lit_and_has_no_grain(page: LivePage) -> None:
     rng = np.random.default_rng(0)
     given = bar()
     grain = np.clip(given.values + (given.values > 100) * rng.normal(0, 12, GRID.shape), 0, 255).astype(np.uint8)
-    view = LiveView(replace(given, values=grain), transfer=WHITE, width=SIZE[0], height=SIZE[1], settle_ms=60000,
-                    background="dark")
+    view = LiveView(
+        replace(given, values=grain), transfer=WHITE, width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark"
+    )
     page.add(view)
     page.loaded()
     view.set_camera((1.0, 0.15, -0.1), zoom=1.5)
@@ -255,8 +278,9 @@ def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> 
     step = pulled(2.0)
     part = RigidPart(HalfSpace((float(MIDDLE[0]) + 19, 0.0), (-1.0, 0.0)))
     step = replace(step, parts=(part,), maps=(step.points.remove(*step.points.ids[3:5]),), chosen_support=None)
-    editor = Editor(project(bar(), PLANE), step.points, cuts=list(step.cuts), parts=list(step.parts),
-                    trend="translation")
+    editor = Editor(
+        project(bar(), PLANE), step.points, cuts=list(step.cuts), parts=list(step.parts), trend="translation"
+    )
     view = opened(page)
     page.add(editor, "editor")
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])

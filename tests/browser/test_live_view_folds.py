@@ -46,8 +46,18 @@ FAR, SHORT = 0.45, 0.08
 
 
 def opened(page: LivePage, **options: Any) -> LiveView:
-    view = LiveView(slab(), **{"transfer": "bone", "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000,
-                               "background": "dark", "projection": "composite", **options})
+    view = LiveView(
+        slab(),
+        **{
+            "transfer": "bone",
+            "width": SIZE[0],
+            "height": SIZE[1],
+            "settle_ms": 60000,
+            "background": "dark",
+            "projection": "composite",
+            **options,
+        },
+    )
     page.add(view)
     page.loaded()
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])

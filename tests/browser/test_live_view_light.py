@@ -51,8 +51,10 @@ def fields() -> dict[str, Deformation]:
     front, above, oblique = Plane.along(GRID, "+y"), Plane.along(GRID, "-z"), Plane.through(GRID.center, (1, 2, -0.7))
     flat = points(2, sheared)
     centred = ControlPoints.from_arrays(flat.source - 29, flat.target - 29)  # an oblique plane begins in the middle
-    bend = ControlPoints.from_arrays([[29.0, 29.0], [8.0, 8.0], [50.0, 8.0], [8.0, 50.0], [50.0, 50.0]],
-                                     [[37.0, 25.0], [8.0, 8.0], [50.0, 8.0], [8.0, 50.0], [50.0, 50.0]])
+    bend = ControlPoints.from_arrays(
+        [[29.0, 29.0], [8.0, 8.0], [50.0, 8.0], [8.0, 50.0], [50.0, 50.0]],
+        [[37.0, 25.0], [8.0, 8.0], [50.0, 8.0], [8.0, 50.0], [50.0, 50.0]],
+    )
     first = Step((flat,), above)
     return {
         "a shear": Deformation.on_picture(GRID, above, flat),
@@ -67,8 +69,16 @@ def fields() -> dict[str, Deformation]:
 @pytest.fixture(scope="module")
 def view_on_page(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
     page = LivePage(browser)
-    view = LiveView(ball(), transfer=SOLID, width=160, height=160, settle_ms=60000, background="dark", show_folds=False,
-                    space_size=96)
+    view = LiveView(
+        ball(),
+        transfer=SOLID,
+        width=160,
+        height=160,
+        settle_ms=60000,
+        background="dark",
+        show_folds=False,
+        space_size=96,
+    )
     assert view._esm.count(LIT) == 1
     view._esm = view._esm.replace(LIT, AS_COLOUR)
     view.set_camera((0, 1, 0))
@@ -86,8 +96,9 @@ def test_deformed_matter_is_lit_by_its_own_normals(view_on_page: tuple[LivePage,
     view.show_deformation(field)
     page.wait("document.querySelector('.dnb-view').deformnb.field")
     picture = page.pixels().astype(float)
-    scale = page.page.evaluate("(({ camera, caster }) => camera.height / caster.size[1])"
-                               "(document.querySelector('.dnb-view').deformnb)")
+    scale = page.page.evaluate(
+        "(({ camera, caster }) => camera.height / caster.size[1])(document.querySelector('.dnb-view').deformnb)"
+    )
     right, up = (np.arange(160) + 0.5 - 80) * scale, (79.5 - np.arange(160)) * scale
     x, hit = surface(field, right, up)
     undeformed, normal = gradients(field, x)
@@ -146,13 +157,23 @@ def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(bro
     page = LivePage(browser, (300, 360))
     page.add(LiveView(volume, transfer="surface", width=240, height=240, settle_ms=60000, background="dark"))
     page.loaded()
-    bright = np.array(page.page.evaluate("""(coarseness) => {
+    bright = (
+        np.array(
+            page.page.evaluate(
+                """(coarseness) => {
         const { loop } = document.querySelector(".dnb-view").deformnb, { gl } = loop.caster, size = 120;
         for (const p of loop.pictures(size, size)) loop.caster.cast("coarse0", size, size, p, { coarseness });
         loop.caster.present("coarse0", 1);
         const bytes = new Uint8Array(4 * 240 * 240);
         gl.readPixels(0, 0, 240, 240, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
-        return Array.from(bytes); }""", coarseness), float).reshape(240, 240, 4)[..., :3].mean(axis=-1)
+        return Array.from(bytes); }""",
+                coarseness,
+            ),
+            float,
+        )
+        .reshape(240, 240, 4)[..., :3]
+        .mean(axis=-1)
+    )
     inner = bright[80:160, 80:160]  # the middle of the ball
     smooth = uniform_filter(inner, 9)
     assert inner.mean() > 60

@@ -65,8 +65,9 @@ def fields(grid: Grid = GRID) -> dict[str, Deformation]:
         "none": Deformation(),
         "replicate": Deformation.on_picture(grid, plane, drags(grid, plane, 1, 4.0)),
         "oblique": Deformation.on_picture(grid, oblique, drags(grid, oblique, 2, 4.0)),
-        "modulate": Deformation.on_picture(grid, plane, drags(grid, plane, 3, 6.0), extrusion="modulate",
-                                           curve="sin(pi*z)"),
+        "modulate": Deformation.on_picture(
+            grid, plane, drags(grid, plane, 3, 6.0), extrusion="modulate", curve="sin(pi*z)"
+        ),
         "interpolate": Deformation((Step(maps, plane, extrusion="interpolate", knots=(0.0, 0.3, 1.0)),)),
         "two planes": twice.then(Deformation.on_picture(grid, other, drags(grid, other, 8, 2.0)).steps[0]),
         "in space": Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
@@ -83,8 +84,14 @@ def dice(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> LiveView:
-    options = {"transfer": "surface", "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, "background": "dark",
-               **options}
+    options = {
+        "transfer": "surface",
+        "width": SIZE[0],
+        "height": SIZE[1],
+        "settle_ms": 60000,
+        "background": "dark",
+        **options,
+    }
     view = LiveView(volume or shape_without_symmetry(), **options)
     page.add(view)
     page.loaded()
@@ -281,8 +288,9 @@ def drawn(page: LivePage) -> np.ndarray:
 
 def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
     page = LivePage(browser, init=NO_WEBGL)
-    view = LiveView(shape_without_symmetry(), width=SIZE[0], height=SIZE[1], background="dark", transfer="surface",
-                    settle_ms=50)
+    view = LiveView(
+        shape_without_symmetry(), width=SIZE[0], height=SIZE[1], background="dark", transfer="surface", settle_ms=50
+    )
     page.add(view)
     page.wait(f"{DRAWN}?.isFull")
     assert "no WebGL2" in page.page.text_content(".dnb-volume .dnb-notice")
@@ -345,7 +353,8 @@ def test_a_volume_that_the_card_does_not_hold_is_shown_with_fewer_voxels(browser
     view = opened(page, volume)
     assert int(np.prod(view.volume_info["shape"])) == size**3 // 4
     assert page.page.text_content(".dnb-badge") == (
-        "shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds")
+        "shown at 1/2 along x, 1/2 along y, as much as the graphics memory holds"
+    )
     view.set_camera((0, 1, 0))
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
     assert page.page.is_hidden(".dnb-progress")
@@ -365,12 +374,15 @@ def test_a_card_that_holds_nothing_says_so(browser: Any) -> None:
 def test_a_context_that_is_lost_by_the_volume_comes_back_with_fewer_voxels(browser: Any) -> None:
     page = LivePage(browser)
     size = 64
-    page.page.evaluate("""(most) => { const gl = WebGL2RenderingContext.prototype, { texSubImage3D } = gl;
+    page.page.evaluate(
+        """(most) => { const gl = WebGL2RenderingContext.prototype, { texSubImage3D } = gl;
         gl.texSubImage3D = function (...all) {
           texSubImage3D.apply(this, all);
           if (all[5] * all[6] * models.view.get("volume_info").shape[2] <= most || window.loss) return;
           window.loss = this.getExtension("WEBGL_lose_context"); window.loss.loseContext();
-          setTimeout(() => { window.loss.restoreContext(); }, 300); }; }""", size**3 // 2)
+          setTimeout(() => { window.loss.restoreContext(); }, 300); }; }""",
+        size**3 // 2,
+    )
     view = opened(page, shape_without_symmetry(Grid((size, size, size))))
     page.wait(f"models.view.get('volume_info').shape.reduce((a, b) => a * b) === {size**3 // 2}")
     page.loaded()
@@ -422,9 +434,23 @@ def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -
     view.set_camera((0, 1, 0))
     start = page.pixels().astype(int)
     chosen = wanted.steps[0].support_for(dragged)
-    page.page.evaluate(_EDITOR, {"uid": "u1", "points": _listed(still), "lone_support": 10.0, "settings": {
-        "kernel": "wendland_c2", "support": None, "chosen_support": chosen, "trend": "affine", "smoothing": 0.0,
-        "strength": 1.0, "stages": 1}})
+    page.page.evaluate(
+        _EDITOR,
+        {
+            "uid": "u1",
+            "points": _listed(still),
+            "lone_support": 10.0,
+            "settings": {
+                "kernel": "wendland_c2",
+                "support": None,
+                "chosen_support": chosen,
+                "trend": "affine",
+                "smoothing": 0.0,
+                "strength": 1.0,
+                "stages": 1,
+            },
+        },
+    )
     page.page.evaluate("() => { models.view.fromPython('editor', 'IPY_MODEL_editor'); }")
     said = "models.view.sent.filter((m) => m.type !== 'seen').length"  # fields of before are confirmed when drawn
     sent, messages = view.stats()["field_bytes"], page.page.evaluate(said)
@@ -443,8 +469,17 @@ def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -
 
 
 def _listed(points: ControlPoints) -> list[dict[str, Any]]:
-    return [{"id": points.ids[k], "name": "", "source": points.source[k].tolist(), "target": points.target[k].tolist(),
-             "active": True, "weight": 1.0} for k in range(len(points))]
+    return [
+        {
+            "id": points.ids[k],
+            "name": "",
+            "source": points.source[k].tolist(),
+            "target": points.target[k].tolist(),
+            "active": True,
+            "weight": 1.0,
+        }
+        for k in range(len(points))
+    ]
 
 
 def test_what_goes_right_and_down_in_the_editor_does_so_in_space(page: LivePage) -> None:

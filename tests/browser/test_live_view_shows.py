@@ -355,8 +355,9 @@ def test_what_python_shows_is_seen_until_the_editor_moves(page: LivePage) -> Non
 
 def test_another_map_is_followed_without_a_wrong_picture_in_between(page: LivePage) -> None:
     view, editor = followed(page)
-    both = Deformation((Step((moved(0.0), moved(6.0)), PLANE, extrusion="interpolate", knots=(0.0, 1.0),
-                             trend="translation"),)).field(GRID)
+    both = Deformation(
+        (Step((moved(0.0), moved(6.0)), PLANE, extrusion="interpolate", knots=(0.0, 1.0), trend="translation"),)
+    ).field(GRID)
     view.show_deformation(both)
     page.wait(f"{LINK}.expected === null")  # it comes when the one before is on the screen
     expected = page.pixels().astype(int)

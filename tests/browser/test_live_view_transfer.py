@@ -33,8 +33,15 @@ def slope(high: float, kind: str) -> Volume:
 
 def row(page: LivePage, volume: Volume, transfer: TransferFunction | str, zoom: float) -> np.ndarray:
     """The middle row of a picture along y, in which x runs right, as shares of full brightness."""
-    view = LiveView(volume, transfer=transfer, projection="composite", width=SIZE[0], height=SIZE[1],
-                    settle_ms=60000, background="dark")
+    view = LiveView(
+        volume,
+        transfer=transfer,
+        projection="composite",
+        width=SIZE[0],
+        height=SIZE[1],
+        settle_ms=60000,
+        background="dark",
+    )
     view.set_camera((0, 1, 0), (0, 0, 1), zoom)
     page.add(view)
     page.loaded()
@@ -42,8 +49,10 @@ def row(page: LivePage, volume: Volume, transfer: TransferFunction | str, zoom: 
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("transfer", [
-    TransferFunction(((0, 0, 0.2, 1), (60, 1, 0.5, 0), (100, 1, 1, 1)), ((0, 0.9),), unit=0.1), "surface", "specimen"])
+@pytest.mark.parametrize(
+    "transfer",
+    [TransferFunction(((0, 0, 0.2, 1), (60, 1, 0.5, 0), (100, 1, 1, 1)), ((0, 0.9),), unit=0.1), "surface", "specimen"],
+)
 def test_a_hot_voxel_changes_no_colour(browser: Any, transfer: TransferFunction | str) -> None:
     plain = slope(100, "float32")
     values = plain.values.copy()
@@ -73,8 +82,9 @@ def test_colours_are_those_of_the_function(page: LivePage) -> None:
 
 
 def test_a_jump_of_colour_is_sharper_than_a_byte(page: LivePage) -> None:
-    function = TransferFunction(((0, 1, 0, 0), (128.4, 1, 0, 0), (128.4, 0, 1, 0), (255, 0, 1, 0)), ((0, 0.95),),
-                                unit=0.05)
+    function = TransferFunction(
+        ((0, 1, 0, 0), (128.4, 1, 0, 0), (128.4, 0, 1, 0), (255, 0, 1, 0)), ((0, 0.95),), unit=0.05
+    )
     found = row(page, slope(255, "uint8"), function, 8.0)
     assert found[0, 0] > 0.98
     assert found[-1, 1] > 0.98

@@ -115,8 +115,9 @@ def test_a_drag_moves_picture_and_volume_and_python_knows(shown: Any) -> None:
             break
         start = now
         shown.wait_for_timeout(500)
-    x, y, width, height = (shown.locator("[data-id='4'] .dnb-ed-disc").bounding_box()[k]
-                           for k in ("x", "y", "width", "height"))
+    x, y, width, height = (
+        shown.locator("[data-id='4'] .dnb-ed-disc").bounding_box()[k] for k in ("x", "y", "width", "height")
+    )
     shown.mouse.move(x + width / 2, y + height / 2)
     shown.mouse.down()
     shown.mouse.move(x + width / 2 + 45, y + height / 2 - 30, steps=6)

@@ -50,8 +50,9 @@ def shows_axis(page: EditorOnPage) -> bool:
     return bool(page.js("getComputedStyle(document.querySelector('.dnb-ed-axis-line')).visibility") == "visible")
 
 
-def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(opened: Any, picture: Picture,
-                                                               points: ControlPoints) -> None:
+def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = with_mirror(opened, picture, points)
     assert page.editor.mirror == {"on": True, "axis": "a", "at": MIDDLE}
     line, (x, _) = page.page.locator(".dnb-ed-axis-line"), page.on_screen([MIDDLE, 0])
@@ -76,8 +77,9 @@ def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(opened: Any, picture
     assert not shows_axis(page)
 
 
-def test_new_points_come_in_pairs_and_those_on_the_axis_stay_there(opened: Any, picture: Picture,
-                                                                  points: ControlPoints) -> None:
+def test_new_points_come_in_pairs_and_those_on_the_axis_stay_there(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = with_mirror(opened, picture, points)
     page.page.mouse.dblclick(*page.on_screen([52, 20]))
     assert len(page.points) == 7
@@ -119,8 +121,9 @@ def test_a_point_without_partner_gets_one_and_a_near_one_is_taken(opened: Any, p
     assert page.points.target[2] == pytest.approx(mirrored(page.points.target[1]), abs=1e-9)
 
 
-def test_both_of_a_pair_in_the_hand_keep_the_symmetry_and_none_crosses_the_axis(opened: Any, picture: Picture,
-                                                                              points: ControlPoints) -> None:
+def test_both_of_a_pair_in_the_hand_keep_the_symmetry_and_none_crosses_the_axis(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     page = with_mirror(opened, picture, points)
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("Control+a")
@@ -162,8 +165,9 @@ def test_the_axis_can_lie_level_and_be_dragged(opened: Any, picture: Picture) ->
 
 
 @pytest.mark.parametrize(("key", "way"), [("s", (0.45, 0.2)), ("e", (0.6, 0.0))])
-def test_brushes_and_turns_work_on_both_sides(opened: Any, picture: Picture, points: ControlPoints, key: str,
-                                             way: tuple[float, float]) -> None:
+def test_brushes_and_turns_work_on_both_sides(
+    opened: Any, picture: Picture, points: ControlPoints, key: str, way: tuple[float, float]
+) -> None:
     page = with_mirror(opened, picture, points)
     page.page.keyboard.press(key)
     radius, k = page.js(f"{PAGE}.brush.radius"), page.js(f"{PAGE}.view.k")
@@ -186,8 +190,9 @@ def test_brushes_and_turns_work_on_both_sides(opened: Any, picture: Picture, poi
     assert gaps[~np.eye(len(page.points), dtype=bool)].min() > 1
 
 
-def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(opened: Any, picture: Picture,
-                                                                points: ControlPoints) -> None:
+def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     editor = Editor(picture, points.edit(1, locked=True))
     editor.mirror = {"on": True, "axis": "a", "at": 70.0}
     page = opened(editor)
@@ -202,8 +207,9 @@ def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(opened: Any, pi
     assert page.page.locator("[data-command=mirror]").get_attribute("aria-checked") == "true"
 
 
-def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(opened: Any, picture: Picture,
-                                                                         points: ControlPoints) -> None:
+def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(
+    opened: Any, picture: Picture, points: ControlPoints
+) -> None:
     bent = points.move(0, [49.0, 5]).move(4, [104, 38])
     page = with_mirror(opened, picture, bent, show_grid=False)
     before, fit = page.canvas(), page.editor.fit()

@@ -80,9 +80,17 @@ def test_it_plays_to_the_end_and_python_hears_of_it(page: LivePage) -> None:
 def test_keys_and_buttons_go_through_the_moments(page: LivePage) -> None:
     player = shown(page, step=0.1)
     page.page.locator(".dnb-pl-track").focus()
-    for keys, wanted in ((["ArrowRight"], 0.1), (["ArrowRight", "ArrowUp"], 0.3), (["Shift+ArrowRight"], 1.3),
-                         (["ArrowLeft"], 1.2), (["End"], 2.0), (["PageUp"], 0.5), (["PageUp"], 0.0),
-                         (["PageDown", "PageDown"], 2.0), (["Home", "ArrowLeft"], 0.0)):
+    for keys, wanted in (
+        (["ArrowRight"], 0.1),
+        (["ArrowRight", "ArrowUp"], 0.3),
+        (["Shift+ArrowRight"], 1.3),
+        (["ArrowLeft"], 1.2),
+        (["End"], 2.0),
+        (["PageUp"], 0.5),
+        (["PageUp"], 0.0),
+        (["PageDown", "PageDown"], 2.0),
+        (["Home", "ArrowLeft"], 0.0),
+    ):
         for key in keys:
             page.page.keyboard.press(key)
         settled(page)

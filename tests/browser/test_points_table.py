@@ -233,8 +233,10 @@ def test_all_is_done_by_keys(table: TableOnPage) -> None:
 def test_columns_sort_up_down_and_back(table: TableOnPage) -> None:
     def shown() -> list[str]:
         rows = table.page.locator(".dnb-pt-body .dnb-pt-row")
-        found = [(int(rows.nth(k).get_attribute("aria-rowindex")), rows.nth(k).get_attribute("data-id"))
-                 for k in range(rows.count())]
+        found = [
+            (int(rows.nth(k).get_attribute("aria-rowindex")), rows.nth(k).get_attribute("data-id"))
+            for k in range(rows.count())
+        ]
         assert [index for index, _ in found] == sorted(index for index, _ in found)
         return [point for _, point in found]
 
@@ -289,7 +291,8 @@ def test_points_are_copied_changed_and_pasted(table: TableOnPage) -> None:
     copied = table.page.evaluate("() => window.copied")
     assert copied.splitlines() == [
         "id,name,active,locked,source_a,source_b,target_a,target_b,weight,radius",
-        "4,middle,true,false,70,25,70,25,1,"]
+        "4,middle,true,false,70,25,70,25,1,",
+    ]
     changed = copied.replace("70,25,1,", "75,26,1,30") + ",new,,,50,20,,,,\n"
     table.page.locator('[data-act="paste"]').click()
     table.page.locator(".dnb-pt-rows").fill(changed)
@@ -348,7 +351,11 @@ def test_a_click_in_the_history_goes_there(page: LivePage) -> None:
     page.flush()
     rows = page.page.locator(".dnb-il-row")
     assert [t.strip() for t in page.page.locator(".dnb-il-name").all_inner_texts()] == [
-        "the beginning", "change trend", "change kernel", "change strength"]
+        "the beginning",
+        "change trend",
+        "change kernel",
+        "change strength",
+    ]
     left = [page.page.locator(".dnb-il-choose").nth(k).bounding_box()["x"] for k in range(4)]
     assert left[0] == left[1] == left[3] < left[2]
     page.page.locator(".dnb-il-choose", has_text="change kernel").click()
@@ -401,7 +408,8 @@ def test_rows_that_are_selected_before_an_older_selection_is_sent_stay_selected(
     x, y = table.on_page.on_screen((30.0, -10.0))
     row = table.cell(1, "drag").bounding_box()
     # Both within the rest of the editor, whatever the machine is busy with.
-    table.page.evaluate("""([point, row]) => {
+    table.page.evaluate(
+        """([point, row]) => {
         const press = ([x, y], types, kind) => {
             const at = { clientX: x, clientY: y, bubbles: true, composed: true, isPrimary: true, pointerId: 1 };
             for (const type of types) document.elementFromPoint(x, y).dispatchEvent(new kind(type, at));
@@ -409,7 +417,9 @@ def test_rows_that_are_selected_before_an_older_selection_is_sent_stay_selected(
         press(point, ["pointerdown", "pointerup"], PointerEvent);
         press(row, ["pointerdown", "pointerup"], PointerEvent);
         press(row, ["click"], MouseEvent);
-    }""", [[x, y], [row["x"] + row["width"] / 2, row["y"] + row["height"] / 2]])
+    }""",
+        [[x, y], [row["x"] + row["width"] / 2, row["y"] + row["height"] / 2]],
+    )
     table.answered()
     table.page.wait_for_timeout(300)  # longer than the rest of the editor
     assert table.editor.selected == [1]

@@ -48,8 +48,11 @@ def test_each_preset_is_shown_on_this_volume_and_chosen(page: LivePage) -> None:
 def test_keys_go_round_and_choose_and_escape_changes_nothing(page: LivePage) -> None:
     menu, keyboard = page.widgets["menu"], page.page.keyboard
     page.page.get_by_role("button", name="Preset: Specimen").focus()
-    for keys, value in ((("Enter", "ArrowLeft", "Escape"), "specimen"), (("Enter", "ArrowLeft", "Enter"), "xray"),
-                        (("Enter", "ArrowRight", " "), "specimen")):
+    for keys, value in (
+        (("Enter", "ArrowLeft", "Escape"), "specimen"),
+        (("Enter", "ArrowLeft", "Enter"), "xray"),
+        (("Enter", "ArrowRight", " "), "specimen"),
+    ):
         for key in keys:
             keyboard.press(key)
         page.answered()

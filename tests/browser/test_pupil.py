@@ -122,8 +122,10 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
         way = phone.points().target - before.target
         np.testing.assert_allclose(way[0], np.array([30, 20]) / view["k"], atol=0.5)
         assert not way[1:].any()
-        phone.js(f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
-                 "({ ...p, target: [p.source[0], p.source[1] - 100] })) })")
+        phone.js(
+            f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+            "({ ...p, target: [p.source[0], p.source[1] - 100] })) })"
+        )
         phone.settled()
         phone.volume()
         phone.wait("!document.querySelector('.dnb-page-note').hidden")

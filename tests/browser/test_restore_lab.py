@@ -46,8 +46,9 @@ def test_a_view_that_was_loaded_too_slowly_says_so_when_it_opens(lab: Lab, brows
     page.add_init_script("""const timeout = AbortSignal.timeout;
         AbortSignal.timeout = (ms) => timeout(ms === 2000 ? 0 : ms);""")
     lab.open_notebook(page, [SETUP], "slow.ipynb")
-    page.wait_for_function("document.querySelector('.dnb-ed-hint')?.textContent.endsWith('run the cell again')",
-                           timeout=60_000)
+    page.wait_for_function(
+        "document.querySelector('.dnb-ed-hint')?.textContent.endsWith('run the cell again')", timeout=60_000
+    )
     page.close()
 
 
@@ -78,8 +79,9 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
 
     # JupyterLab tells of the kernel's end too, sooner or later.
     page.add_locator_handler(page.locator(".jp-Dialog"), lambda: page.keyboard.press("Escape"))
-    page.wait_for_function("jupyterapp.shell.currentWidget.sessionContext.session?.kernel?.status === 'idle'",
-                           timeout=60_000)
+    page.wait_for_function(
+        "jupyterapp.shell.currentWidget.sessionContext.session?.kernel?.status === 'idle'", timeout=60_000
+    )
     lab.run_all(page)
     page.wait_for_selector(".dnb-restore:not(.dnb-restore-gone)", state="visible", timeout=120_000)
     ready(page)

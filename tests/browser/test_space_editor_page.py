@@ -63,7 +63,8 @@ class Opened:
         """Grey values of one of the pictures, as they came from Python."""
         width, *values = self.js(
             f"(() => {{ const c = {PAGE}.pictures[{pane}].picture, all = c.getContext('2d').getImageData(0, 0, "
-            "c.width, c.height).data; return [c.width, ...all.filter((_, k) => k % 4 === 0)]; })()")
+            "c.width, c.height).data; return [c.width, ...all.filter((_, k) => k % 4 === 0)]; })()"
+        )
         return np.array(values).reshape(-1, width)
 
     def shows(self, pane: int, expected: np.ndarray, timeout: float = 30.0) -> bool:

@@ -27,8 +27,9 @@ AXIAL, CORONAL, SAGITTAL = range(3)
 @pytest.fixture
 def pairs() -> ControlPoints:
     """Two pairs beside the middle plane across x, and one on it."""
-    return ControlPoints.from_arrays([[-12.5, 25, 24], [27.5, 25, 24], [-2.5, 50, 24], [17.5, 50, 24],
-                                      [MIDDLE, 38, 24]])
+    return ControlPoints.from_arrays(
+        [[-12.5, 25, 24], [27.5, 25, 24], [-2.5, 50, 24], [17.5, 50, 24], [MIDDLE, 38, 24]]
+    )
 
 
 @pytest.fixture
@@ -75,8 +76,9 @@ def turned(places: Any, degrees: float, plane: tuple[int, int] = (0, 1)) -> NDAr
 # ---- turning --------------------------------------------------------------------------------------------------------
 
 
-def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(opened: Any,
-                                                                             pairs: ControlPoints) -> None:
+def test_keys_turn_and_scale_what_is_selected_in_the_picture_that_has_the_focus(
+    opened: Any, pairs: ControlPoints
+) -> None:
     space = opened(pairs)
     space.page.page.evaluate("window.clock = Date.now; Date.now = () => 0")  # two presses are quick ones
     select(space, 0, 1, 2)
@@ -131,8 +133,13 @@ def test_the_menu_has_them_all(opened: Any, pairs: ControlPoints) -> None:
     select(space, 0, 1)
     space.page.page.locator("[data-command=more]").click()
     items = space.page.page.locator(".dnb-ed-item > span:nth-of-type(1)")
-    assert items.all_inner_texts() == ["Mirror", "Mirror another way", "Snap to a lattice", "Turn left by 15\u00b0",
-                                       "Turn right by 15\u00b0"]
+    assert items.all_inner_texts() == [
+        "Mirror",
+        "Mirror another way",
+        "Snap to a lattice",
+        "Turn left by 15\u00b0",
+        "Turn right by 15\u00b0",
+    ]
     space.page.page.locator("[data-command=turn-right]").click()
     space.settled()
     assert space.editor.points.target[:2] == pytest.approx(turned(pairs.target[:2], 15), abs=1e-6)
@@ -248,6 +255,7 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
         def slow(*given: Any, **options: Any) -> Any:
             lets.wait(60)
             return made(*given, **options)
+
         return slow
 
     for name in ("slice", "projection"):
@@ -276,8 +284,13 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
 
 def test_traits_of_the_hand_are_checked(caplog: pytest.LogCaptureFixture) -> None:
     editor = SpaceEditor(waves())
-    for name, value in (("mirror", {"on": True, "axis": "a", "at": 0}), ("mirror", 3), ("snap", -1), ("snap", "1"),
-                        ("stop_at_folds", True)):
+    for name, value in (
+        ("mirror", {"on": True, "axis": "a", "at": 0}),
+        ("mirror", 3),
+        ("snap", -1),
+        ("snap", "1"),
+        ("stop_at_folds", True),
+    ):
         editor.set_state({name: value})
         assert f"the trait '{name}' from the page was dropped" in caplog.text
         caplog.clear()

@@ -249,8 +249,10 @@ def test_an_editor_and_two_views_of_one_page_move_together(page: LivePage) -> No
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 25, y, steps=4)
-    places = page.page.evaluate("() => [document.querySelector('.dnb-space').deformnb.points[0].target, "
-                                "document.querySelector('.dnb-volume').deformnb.spacePoints.points[0].target]")
+    places = page.page.evaluate(
+        "() => [document.querySelector('.dnb-space').deformnb.points[0].target, "
+        "document.querySelector('.dnb-volume').deformnb.spacePoints.points[0].target]"
+    )
     assert places[0] == places[1]
     assert places[0][0] == pytest.approx(CENTER[0] + 25 * here.scale(CENTER), abs=0.5)  # before Python has heard of it
     here.mouse.up()

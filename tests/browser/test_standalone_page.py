@@ -100,8 +100,9 @@ class Opened:
         raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
 
     def settled(self) -> None:
-        self.wait(f"document.querySelector('.dnb-editor') && {EDITOR}.painter.source && "
-                  f"!{EDITOR}.isMoving && !{EDITOR}.frame")
+        self.wait(
+            f"document.querySelector('.dnb-editor') && {EDITOR}.painter.source && !{EDITOR}.isMoving && !{EDITOR}.frame"
+        )
 
     def loaded(self) -> None:
         self.settled()
@@ -142,8 +143,15 @@ def _decoded(text: str) -> NDArray[np.int64]:
 def opened(browser: Any, tmp_path: Path) -> Iterator[Callable[..., Opened]]:
     pages: list[Opened] = []
 
-    def open_page(editor: Editor, view: LiveView | None = None, *, size: tuple[int, int] = (940, 560), init: str = "",
-                  options: dict[str, Any] | None = None, **about: Any) -> Opened:
+    def open_page(
+        editor: Editor,
+        view: LiveView | None = None,
+        *,
+        size: tuple[int, int] = (940, 560),
+        init: str = "",
+        options: dict[str, Any] | None = None,
+        **about: Any,
+    ) -> Opened:
         path = tmp_path / f"page {len(pages)}.html"
         write_standalone(path, editor, view, **about)
         pages.append(Opened(browser, path, size, init, **(options or {})))
@@ -200,8 +208,9 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     v, raster = page.js(f"({EDITOR}.view)"), editor.picture.raster  # type: ignore[union-attr]
     bent = page.picture()
     d = 1 / (v["k"] * v["ratio"])
-    on_canvas = type(raster)(bent.shape[:2], (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"],
-                                                      (0.5 / v["ratio"] - v["y"]) / v["k"]))
+    on_canvas = type(raster)(
+        bent.shape[:2], (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"], (0.5 / v["ratio"] - v["y"]) / v["k"])
+    )
     core = warp_picture(editor.picture.grey(), raster, editor.fit(), output=on_canvas) * 255  # type: ignore[union-attr]
     a0, a1, b0, b1 = raster.box
     share = (on_canvas.points() - [a0, b0]) / [a1 - a0, b1 - b0]
@@ -219,8 +228,10 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     assert np.abs(page.volume() - moved).mean() < 0.3
     # Far to the right and up tissue leaves the box, beyond the same sides as the core finds.
     assert page.js(SIDES) == []
-    page.js(f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
-            "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })")
+    page.js(
+        f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+        "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
+    )
     page.settled()
     page.volume()
     far = Deformation.on_picture(GRID, PLANE, page.points()).field(GRID)
@@ -278,7 +289,9 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     assert (middle(start) - middle(page.volume()))[0] > 6
     menu = page.page.locator("select[name=kernel]")
     assert page.js("[...document.querySelector('select[name=kernel]').options].map((o) => o.value)")[:2] == [
-        "wendland_c2", "wendland_c0"]
+        "wendland_c2",
+        "wendland_c0",
+    ]
     menu.select_option("thin_plate")
     page.page.locator("input[name=density]").fill("9")
     page.settled()
@@ -360,10 +373,12 @@ def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Cal
     assert page.page.is_disabled("select[name=shows]")
     for part in (".dnb-badge", ".dnb-progress", ".dnb-notice"):  # which a still would cover
         assert page.page.is_hidden(part)
-    shown = _decoded(page.js("""(() => { const image = document.querySelector('.dnb-still'),
+    shown = _decoded(
+        page.js("""(() => { const image = document.querySelector('.dnb-still'),
         canvas = Object.assign(document.createElement('canvas'), { width: 640, height: 480 });
         canvas.getContext('2d').drawImage(image, 0, 0);
-        return canvas.toDataURL('image/png').split(',')[1]; })()"""))
+        return canvas.toDataURL('image/png').split(',')[1]; })()""")
+    )
     assert np.abs(shown - view.still((640, 480)).astype(int)).mean() < 0.5
     page.drag(editor.points.target[4], (40, 25))
     assert dragged(page).min() > 1
@@ -461,8 +476,9 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
         opened.loaded()
         opened.wait(f"{VIEW}.caster.planar?.cut")
         closed = _lit(opened)
-        moved = [{"id": int(editor.points.ids[k]), "target": (editor.points.target[k] + [9.0, 0.0]).tolist()}
-                 for k in right]
+        moved = [
+            {"id": int(editor.points.ids[k]), "target": (editor.points.target[k] + [9.0, 0.0]).tolist()} for k in right
+        ]
         opened.js(f"""{{ const model = {MODELS}.editor, moved = {json.dumps(moved)};
             model.update({{ points: model.get("points").map((p) => ({{ ...p,
               ...moved.find((m) => m.id === p.id) }})) }}); }}""")

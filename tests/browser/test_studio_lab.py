@@ -166,7 +166,7 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     shown.add(29.5, 29.5)
     shown.drag((29.5, 29.5), (40.5, 29.5))
     moved = shown.told(lambda state: bool(state["undo"].startswith("move")))["row"]
-    (a, b), = runs(moved)
+    ((a, b),) = runs(moved)
     assert (a + b) / 2 > 33
     page.get_by_label("Side", exact=True).select_option(label="from above (-z)")
     state = shown.told(lambda state: len(state["steps"]) == 2)
@@ -176,12 +176,12 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     shown.add(right, 20.0)
     shown.drag((right, 20.0), (left, 20.0))
     state = shown.told(lambda state: bool(state["steps"][1]["points"] == 5 and state["undo"].startswith("move")))
-    (a, b), = runs(state["row"])
+    ((a, b),) = runs(state["row"])
     assert (a + b) / 2 < 33  # dragged back
     shown.tab("Steps")
     page.locator(".dnb-il-switch:visible").first.click()
     state = shown.told(lambda state: not state["steps"][0]["on"])
-    (a, b), = runs(state["row"])
+    ((a, b),) = runs(state["row"])
     assert (a + b) / 2 < 26  # the second alone
     page.wait_for_function(IDLE)
     page.locator("[data-part=down]:visible").first.click()

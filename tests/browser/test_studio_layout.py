@@ -80,11 +80,14 @@ SPOIL = """([part, style]) => {
 }"""
 
 
-@pytest.mark.parametrize(("part", "style", "said"), [
-    ("control", "margin-top: -30px !important", "covers"),
-    ("control", "position: relative; left: 3000px", "leaves its box"),
-    ("label", "flex: none !important; width: 10px !important; overflow: hidden", "is cut"),
-])
+@pytest.mark.parametrize(
+    ("part", "style", "said"),
+    [
+        ("control", "margin-top: -30px !important", "covers"),
+        ("control", "position: relative; left: 3000px", "leaves its box"),
+        ("label", "flex: none !important; width: 10px !important; overflow: hidden", "is cut"),
+    ],
+)
 def test_what_is_wrong_is_found(in_lab: Lab, window: Any, part: str, style: str, said: str) -> None:
     window.evaluate(NARROW, 0)
     choose(window, "Interpolation")

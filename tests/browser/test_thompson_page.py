@@ -66,8 +66,9 @@ def test_nodes_are_there_only_where_they_can_be_dragged(three: EditorOnPage) -> 
     three.wait(f"{VIEWS}[2].gridNodes.nodes.length === 0")
 
 
-def test_a_dragged_node_becomes_a_point_from_its_place_to_where_it_was_dropped(three: EditorOnPage,
-                                                                               picture: Picture) -> None:
+def test_a_dragged_node_becomes_a_point_from_its_place_to_where_it_was_dropped(
+    three: EditorOnPage, picture: Picture
+) -> None:
     drag_node(three, 3 + 2 * 7, (26, -14), 2)
     points = three.points
     assert points.names[-1] == "grid 3,2"
@@ -187,8 +188,10 @@ def test_extrapolation_that_folds_is_warned_of(three: EditorOnPage) -> None:
     three.wait(f"{VIEWS}[2].folds && {VIEWS}[2].folds.least <= 0")
     three.settled()
     three.js(f"{VIEWS}[2].select([])")
-    three.wait("document.querySelector('.dnb-th-after .dnb-ed-notes').textContent === "
-               "'Magnified 3 times the map folds: magnify less'")
+    three.wait(
+        "document.querySelector('.dnb-th-after .dnb-ed-notes').textContent === "
+        "'Magnified 3 times the map folds: magnify less'"
+    )
     assert "folds" in three.page.locator(".dnb-th-after .dnb-ed-folds").inner_text()
 
 

@@ -19,8 +19,9 @@ from deformnb.widgets import LiveView, TransferEditor
 
 pytestmark = pytest.mark.needs_browser
 
-FUNCTION = TransferFunction(((0, 1, 0, 0), (100, 0, 1, 0), (199, 0, 0, 1)),
-                            ((0, 0), (60, 0.01), (120, 0.5), (199, 0.9)))
+FUNCTION = TransferFunction(
+    ((0, 1, 0, 0), (100, 0, 1, 0), (199, 0, 0, 1)), ((0, 0), (60, 0.01), (120, 0.5), (199, 0.9))
+)
 STRIP = 34  # CSS pixels from the floor of the plot to the middle of the colours
 
 

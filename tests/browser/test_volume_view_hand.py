@@ -69,8 +69,12 @@ def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> 
     tab.mouse.down()
     for k in range(1, 6):
         tab.mouse.move(x + 16 * k, y)
-        tab.wait_for_function(f"(before) => {VIEW}.isFull && ({BODY})()[0] > before + 0.005", arg=places[-1][0],
-                              polling=200, timeout=90_000)
+        tab.wait_for_function(
+            f"(before) => {VIEW}.isFull && ({BODY})()[0] > before + 0.005",
+            arg=places[-1][0],
+            polling=200,
+            timeout=90_000,
+        )
         places.append(tab.evaluate(BODY))
         assert places[-1][0] > places[-2][0] + 0.005
         assert places[-1][1] > 0.7 * places[0][1]
@@ -97,7 +101,10 @@ def test_the_picture_follows_a_point_and_ends_where_the_hand_does(lab: Lab, tab:
     lab.run(tab, "import asyncio; await view.screenshot(60)")  # until all of it is drawn
     last = json.loads(lab.run(tab, STILL))
     assert last[0] < before[0] - 0.01
-    tab.wait_for_function(f"""() => {{
+    tab.wait_for_function(
+        f"""() => {{
         const [at] = ({BODY})();
         return {VIEW}.isFull && Math.abs(at - {last[0]}) < 0.01;
-    }}""", timeout=60_000)
+    }}""",
+        timeout=60_000,
+    )

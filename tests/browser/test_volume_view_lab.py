@@ -41,8 +41,9 @@ def test_every_edit_moves_the_picture_in_jupyterlab(lab: Lab, tab: Any) -> None:
     assert middle == pytest.approx(0.5, abs=0.02)
     for k in range(1, 5):
         assert lab.run(tab, DEFORM.replace("{k}", str(k))) == ""
-        tab.wait_for_function(f"(before) => {VIEW}.isFull && ({MIDDLE})()[0] > before + 0.02", arg=middle, polling=200,
-                              timeout=60_000)
+        tab.wait_for_function(
+            f"(before) => {VIEW}.isFull && ({MIDDLE})()[0] > before + 0.02", arg=middle, polling=200, timeout=60_000
+        )
         now, still_share = tab.evaluate(MIDDLE)
         assert now > middle + 0.02  # two lengths of some 4 pixels each
         assert still_share > 0.5 * share

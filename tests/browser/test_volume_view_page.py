@@ -40,8 +40,17 @@ def ball() -> Volume:
 
 
 def opened(page: LivePage, **options: Any) -> VolumeView:
-    view = VolumeView(ball(), **{"transfer": "surface", "width": SIZE[0], "height": SIZE[1], "settle_ms": 30.0,
-                                 "background": "dark", **options})
+    view = VolumeView(
+        ball(),
+        **{
+            "transfer": "surface",
+            "width": SIZE[0],
+            "height": SIZE[1],
+            "settle_ms": 30.0,
+            "background": "dark",
+            **options,
+        },
+    )
     page.add(view)
     drawn(page)
     return view

@@ -20,8 +20,11 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.volume_view import VolumeView
 
-pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl,
-              pytest.mark.skipif(importlib.util.find_spec("trame_rca") is None, reason="trame-rca is not installed")]
+pytestmark = [
+    pytest.mark.needs_browser,
+    pytest.mark.needs_gl,
+    pytest.mark.skipif(importlib.util.find_spec("trame_rca") is None, reason="trame-rca is not installed"),
+]
 
 GRID = Grid((20, 24, 16), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0))
 
@@ -97,8 +100,9 @@ def middle(page: LivePage) -> np.ndarray:
 
 
 def test_pictures_and_the_mouse_go_by_trame(page: LivePage) -> None:
-    view = VolumeView(ball(), transport="trame", transfer="surface", width=240, height=180, settle_ms=30.0,
-                      background="dark")
+    view = VolumeView(
+        ball(), transport="trame", transfer="surface", width=240, height=180, settle_ms=30.0, background="dark"
+    )
     view.set_camera((0, 1, 0))
     page.add(view)
     number = full(page)
@@ -141,8 +145,12 @@ def test_only_the_notebooks_origin_may_show_it(page: LivePage, origin: str) -> N
     assert f"frame-ancestors {origin}" in asked(url)[1]
     assert asked(url, Origin="http://evil.example")[0] == 403
     assert asked(url, Host="evil.example")[0] == 403
-    socket = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
-              "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+    socket = {
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+    }
     ws = url.partition("/index.html")[0] + "/ws"
     assert asked(ws, **socket)[0] == 403  # no origin: no page of ours
     assert asked(ws, Origin=origin, **socket)[0] == 403  # the notebook's own page speaks to the frame only

@@ -131,11 +131,46 @@ def walk_file_page(page: Any, name: str, data: str) -> None:
 
 
 NEUTRAL = (
-    "carp (phantom)", "Argyropelecus", "olfersi", "Sternoptyx", "diaphana", "Diodon", "Orthagoriscus", "Polyprion",
-    "Antigonia", "capros", "Pseudopriacanthus", "altus", "Scorpaena",  # animals
-    "mm", "KiB", "MB", "kB", "sin(π z)", "smoothstep", "MP4", "PDF", "PNG", "SVG", "GIF", "WebP", "deformnb",
-    "mm²", "mm³", ".bigwarp.json", ".csv", ".fcsv", ".morphologika.txt", ".mrk.json", ".nts", ".points.csv", ".prm",
-    ".tps", ".txt", ".xyz", "null",
+    "carp (phantom)",
+    "Argyropelecus",
+    "olfersi",
+    "Sternoptyx",
+    "diaphana",
+    "Diodon",
+    "Orthagoriscus",
+    "Polyprion",
+    "Antigonia",
+    "capros",
+    "Pseudopriacanthus",
+    "altus",
+    "Scorpaena",  # animals
+    "mm",
+    "KiB",
+    "MB",
+    "kB",
+    "sin(π z)",
+    "smoothstep",
+    "MP4",
+    "PDF",
+    "PNG",
+    "SVG",
+    "GIF",
+    "WebP",
+    "deformnb",
+    "mm²",
+    "mm³",
+    ".bigwarp.json",
+    ".csv",
+    ".fcsv",
+    ".morphologika.txt",
+    ".mrk.json",
+    ".nts",
+    ".points.csv",
+    ".prm",
+    ".tps",
+    ".txt",
+    ".xyz",
+    "null",
 )
 """Words that are the same in all languages: names, units, kinds of files."""
 
@@ -150,5 +185,10 @@ def foreign_words(texts: Iterable[str], table: Mapping[str, str], allowed: Itera
     """
     known = Translator({translation: key for key, translation in table.items()})
     neutral = re.compile("|".join(map(re.escape, sorted((*NEUTRAL, *allowed), key=len, reverse=True))))
-    return [text for text in texts if "JavaScript enabled" not in text  # trame's own, where there is none
-            and not known.knows(text) and not known.knows(neutral.sub("1", text))]
+    return [
+        text
+        for text in texts
+        if "JavaScript enabled" not in text  # trame's own, where there is none
+        and not known.knows(text)
+        and not known.knows(neutral.sub("1", text))
+    ]

@@ -30,8 +30,21 @@ def test_sizes_are_used_or_their_absence_named(tmp_path: Path) -> None:
     assert "states no element_size_um" in found.notes[0]
 
 
-@pytest.mark.parametrize("sizes", [[0.0, 2, 1], [-3.0, 2, 1], [np.nan, 2, 1], [1e300, 2, 1], [3.0, 2], [3.0, 2, 1, 1],
-                                   3.0, "3 2 1", [b"a", b"b", b"c"]], ids=str)
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        [0.0, 2, 1],
+        [-3.0, 2, 1],
+        [np.nan, 2, 1],
+        [1e300, 2, 1],
+        [3.0, 2],
+        [3.0, 2, 1, 1],
+        3.0,
+        "3 2 1",
+        [b"a", b"b", b"c"],
+    ],
+    ids=str,
+)
 def test_sizes_that_are_none_are_refused(sizes: Any, tmp_path: Path) -> None:
     with pytest.raises(DeformError, match=r"element_size_um|spacing"):
         open_volume(write(tmp_path / "a.h5", sizes))

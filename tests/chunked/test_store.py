@@ -28,8 +28,16 @@ BLOCKS = 18
 
 
 def warped(target: Path, source: Any = None, **options: Any) -> Any:
-    return chunked.warp(Volume.from_array(VALUES) if source is None else source, SHIFT, target, chunks=CHUNKS, levels=2,
-                        fill=0, workers=1, **options)
+    return chunked.warp(
+        Volume.from_array(VALUES) if source is None else source,
+        SHIFT,
+        target,
+        chunks=CHUNKS,
+        levels=2,
+        fill=0,
+        workers=1,
+        **options,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +71,9 @@ DAMAGE: dict[str, Callable[[Path], Any]] = {
     "delete": lambda file: file.unlink(),
     "empty": lambda file: file.write_bytes(b""),
     "cut": lambda file: file.write_bytes(file.read_bytes()[:-7]),
-    "flip": lambda file: file.write_bytes(file.read_bytes()[:-9] + bytes([file.read_bytes()[-9] ^ 1])
-                                          + file.read_bytes()[-8:]),
+    "flip": lambda file: file.write_bytes(
+        file.read_bytes()[:-9] + bytes([file.read_bytes()[-9] ^ 1]) + file.read_bytes()[-8:]
+    ),
     "replace": lambda file: file.write_bytes(b"[[[[ nonsense"),
     "folder": lambda file: (file.unlink(), file.mkdir(), (file / "x").write_text("x", encoding="utf-8")),
     "pipe": lambda file: (file.unlink(), os.mkfifo(file)),
@@ -72,16 +81,21 @@ DAMAGE: dict[str, Callable[[Path], Any]] = {
     "deep": lambda file: file.write_bytes(b"[" * 50_000),
 }
 FILES: dict[str, Callable[[Path], Path]] = {
-    "chunk": chunk_of, "metadata": lambda folder: folder / "pyramid/0/zarr.json",
-    "group": lambda folder: folder / "pyramid/zarr.json", "job": lambda folder: folder / "job.json",
-    "journal": lambda folder: folder / "done.txt", "lock": lambda folder: folder / "lock"}
+    "chunk": chunk_of,
+    "metadata": lambda folder: folder / "pyramid/0/zarr.json",
+    "group": lambda folder: folder / "pyramid/zarr.json",
+    "job": lambda folder: folder / "job.json",
+    "journal": lambda folder: folder / "done.txt",
+    "lock": lambda folder: folder / "lock",
+}
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes have names on POSIX only")
 @pytest.mark.parametrize("damage", DAMAGE)
 @pytest.mark.parametrize("file", FILES)
-def test_damage_of_a_file_ends_in_the_right_result_or_one_sentence(file: str, damage: str, known: list[np.ndarray],
-                                                                   tmp_path: Path) -> None:
+def test_damage_of_a_file_ends_in_the_right_result_or_one_sentence(
+    file: str, damage: str, known: list[np.ndarray], tmp_path: Path
+) -> None:
     folder = stopped(tmp_path / "a.zarr")
     place = FILES[file](folder)
     if place.stat().st_size == 0 and damage in ("flip", "cut"):
@@ -106,8 +120,9 @@ def test_damage_of_a_file_ends_in_the_right_result_or_one_sentence(file: str, da
 
 
 @pytest.mark.parametrize("after", [0, 5, 17, 18, 20])
-def test_what_is_done_is_not_done_again_at_any_moment(after: int, known: list[np.ndarray], tmp_path: Path,
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_done_is_not_done_again_at_any_moment(
+    after: int, known: list[np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stopped(tmp_path / "a.zarr", after)
     computed: list[int] = []
     original = blocks.BlockWarp.__call__
@@ -122,8 +137,9 @@ class Killed(BaseException):
 
 
 @pytest.mark.parametrize("moment", ["chunk", "flush", "line", "metadata", "job", "publish", "swept"])
-def test_a_process_that_dies_at_any_moment_leaves_what_goes_on(moment: str, known: list[np.ndarray], tmp_path: Path,
-                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_dies_at_any_moment_leaves_what_goes_on(
+    moment: str, known: list[np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     target, calls = tmp_path / "a.zarr", iter(range(10**6))
 
     def dies_before(place: Any, name: str, at: int) -> None:
@@ -136,10 +152,15 @@ def test_a_process_that_dies_at_any_moment_leaves_what_goes_on(moment: str, know
 
         monkeypatch.setattr(place, name, run)
 
-    place, name, at = {"chunk": (store.UnfinishedStore, "finished", 4), "flush": (store.UnfinishedStore, "_kept", 4),
-                       "line": (store, "_checksum", 4), "metadata": (store.ome_zarr, "create_pyramid", 0),
-                       "job": (store, "atomic_write", 0), "publish": (store, "publish_folder", 0),
-                       "swept": (store.shutil, "rmtree", 0)}[moment]
+    place, name, at = {
+        "chunk": (store.UnfinishedStore, "finished", 4),
+        "flush": (store.UnfinishedStore, "_kept", 4),
+        "line": (store, "_checksum", 4),
+        "metadata": (store.ome_zarr, "create_pyramid", 0),
+        "job": (store, "atomic_write", 0),
+        "publish": (store, "publish_folder", 0),
+        "swept": (store.shutil, "rmtree", 0),
+    }[moment]
     dies_before(place, name, at)
     with pytest.raises(Killed):
         warped(target)
@@ -156,8 +177,9 @@ def test_a_process_that_dies_at_any_moment_leaves_what_goes_on(moment: str, know
 def test_a_line_is_on_the_disk_only_after_its_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     flushed: list[str] = []
     original = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda number: (flushed.append(os.readlink(f"/proc/self/fd/{number}")),
-                                                     original(number))[1])
+    monkeypatch.setattr(
+        os, "fsync", lambda number: (flushed.append(os.readlink(f"/proc/self/fd/{number}")), original(number))[1]
+    )
     if not Path("/proc/self/fd").exists():
         pytest.skip("open files have names under /proc on Linux")
     folder = stopped(tmp_path / "a.zarr")
@@ -166,11 +188,12 @@ def test_a_line_is_on_the_disk_only_after_its_block(tmp_path: Path, monkeypatch:
     assert len(lines) == len(stored) == 11
     for (begin, end), line in zip(zip([0, *lines], lines, strict=False), stored, strict=True):
         between = flushed[begin:end]
-        chunks = [name for name in between if name.startswith(str(folder / "pyramid" / "0" / "c"))
-                  and not Path(name).is_dir()]
+        chunks = [
+            name for name in between if name.startswith(str(folder / "pyramid" / "0" / "c")) and not Path(name).is_dir()
+        ]
         assert len(chunks) == (0 if " empty " in line else 1)
         if chunks:
-            assert str(Path(chunks[0]).parent) in between[between.index(chunks[0]):]  # and its name in its folder
+            assert str(Path(chunks[0]).parent) in between[between.index(chunks[0]) :]  # and its name in its folder
 
 
 @pytest.mark.parametrize("kind", ["zarr", "npy", "h5", "tif", "memory"])
@@ -221,8 +244,9 @@ def test_a_source_that_is_changed_while_it_is_read_gives_no_mixture(tmp_path: Pa
 
 
 @pytest.mark.parametrize("at", [0, 3, 40])
-def test_a_full_disk_is_one_sentence_and_the_job_goes_on_later(at: int, known: list[np.ndarray], tmp_path: Path,
-                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_one_sentence_and_the_job_goes_on_later(
+    at: int, known: list[np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     zarr = pytest.importorskip("zarr")
     count, original = iter(range(10**6)), zarr.storage.LocalStore.set
 

@@ -30,8 +30,9 @@ def test_the_voxels_are_those_of_the_file(suffix: str, tmp_path: Path) -> None:
         unpack(tmp_path / f"a.{suffix}", tmp_path / "a.zarr")
 
 
-def test_the_command_unpacks_what_does_not_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                               capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_unpacks_what_does_not_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     dn.write_volume(VOLUME, tmp_path / "scan.nii.gz")
     points = dn.ControlPoints.from_arrays([[0.0, -10, 20]], [[1.0, -9, 22]])
     document = dn.Deformation.in_space(points, support=20.0)

@@ -30,8 +30,12 @@ def volume() -> Volume:
 
 # No round numbers: a place on the border itself may lie on either side of it.
 POINTS = ControlPoints.from_arrays([[8, 8], [28, 28], [20, 10]], [[12.1, 8.2], [26.3, 31.1], [20, 16.2]])
-SPACE = Deformation.in_space(ControlPoints.from_arrays([[10, 14, 12], [35, 30, 30], [20, 40, 10], [38, 8, 33]],
-                                                       [[14, 14, 14], [33, 34, 27], [20, 35, 12], [38, 12, 30]]))
+SPACE = Deformation.in_space(
+    ControlPoints.from_arrays(
+        [[10, 14, 12], [35, 30, 30], [20, 40, 10], [38, 8, 33]],
+        [[14, 14, 14], [33, 34, 27], [20, 35, 12], [38, 12, 30]],
+    )
+)
 
 
 def assert_same(found: Any, wanted: Volume, share: float = 1e-3) -> None:
@@ -41,16 +45,27 @@ def assert_same(found: Any, wanted: Volume, share: float = 1e-3) -> None:
     assert np.mean(difference > 0) < share
 
 
-@pytest.mark.parametrize("kind", ["replicated", "space", pytest.param("cut", marks=pytest.mark.nightly),
-                                  pytest.param("modulated cut", marks=pytest.mark.nightly),
-                                  pytest.param("composed", marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "replicated",
+        "space",
+        pytest.param("cut", marks=pytest.mark.nightly),
+        pytest.param("modulated cut", marks=pytest.mark.nightly),
+        pytest.param("composed", marks=pytest.mark.nightly),
+    ],
+)
 @pytest.mark.parametrize("method", ["linear", pytest.param("cubic", marks=pytest.mark.nightly)])
 def test_the_voxels_are_those_of_the_warp_in_memory(kind: str, method: str, volume: Volume) -> None:
     cut = Cut(Line([(17.3, -60.0), (17.3, 80.0)]))
     flat = Deformation.on_picture(volume, "+z", POINTS)
-    document = {"replicated": flat, "space": SPACE, "composed": flat.then(SPACE),
-                "cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,)),
-                "modulated cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,), extrusion="modulate")}[kind]
+    document = {
+        "replicated": flat,
+        "space": SPACE,
+        "composed": flat.then(SPACE),
+        "cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,)),
+        "modulated cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,), extrusion="modulate"),
+    }[kind]
     found = chunked.warp(volume, document, Volume, chunks=CHUNKS, method=method)
     # Compositions are interpolated to a hundredth of a voxel, from nodes that are others in each block.
     assert_same(found, dn.warp(volume, document, method=method), 1e-2 if kind == "composed" else 1e-3)
@@ -62,7 +77,8 @@ def test_a_cut_is_seen_alike_in_a_small_part_of_a_result(volume: Volume) -> None
     cut = Cut(Line([(17.3, -60.0), (17.3, 80.0)]))
     points = ControlPoints.from_arrays([[8, 8], [28, 28]], [[22, 8], [9, 28]])
     field = Deformation.on_picture(volume, "+z", points, cuts=(cut,), extrusion="modulate", trend="translation").field(
-        volume)
+        volume
+    )
     whole = dn.warp(volume, field)
     part = volume.grid.crop((4, 10, 12), (8, 6, 6))
     assert_same(dn.warp(volume, field, output=part), Volume(whole.values[4:12, 10:16, 12:18], part))
@@ -124,8 +140,9 @@ def test_another_reader_finds_the_same_voxels_at_the_same_places(version: str, v
     assert images[1].translation == {"x": 3.5, "y": 4.5, "z": 5.75}
 
 
-def test_a_cancelled_job_goes_on_with_what_is_missing(volume: Volume, tmp_path: Path,
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cancelled_job_goes_on_with_what_is_missing(
+    volume: Volume, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     target, computed = tmp_path / "a.zarr", []
     original = blocks.BlockWarp.__call__
 
@@ -202,8 +219,17 @@ def test_a_chunk_that_cannot_be_read_is_tried_again() -> None:
 
 def test_all_blocks_have_one_compiled_shape(volume: Volume) -> None:
     field = SPACE.field(volume)
-    job, _ = blocks.planned(sources.open_volume(volume), field, volume.grid, method="linear", fill=0, background=0,
-                            block=CHUNKS, memory=2**30, workers=1)
+    job, _ = blocks.planned(
+        sources.open_volume(volume),
+        field,
+        volume.grid,
+        method="linear",
+        fill=0,
+        background=0,
+        block=CHUNKS,
+        memory=2**30,
+        workers=1,
+    )
     shapes = {job._window(part).shape for part in job.parts if part is not None}
     assert shapes == {job.window}
     assert len({blocks.shape_of(part) for part in job.parts if part is not None}) > 1
@@ -250,12 +276,21 @@ def test_wide_labels_are_kept_and_too_wide_ones_refused() -> None:
         chunked.warp(chunked.open_volume(values + 9, is_labels=True), still, Volume)
 
 
-@pytest.mark.parametrize(("words", "given"), [
-    ("memory is", {"memory": "two"}), ("memory is", {"memory": -1}), ("workers must", {"workers": 0}),
-    ("chunks are", {"chunks": (1, 2)}), ("unknown method", {"method": "best"}), ("version", {"version": "9"}),
-], ids=["text", "negative", "workers", "chunks", "method", "version"])
-def test_options_that_fit_nothing_are_refused(words: str, given: dict[str, Any], volume: Volume,
-                                              tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("words", "given"),
+    [
+        ("memory is", {"memory": "two"}),
+        ("memory is", {"memory": -1}),
+        ("workers must", {"workers": 0}),
+        ("chunks are", {"chunks": (1, 2)}),
+        ("unknown method", {"method": "best"}),
+        ("version", {"version": "9"}),
+    ],
+    ids=["text", "negative", "workers", "chunks", "method", "version"],
+)
+def test_options_that_fit_nothing_are_refused(
+    words: str, given: dict[str, Any], volume: Volume, tmp_path: Path
+) -> None:
     with pytest.raises(DeformError, match=words):
         chunked.warp(volume, SPACE, tmp_path / "a.zarr", **given)
     assert not (tmp_path / "a.zarr").exists()
@@ -269,8 +304,7 @@ def test_a_dask_array_is_computed_when_it_is_asked_for(volume: Volume) -> None:
     pytest.importorskip("dask")
     lazy = warper.warp(volume, SPACE, chunks=CHUNKS)
     assert lazy.shape == SHAPE
-    assert_same(lazy[3:9, :20, 5:].compute(), Volume(dn.warp(volume, SPACE).values[3:9, :20, 5:],
-                                                     Grid((6, 20, 32))))
+    assert_same(lazy[3:9, :20, 5:].compute(), Volume(dn.warp(volume, SPACE).values[3:9, :20, 5:], Grid((6, 20, 32))))
 
 
 @pytest.mark.nightly
@@ -281,8 +315,10 @@ def test_a_cluster_whose_worker_is_killed_completes_the_result(tmp_path: Path) -
     volume = Volume.from_array(values)
     dn.write_volume(volume, tmp_path / "in.zarr")
     done: list[float] = []
-    with (distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True,
-                                   dashboard_address=None) as cluster, distributed.Client(cluster) as client):
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
         victim = next(iter(client.run(os.getpid).values()))
 
         def kill(share: float) -> None:
@@ -290,8 +326,9 @@ def test_a_cluster_whose_worker_is_killed_completes_the_result(tmp_path: Path) -
             if len(done) == 10:
                 os.kill(victim, signal.SIGKILL)
 
-        found = chunked.warp(tmp_path / "in.zarr", SPACE, tmp_path / "out.zarr", chunks=(16, 16, 16), client=client,
-                             progress=kill)
+        found = chunked.warp(
+            tmp_path / "in.zarr", SPACE, tmp_path / "out.zarr", chunks=(16, 16, 16), client=client, progress=kill
+        )
     assert done[-1] == 1.0
     assert_same(found, dn.warp(volume, SPACE))
 

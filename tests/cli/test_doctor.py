@@ -110,11 +110,17 @@ def test_kept_compilations_can_be_switched_off(off: str, monkeypatch: pytest.Mon
 
 
 def test_the_table_is_aligned() -> None:
-    checks = [module.Check("a", True, "one"), module.Check("longer part", False, "two", "do this"),
-              module.Check("b", False, "three")]
+    checks = [
+        module.Check("a", True, "one"),
+        module.Check("longer part", False, "two", "do this"),
+        module.Check("b", False, "three"),
+    ]
     assert module.report(checks).splitlines() == [
-        "ok       a            one", "missing  longer part  two", "                      -> do this",
-        "missing  b            three"]
+        "ok       a            one",
+        "missing  longer part  two",
+        "                      -> do this",
+        "missing  b            three",
+    ]
 
 
 def test_it_can_be_asked_without_the_heavy_packages_at_import() -> None:

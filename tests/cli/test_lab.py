@@ -74,12 +74,15 @@ def test_without_jupyterlab_nothing_is_copied(
 @pytest.mark.nightly
 def test_it_starts_jupyterlab_with_the_first_notebook(tmp_path: Path) -> None:
     pytest.importorskip("jupyterlab")
-    own = {name: str(tmp_path / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR",
-                                                           "JUPYTER_RUNTIME_DIR", "JUPYTERLAB_SETTINGS_DIR")}
+    own = {
+        name: str(tmp_path / name.lower())
+        for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "JUPYTERLAB_SETTINGS_DIR")
+    }
     command = [sys.executable, "-m", "deformnb", "lab", str(tmp_path / "mine"), "--no-browser", "--allow-root"]
     with (tmp_path / "log").open("wb") as log:
-        process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **own}, stdout=log, stderr=log,
-                                   stdin=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            command, cwd=ROOT, env={**os.environ, **own}, stdout=log, stderr=log, stdin=subprocess.DEVNULL
+        )
     try:
         address = _address(process, tmp_path / "log")
         assert f"/lab/tree/{FIRST}?token=" in address

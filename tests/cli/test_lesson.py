@@ -57,8 +57,9 @@ def test_voila_shows_a_lesson_without_its_code(tmp_path: Path) -> None:
     pytest.importorskip("voila")
     command = [sys.executable, "-m", "deformnb", "lesson", "coordinates", str(tmp_path), "--voila", "--no-browser"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                          text=True) as server:
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as server:
         try:
             address = next(found[0] for line in server.stdout or () if (found := re.search(r"http://[^\s]+/", line)))
             with urlopen(address, timeout=300) as answer:  # Voila runs the lesson before it answers in full

@@ -75,8 +75,9 @@ def test_demo_may_replace_its_own_results(place: Path, monkeypatch: pytest.Monke
     assert (place / "out" / "render.png").exists()
 
 
-def test_the_session_repeats_the_demo(place: Path, capsys: pytest.CaptureFixture[str],
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_session_repeats_the_demo(
+    place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     warped = read_volume(place / "out" / "warped.nii.gz")
     margin = 20 * max(warped.grid.spacing)  # in whole voxels
     margins = " ".join(f"{round(margin / s) * s}" for s in warped.grid.spacing)
@@ -90,8 +91,9 @@ def test_the_session_repeats_the_demo(place: Path, capsys: pytest.CaptureFixture
     assert (part != warped.values).mean() < 1e-3
 
 
-def test_demo_protects_what_is_not_its_own(small: Path, capsys: pytest.CaptureFixture[str],
-                                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo_protects_what_is_not_its_own(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (small / "before.png").write_bytes(b"mine")
     code = run(small, "demo --volume tiny.nrrd --out .", monkeypatch)
     assert "before.png is already there and not from an earlier demo" in refused(capsys.readouterr(), code)
@@ -102,8 +104,9 @@ def test_demo_protects_what_is_not_its_own(small: Path, capsys: pytest.CaptureFi
     assert "would be overwritten" in refused(capsys.readouterr(), code)
 
 
-def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture[str],
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_names_all_that_it_knows(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (small / "notes.odt").write_text("no volume", encoding="utf-8")
     code = run(small, "info notes.odt", monkeypatch)
     said = refused(capsys.readouterr(), code)
@@ -115,23 +118,27 @@ def test_info_names_all_that_it_knows(small: Path, capsys: pytest.CaptureFixture
     assert "sessions" not in said  # of which no demo is made
 
 
-@pytest.mark.parametrize(("line", "match"), [
-    ("demo --volume missing.nii.gz --out new", "no such file"),
-    ("demo --volume . --out new", "neither a DICOM series nor TIFF"),
-    ("demo --volume notes.txt --out new", "no known kind of volume file"),
-    ("demo --volume tiny.nrrd --out tiny.nrrd", "is a file"),
-    ("demo --volume tiny.nrrd --out tiny.nrrd/sub", "Not a directory"),
-    ("demo --volume tiny.nrrd --out new --species Cyprinus", "no figure of Thompson.*Antigonia"),
-    ("demo --volume tiny.nrrd --out new --view front", r"unknown view 'front'.*-x"),
-    ("demo --volume tiny.nrrd --out new --head up", "argument --head.*left"),
-    ("demo --volume tiny.nrrd --out new --renderer povray", "unknown renderer.*core"),
-    ("demo --volume tiny.nrrd --out new --spacing 0 1 1", "spacing must be positive"),
-    ("demo --volume tiny.nrrd --out new --spacing nan 1 1", "spacing must be three finite"),
-    ("demo --volume tiny.nrrd --out new --spacing 1 1", "expected 3 arguments"),
-    ("demo --volume empty.nrrd --out new", "nothing on the picture"),
-])
-def test_mistakes_of_the_demo(line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str],
-                              monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("line", "match"),
+    [
+        ("demo --volume missing.nii.gz --out new", "no such file"),
+        ("demo --volume . --out new", "neither a DICOM series nor TIFF"),
+        ("demo --volume notes.txt --out new", "no known kind of volume file"),
+        ("demo --volume tiny.nrrd --out tiny.nrrd", "is a file"),
+        ("demo --volume tiny.nrrd --out tiny.nrrd/sub", "Not a directory"),
+        ("demo --volume tiny.nrrd --out new --species Cyprinus", "no figure of Thompson.*Antigonia"),
+        ("demo --volume tiny.nrrd --out new --view front", r"unknown view 'front'.*-x"),
+        ("demo --volume tiny.nrrd --out new --head up", "argument --head.*left"),
+        ("demo --volume tiny.nrrd --out new --renderer povray", "unknown renderer.*core"),
+        ("demo --volume tiny.nrrd --out new --spacing 0 1 1", "spacing must be positive"),
+        ("demo --volume tiny.nrrd --out new --spacing nan 1 1", "spacing must be three finite"),
+        ("demo --volume tiny.nrrd --out new --spacing 1 1", "expected 3 arguments"),
+        ("demo --volume empty.nrrd --out new", "nothing on the picture"),
+    ],
+)
+def test_mistakes_of_the_demo(
+    line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (small / "notes.txt").write_text("no volume", encoding="utf-8")
     write_volume(Volume.from_array(np.zeros((4, 5, 6), np.uint8)), small / "empty.nrrd")
     before = sorted(small.iterdir())
@@ -141,8 +148,9 @@ def test_mistakes_of_the_demo(line: str, match: str, small: Path, capsys: pytest
 
 
 @pytest.mark.parametrize("view", ["-x", "+x", "-z"])
-def test_views_with_a_minus_are_no_options(view: str, small: Path, monkeypatch: pytest.MonkeyPatch,
-                                           capsys: pytest.CaptureFixture[str]) -> None:
+def test_views_with_a_minus_are_no_options(
+    view: str, small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     seen: list[str] = []
 
     def stop(*_: Any, view: str, **__: Any) -> None:
@@ -156,8 +164,9 @@ def test_views_with_a_minus_are_no_options(view: str, small: Path, monkeypatch: 
     assert capsys.readouterr().err.startswith("deformnb: stopped")
 
 
-def test_a_stopped_demo_leaves_whole_files_only(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stopped_demo_leaves_whole_files_only(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     real = cli_stages._Line.move
 
     def move(self: Any, share: float) -> None:
@@ -178,8 +187,9 @@ def test_a_stopped_demo_leaves_whole_files_only(place: Path, tmp_path: Path, mon
 
 
 @pytest.mark.parametrize("suffix", [s for k, f in FORMATS.items() if f.write and k != "image" for s in f.suffixes])
-def test_info_of_every_kind_of_file(suffix: str, small: Path, capsys: pytest.CaptureFixture[str],
-                                    monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_of_every_kind_of_file(
+    suffix: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_volume(read_volume(small / "tiny.nrrd"), small / f"my volume{suffix}")
     assert run(small, f"info 'my volume{suffix}'", monkeypatch) == 0
     captured = capsys.readouterr()
@@ -191,8 +201,9 @@ def test_info_of_every_kind_of_file(suffix: str, small: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize("name", ["pull.json", "PULL.JSON"])
-def test_info_of_a_session(name: str, small: Path, capsys: pytest.CaptureFixture[str],
-                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_of_a_session(
+    name: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (small / "pull.json").rename(small / name)
     assert run(small, f"info {name}", monkeypatch) == 0
     out = capsys.readouterr().out
@@ -226,8 +237,9 @@ def test_doctor_reports_a_missing_package(capsys: pytest.CaptureFixture[str], mo
     assert re.search(r"missing +pydicom +not installed: no DICOM series\n.*pip install 'deformnb\[formats\]'", out)
 
 
-def test_a_missing_optional_package_is_named(small: Path, capsys: pytest.CaptureFixture[str],
-                                             monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_optional_package_is_named(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (small / "slice.dcm").write_bytes(bytes(128) + b"DICM" + bytes(100))
     monkeypatch.setitem(sys.modules, "pydicom", None)  # what Python does for a package that is not there
     code = run(small, "info slice.dcm", monkeypatch)
@@ -243,8 +255,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_help_that_explains_every_option(command: str, capsys: pytest.CaptureFixture[str],
-                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_command_has_help_that_explains_every_option(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     assert main([command, "--help"]) == 0
     out = capsys.readouterr().out
@@ -266,15 +279,19 @@ def test_nothing_asked_shows_help(capsys: pytest.CaptureFixture[str]) -> None:
 # ---- surprises -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("error", "match"), [
-    (MemoryError(), "not enough memory"), (OSError(28, "No space left", "out"), "No space left: out"),
-    (PermissionError(13, "Permission denied", "/x"), "Permission denied: /x"),
-    (ZeroDivisionError("division by zero"), "unexpected ZeroDivisionError.*--traceback"),
-    (RuntimeError("two\nlines"), "unexpected RuntimeError: two"),
-])
-def test_what_nobody_thought_of_is_one_sentence_too(error: Exception, match: str, small: Path,
-                                                    monkeypatch: pytest.MonkeyPatch,
-                                                    capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("error", "match"),
+    [
+        (MemoryError(), "not enough memory"),
+        (OSError(28, "No space left", "out"), "No space left: out"),
+        (PermissionError(13, "Permission denied", "/x"), "Permission denied: /x"),
+        (ZeroDivisionError("division by zero"), "unexpected ZeroDivisionError.*--traceback"),
+        (RuntimeError("two\nlines"), "unexpected RuntimeError: two"),
+    ],
+)
+def test_what_nobody_thought_of_is_one_sentence_too(
+    error: Exception, match: str, small: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def fail(*_: Any, **__: Any) -> None:
         raise error
 
@@ -315,8 +332,9 @@ def test_progress_is_shown_only_for_long_work(seconds: float, terminal: bool, mo
         assert re.fullmatch(r"first +6 s\nsecond +6 s\n", text)  # a line each, once it is done
 
 
-def test_work_that_failed_is_not_reported_as_done(monkeypatch: pytest.MonkeyPatch,
-                                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_work_that_failed_is_not_reported_as_done(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(cli_stages, "_PATIENCE", -1.0)
 
     def work() -> None:
@@ -335,8 +353,13 @@ def test_work_that_failed_is_not_reported_as_done(monkeypatch: pytest.MonkeyPatc
 
 def program(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-    return subprocess.run([sys.executable, "-m", "deformnb", *arguments], env=environment, text=True, check=False,
-                          **{"capture_output": True, **options})
+    return subprocess.run(
+        [sys.executable, "-m", "deformnb", *arguments],
+        env=environment,
+        text=True,
+        check=False,
+        **{"capture_output": True, **options},
+    )
 
 
 @pytest.mark.nightly
@@ -364,14 +387,26 @@ def test_output_that_goes_nowhere(ending: str, small: Path) -> None:
         assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(("command", "absent"), [
-    (["warp", "--help"], ("jax", "numpy", "vtk", "matplotlib")),
-    (["info", "small.nrrd"], ("jax", "scipy.ndimage", "vtk", "matplotlib")),
-], ids=["help", "info"])
+@pytest.mark.parametrize(
+    ("command", "absent"),
+    [
+        (["warp", "--help"], ("jax", "numpy", "vtk", "matplotlib")),
+        (["info", "small.nrrd"], ("jax", "scipy.ndimage", "vtk", "matplotlib")),
+    ],
+    ids=["help", "info"],
+)
 def test_what_only_describes_loads_nothing_heavy(command: list[str], absent: tuple[str, ...], tmp_path: Path) -> None:
     write_volume(Volume.from_array(np.zeros((2, 3, 4), np.uint8)), tmp_path / "small.nrrd")
-    code = (f"import sys; from deformnb.cli.main import main; main({command});"
-            f"print([m for m in {absent} if m in sys.modules])")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path,
-                          env={**os.environ, "PYTHONPATH": str(ROOT)})
+    code = (
+        f"import sys; from deformnb.cli.main import main; main({command});"
+        f"print([m for m in {absent} if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
     assert done.stdout.splitlines()[-1] == "[]"

@@ -8,8 +8,9 @@ import pytest
 from command_line import refused, run
 
 
-def test_the_page_is_written_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                  capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_page_is_written_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(tmp_path, "page", monkeypatch) == 0
     assert capsys.readouterr().out == "deformnb.html\n"
     page = (tmp_path / "deformnb.html").read_text(encoding="utf-8")

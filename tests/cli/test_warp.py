@@ -69,13 +69,20 @@ def test_strength_blends_the_points(strength: str, small: Path, monkeypatch: pyt
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize(("options", "shape", "spacing"), [
-    ("--resolution 0.5", (18, 28, 16), (0.5, 0.5, 0.5)), ("--resolution 2 2 3", (3, 7, 4), (2, 2, 3)),
-    ("--margin 3", (10, 11, 14), (1, 2, 1.5)), ("--margin 0 4 -1.5", (4, 11, 8), (1, 2, 1.5)),
-    ("--resolution 1 --margin 1", (11, 16, 10), (1, 1, 1)), ("--spacing 2 2 2", (6, 7, 8), (2, 2, 2)),
-])
-def test_field_of_view_and_resolution(options: str, shape: Any, spacing: Any, small: Path,
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("options", "shape", "spacing"),
+    [
+        ("--resolution 0.5", (18, 28, 16), (0.5, 0.5, 0.5)),
+        ("--resolution 2 2 3", (3, 7, 4), (2, 2, 3)),
+        ("--margin 3", (10, 11, 14), (1, 2, 1.5)),
+        ("--margin 0 4 -1.5", (4, 11, 8), (1, 2, 1.5)),
+        ("--resolution 1 --margin 1", (11, 16, 10), (1, 1, 1)),
+        ("--spacing 2 2 2", (6, 7, 8), (2, 2, 2)),
+    ],
+)
+def test_field_of_view_and_resolution(
+    options: str, shape: Any, spacing: Any, small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert run(small, f"warp pull.json tiny.nrrd out.nrrd {options}", monkeypatch) == 0
     out = read_volume(small / "out.nrrd")
     assert out.shape == shape
@@ -86,8 +93,9 @@ def test_field_of_view_and_resolution(options: str, shape: Any, spacing: Any, sm
 
 def a_shift(small: Path, by: float, **more: Any) -> Deformation:
     """A document that shifts the tiny volume, written as "shift.json"."""
-    document = Deformation.on_picture(read_volume(small / "tiny.nrrd").grid, "+y",
-                                      ControlPoints.from_arrays([[0, 0]], [[by, 0]]), trend="translation")
+    document = Deformation.on_picture(
+        read_volume(small / "tiny.nrrd").grid, "+y", ControlPoints.from_arrays([[0, 0]], [[by, 0]]), trend="translation"
+    )
     document = dataclasses.replace(document, **more)
     write_deformation(document, small / "shift.json")
     return document
@@ -105,7 +113,8 @@ def test_a_margin_that_fits_holds_all_that_is_moved(small: Path, monkeypatch: py
 
 
 def test_the_box_of_a_session_is_that_of_its_result_unless_another_is_asked_for(
-        small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     grid = read_volume(small / "tiny.nrrd").grid
     box = grid.crop((0, 0, -2), (grid.shape[0], grid.shape[1], grid.shape[2] + 9))
     a_shift(small, 5.0, output=box)
@@ -132,58 +141,70 @@ def test_a_float_volume_may_be_filled_with_a_negative_number(small: Path, monkey
     assert read_volume(small / "out.nrrd").values[0, 0, 0] == -1000
 
 
-@pytest.mark.parametrize(("line", "match"), [
-    ("warp missing.json tiny.nrrd out.nrrd", "there is no file missing.json"),
-    ("warp . tiny.nrrd out.nrrd", "is a folder"),
-    ("warp broken.json tiny.nrrd out.nrrd", "broken.json: the document is not complete JSON"),
-    ("warp newer.json tiny.nrrd out.nrrd", "newer.json: .*update deformnb"),
-    ("warp tiny.nrrd pull.json out.nrrd", r"the session comes first: deformnb warp pull\.json tiny\.nrrd out\.nrrd"),
-    ("warp pull.json missing.nrrd out.nrrd", "missing.nrrd: there is no such file"),
-    ("warp pull.json cut.nrrd out.nrrd", "cut.nrrd"),
-    ("warp pull.json tiny.nrrd tiny.nrrd", "already there; choose another name, or --force"),
-    ("warp pull.json tiny.nrrd out.docx", "out.docx: .*write .nii"),
-    ("warp pull.json tiny.nrrd out.dcm", "read but not written"),
-    ("warp pull.json tiny.nrrd missing/out.nrrd", "no folder .*missing"),
-    ("warp pull.json tiny.nrrd tiny.nrrd/out.nrrd", "no folder"),
-    ("warp pull.json tiny.nrrd folder.nrrd", "is a folder"),
-    ("warp pull.json tiny.nrrd out.nrrd --resolution 1 2", "spacing must be one number .* or three"),
-    ("warp pull.json tiny.nrrd out.nrrd --resolution 0", "spacing must be positive"),
-    ("warp pull.json tiny.nrrd out.nrrd --resolution nan", "spacing must be one number .* got nan"),
-    ("warp pull.json tiny.nrrd out.nrrd --resolution 1e-5", "coarser resolution"),
-    ("warp pull.json tiny.nrrd out.nrrd --margin 1 2 3 4", "a margin is one length or three"),
-    ("warp pull.json tiny.nrrd out.nrrd --margin wide", 'a margin is "fit" or lengths'),
-    ("warp pull.json tiny.nrrd out.nrrd --margin -50", "leaves nothing"),
-    ("warp pull.json tiny.nrrd out.nrrd --margin inf", "a margin is one length or three .* got .*inf"),
-    ("warp pull.json tiny.nrrd out.nrrd --spacing -1 1 1", "spacing must be positive"),
-    ("warp pull.json tiny.nrrd out.nrrd --strength nan", "strength must be a finite number"),
-    ("warp pull.json tiny.nrrd out.nrrd --strength much", "argument --strength.*much"),
-    ("warp pull.json tiny.nrrd out.nrrd --fill 300", "fill must be one value that uint8"),
-    ("warp pull.json tiny.nrrd out.nrrd --method best", "unknown method 'best'.*cubic"),
-    ("warp pull.json tiny.nrrd out.nrrd --method cubic --labels", "invent values between labels"),
-    ("warp pull.json tiny.nrrd", "required: output"),
-    ("warp pull.json tiny.nrrd out.nrrd more.nrrd", "unrecognized arguments: more"),
-    ("warp pull.json tiny.nrrd out.nrrd --colour red", "unrecognized arguments"),
-    ("warp pull.json tiny.nrrd out.nrrd --volume tiny.nrrd", "--volume is for meshes and landmarks"),
-    ("warp pull.json face.ply out.ply", "name the volume of the session with --volume FILE"),
-    ("warp pull.json face.ply out.nrrd --volume tiny.nrrd", r"write \.ply, \.stl, \.obj, \.vtp"),
-    ("warp pull.json marks.fcsv out.ply --volume tiny.nrrd", r"known are \.mrk\.json, .*\.fcsv, .*\.csv"),
-    ("warp pull.json face.ply out.ply --volume tiny.nrrd --fill 3", "--fill is for volumes, and face.ply is none"),
-    ("warp pull.json face.ply out.ply --volume tiny.nrrd --labels", "--labels is for volumes"),
-    ("warp pull.json face.ply face.ply --volume tiny.nrrd", "already there"),
-    ("app face.ply --spacing 1 1 1", "a spacing is for volumes"), ("app face.ply", "the mesh is open"),
-    ("warp pull.json face.ply out.ply --volume missing.nrrd", "no such file"),
-    ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
-    ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
-    ("info cut.ply", "cut.ply: .*cut short"), ("info missing.fcsv", "no such file"),
-    ("info missing.nrrd", "no such file"), ("info missing.json", "there is no such file"),
-    ("info broken.json", "not complete"),
-    ("info folder.nrrd", "neither a DICOM series"), ("info", "required: file"),
-    ("info 'two\nlines.nrrd'", r"two\\nlines"),
-    ("datasets goldfish", "goldfish"), ("frobnicate", "invalid choice.*demo"),
-    ("--frobnicate", "required|unrecognized"),
-])
-def test_mistakes_are_one_sentence(line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str],
-                                   monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("line", "match"),
+    [
+        ("warp missing.json tiny.nrrd out.nrrd", "there is no file missing.json"),
+        ("warp . tiny.nrrd out.nrrd", "is a folder"),
+        ("warp broken.json tiny.nrrd out.nrrd", "broken.json: the document is not complete JSON"),
+        ("warp newer.json tiny.nrrd out.nrrd", "newer.json: .*update deformnb"),
+        (
+            "warp tiny.nrrd pull.json out.nrrd",
+            r"the session comes first: deformnb warp pull\.json tiny\.nrrd out\.nrrd",
+        ),
+        ("warp pull.json missing.nrrd out.nrrd", "missing.nrrd: there is no such file"),
+        ("warp pull.json cut.nrrd out.nrrd", "cut.nrrd"),
+        ("warp pull.json tiny.nrrd tiny.nrrd", "already there; choose another name, or --force"),
+        ("warp pull.json tiny.nrrd out.docx", "out.docx: .*write .nii"),
+        ("warp pull.json tiny.nrrd out.dcm", "read but not written"),
+        ("warp pull.json tiny.nrrd missing/out.nrrd", "no folder .*missing"),
+        ("warp pull.json tiny.nrrd tiny.nrrd/out.nrrd", "no folder"),
+        ("warp pull.json tiny.nrrd folder.nrrd", "is a folder"),
+        ("warp pull.json tiny.nrrd out.nrrd --resolution 1 2", "spacing must be one number .* or three"),
+        ("warp pull.json tiny.nrrd out.nrrd --resolution 0", "spacing must be positive"),
+        ("warp pull.json tiny.nrrd out.nrrd --resolution nan", "spacing must be one number .* got nan"),
+        ("warp pull.json tiny.nrrd out.nrrd --resolution 1e-5", "coarser resolution"),
+        ("warp pull.json tiny.nrrd out.nrrd --margin 1 2 3 4", "a margin is one length or three"),
+        ("warp pull.json tiny.nrrd out.nrrd --margin wide", 'a margin is "fit" or lengths'),
+        ("warp pull.json tiny.nrrd out.nrrd --margin -50", "leaves nothing"),
+        ("warp pull.json tiny.nrrd out.nrrd --margin inf", "a margin is one length or three .* got .*inf"),
+        ("warp pull.json tiny.nrrd out.nrrd --spacing -1 1 1", "spacing must be positive"),
+        ("warp pull.json tiny.nrrd out.nrrd --strength nan", "strength must be a finite number"),
+        ("warp pull.json tiny.nrrd out.nrrd --strength much", "argument --strength.*much"),
+        ("warp pull.json tiny.nrrd out.nrrd --fill 300", "fill must be one value that uint8"),
+        ("warp pull.json tiny.nrrd out.nrrd --method best", "unknown method 'best'.*cubic"),
+        ("warp pull.json tiny.nrrd out.nrrd --method cubic --labels", "invent values between labels"),
+        ("warp pull.json tiny.nrrd", "required: output"),
+        ("warp pull.json tiny.nrrd out.nrrd more.nrrd", "unrecognized arguments: more"),
+        ("warp pull.json tiny.nrrd out.nrrd --colour red", "unrecognized arguments"),
+        ("warp pull.json tiny.nrrd out.nrrd --volume tiny.nrrd", "--volume is for meshes and landmarks"),
+        ("warp pull.json face.ply out.ply", "name the volume of the session with --volume FILE"),
+        ("warp pull.json face.ply out.nrrd --volume tiny.nrrd", r"write \.ply, \.stl, \.obj, \.vtp"),
+        ("warp pull.json marks.fcsv out.ply --volume tiny.nrrd", r"known are \.mrk\.json, .*\.fcsv, .*\.csv"),
+        ("warp pull.json face.ply out.ply --volume tiny.nrrd --fill 3", "--fill is for volumes, and face.ply is none"),
+        ("warp pull.json face.ply out.ply --volume tiny.nrrd --labels", "--labels is for volumes"),
+        ("warp pull.json face.ply face.ply --volume tiny.nrrd", "already there"),
+        ("app face.ply --spacing 1 1 1", "a spacing is for volumes"),
+        ("app face.ply", "the mesh is open"),
+        ("warp pull.json face.ply out.ply --volume missing.nrrd", "no such file"),
+        ("warp pull.json missing.ply out.ply --volume tiny.nrrd", "missing.ply: there is no such file"),
+        ("warp pull.json cut.ply out.ply --volume tiny.nrrd", "cut.ply: .*cut short"),
+        ("info cut.ply", "cut.ply: .*cut short"),
+        ("info missing.fcsv", "no such file"),
+        ("info missing.nrrd", "no such file"),
+        ("info missing.json", "there is no such file"),
+        ("info broken.json", "not complete"),
+        ("info folder.nrrd", "neither a DICOM series"),
+        ("info", "required: file"),
+        ("info 'two\nlines.nrrd'", r"two\\nlines"),
+        ("datasets goldfish", "goldfish"),
+        ("frobnicate", "invalid choice.*demo"),
+        ("--frobnicate", "required|unrecognized"),
+    ],
+)
+def test_mistakes_are_one_sentence(
+    line: str, match: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = (small / "pull.json").read_text(encoding="utf-8")
     (small / "broken.json").write_text(whole[:-30], encoding="utf-8")
     (small / "newer.json").write_text(re.sub('"version": "[0-9.]+"', '"version": "7.0"', whole), encoding="utf-8")
@@ -203,18 +224,22 @@ def test_force_overwrites(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert sorted(p.name for p in small.iterdir()) == ["pull.json", "tiny.nrrd"]
 
 
-def test_another_volume_is_deformed_with_a_note(small: Path, capsys: pytest.CaptureFixture[str],
-                                                monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_volume_is_deformed_with_a_note(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_volume(Volume.from_array(np.eye(8, dtype=np.uint8)[None].repeat(6, 0)), small / "other.nrrd")
     assert run(small, "warp pull.json other.nrrd out.nrrd", monkeypatch) == 0
     captured = capsys.readouterr()
     assert captured.out == "out.nrrd\n"
-    assert remarks(captured.err) == ("deformnb: note: This document was made on another volume ('tiny', 8 x 7 x 6 "
-                                     "voxels); its points may lie elsewhere.\n")
+    assert remarks(captured.err) == (
+        "deformnb: note: This document was made on another volume ('tiny', 8 x 7 x 6 "
+        "voxels); its points may lie elsewhere.\n"
+    )
 
 
-def test_another_spacing_is_noted(small: Path, capsys: pytest.CaptureFixture[str],
-                                  monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_spacing_is_noted(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert run(small, "warp pull.json tiny.nrrd out.nrrd --spacing 1 1 1", monkeypatch) == 0
     remark = capsys.readouterr().err
     assert "of another size (1 x 2 x 1.5 then, 1 x 1 x 1 now)" in remark
@@ -223,8 +248,9 @@ def test_another_spacing_is_noted(small: Path, capsys: pytest.CaptureFixture[str
     assert remarks(capsys.readouterr().err) == ""
 
 
-def test_notes_of_the_volume_are_passed_on(small: Path, capsys: pytest.CaptureFixture[str],
-                                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notes_of_the_volume_are_passed_on(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     values = np.ones((6, 7, 8), np.float32)
     values[1, 2, 3] = np.nan
     write_volume(Volume.from_array(values), small / "dirty.nrrd")
@@ -232,8 +258,9 @@ def test_notes_of_the_volume_are_passed_on(small: Path, capsys: pytest.CaptureFi
     assert "not finite" in capsys.readouterr().err
 
 
-def test_notes_of_the_fit_are_told(small: Path, capsys: pytest.CaptureFixture[str],
-                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notes_of_the_fit_are_told(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     volume = read_volume(small / "tiny.nrrd")
     a, b = np.array(volume.grid.spacing)[:2] * [[2, 2], [4, 2]]
     crossed = ControlPoints.from_arrays([a, b], [b, a])
@@ -244,10 +271,16 @@ def test_notes_of_the_fit_are_told(small: Path, capsys: pytest.CaptureFixture[st
     assert "fold" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("line", [
-    "warp pull.json tiny.nrrd out.nrrd", "warp pull.json tiny.nrrd out.nrrd --margin fit --strength 0.5",
-    "warp pull.json face.ply out.ply --volume tiny.nrrd", "warp pull.json marks.fcsv out.fcsv --volume tiny.nrrd",
-    "replay pull.json tiny.nrrd --out results"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "warp pull.json tiny.nrrd out.nrrd",
+        "warp pull.json tiny.nrrd out.nrrd --margin fit --strength 0.5",
+        "warp pull.json face.ply out.ply --volume tiny.nrrd",
+        "warp pull.json marks.fcsv out.fcsv --volume tiny.nrrd",
+        "replay pull.json tiny.nrrd --out results",
+    ],
+)
 def test_the_fits_of_a_session_are_solved_once(line: str, small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_mesh(FACE, small / "face.ply")
     write_landmarks(Landmarks(FACE.points), small / "marks.fcsv")
@@ -258,8 +291,9 @@ def test_the_fits_of_a_session_are_solved_once(line: str, small: Path, monkeypat
     assert len(solved) == 1
 
 
-def test_a_result_that_no_memory_holds_is_refused_before_the_work(small: Path, capsys: pytest.CaptureFixture[str],
-                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_that_no_memory_holds_is_refused_before_the_work(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("deformnb.io.memory.available_memory", lambda: 1000)
     code = run(small, "warp pull.json tiny.nrrd out.nrrd --margin 6", monkeypatch)
     assert "are free; close something else, or choose a smaller result box" in refused(capsys.readouterr(), code)
@@ -285,8 +319,9 @@ def test_a_mesh_follows(kind: str, small: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("suffix", ["mrk.json", "fcsv", "csv"])
-def test_landmarks_follow(suffix: str, small: Path, capsys: pytest.CaptureFixture[str],
-                          monkeypatch: pytest.MonkeyPatch) -> None:
+def test_landmarks_follow(
+    suffix: str, small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_landmarks(Landmarks(FACE.points, ("a", "b", "c")), small / "marks.fcsv")
     assert run(small, f"warp pull.json marks.fcsv out.{suffix} --volume tiny.nrrd", monkeypatch) == 0
     assert remarks(capsys.readouterr().err) == ""
@@ -296,8 +331,9 @@ def test_landmarks_follow(suffix: str, small: Path, capsys: pytest.CaptureFixtur
     oracle.assert_close(found.points + field.displacement(found.points), FACE.points, atol=1e-4)
 
 
-def test_the_grid_that_they_follow_in_may_be_corrected(small: Path, capsys: pytest.CaptureFixture[str],
-                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_grid_that_they_follow_in_may_be_corrected(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_mesh(FACE, small / "face.ply")
     assert run(small, "warp pull.json face.ply out.ply --volume tiny.nrrd --spacing 2 2 2", monkeypatch) == 0
     write_volume(Volume.from_array(np.ones((3, 4, 5), np.uint8)), small / "other.nrrd")
@@ -305,8 +341,9 @@ def test_the_grid_that_they_follow_in_may_be_corrected(small: Path, capsys: pyte
     assert "made on another volume ('tiny', 8 x 7 x 6 voxels)" in capsys.readouterr().err
 
 
-def test_info_of_meshes_and_landmarks(small: Path, capsys: pytest.CaptureFixture[str],
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_info_of_meshes_and_landmarks(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_mesh(FACE, small / "face.ply")
     write_landmarks(Landmarks(FACE.points), small / "marks.mrk.json")
     assert run(small, "info face.ply", monkeypatch) == 0
@@ -334,8 +371,9 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
     oracle.assert_close((moved.points + field.displacement(moved.points))[order], wanted, atol=1e-4)
 
 
-def test_labels_that_are_not_declared_are_asked_about(small: Path, capsys: pytest.CaptureFixture[str],
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_labels_that_are_not_declared_are_asked_about(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     labels = PHANTOMS["knee"].labels((24, 24, 24))
     write_volume(Volume.from_array(labels.values, is_labels=False), small / "labels.nrrd")
     assert run(small, "warp pull.json labels.nrrd out.nrrd", monkeypatch) == 0
@@ -346,7 +384,8 @@ def test_labels_that_are_not_declared_are_asked_about(small: Path, capsys: pytes
 
 
 def test_a_known_volume_has_its_true_spacing_and_older_sessions_its_voxels(
-        small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     volume = read_volume(small / "tiny.nrrd")
     made = VolumeReference.of(volume)
     row = KnownSpacing("fish", made.shape, volume.dtype.name, made.sha256, made.spacing, (3.0, 1.0, 1.0), "anatomy")
@@ -369,8 +408,9 @@ def test_a_known_volume_has_its_true_spacing_and_older_sessions_its_voxels(
 # ---- in parts --------------------------------------------------------------------------------------------------------
 
 
-def test_a_zarr_folder_is_written_in_parts(small: Path, capsys: pytest.CaptureFixture[str],
-                                           monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_zarr_folder_is_written_in_parts(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert run(small, "warp pull.json tiny.nrrd out.zarr --memory 64MB", monkeypatch) == 0
     assert run(small, "warp pull.json tiny.nrrd out.nrrd", monkeypatch) == 0
     found, wanted = read_volume(small / "out.zarr"), read_volume(small / "out.nrrd")
@@ -386,8 +426,9 @@ def test_a_zarr_folder_is_written_in_parts(small: Path, capsys: pytest.CaptureFi
     assert "deformed in parts" in refused(capsys.readouterr(), code)
 
 
-def test_a_document_of_a_coarser_level_belongs_to_the_finest(small: Path, capsys: pytest.CaptureFixture[str],
-                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_document_of_a_coarser_level_belongs_to_the_finest(
+    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     from deformnb.chunked import warp
     from deformnb.rbf.fields import Affine
 

@@ -58,8 +58,9 @@ def test_unknown_or_ambiguous_names_list_the_known(name):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("scale", sorted(SCALES))
 def test_a_species_mapped_to_itself_moves_nothing(scale, cell, head):
-    laid = thompson_map("Polyprion", "Polyprion", box=BOX, scale=scale, cells=cell, head=head,
-                        frame=(-500.0, 1000.0, -500.0, 700.0))
+    laid = thompson_map(
+        "Polyprion", "Polyprion", box=BOX, scale=scale, cells=cell, head=head, frame=(-500.0, 1000.0, -500.0, 700.0)
+    )
     np.testing.assert_allclose(laid.points.displacement, 0, atol=1e-9)
 
 
@@ -79,12 +80,14 @@ def test_source_net_fills_the_box_and_target_stays_in_the_frame(source, target):
 def test_area_and_length_are_kept(source, target):
     by_area = thompson_map(source, target, box=BOX, scale="area")
     assert cells(by_area.target_nodes).sum() == pytest.approx(cells(by_area.source_nodes).sum(), rel=1e-9)
-    np.testing.assert_allclose(by_area.target_nodes.mean(axis=(0, 1)), by_area.source_nodes.mean(axis=(0, 1)),
-                               atol=1e-9)
+    np.testing.assert_allclose(
+        by_area.target_nodes.mean(axis=(0, 1)), by_area.source_nodes.mean(axis=(0, 1)), atol=1e-9
+    )
     # Lengths are compared before the stretch, so the grid keeps the proportions of the drawing here.
     by_length = thompson_map(source, target, box=BOX, scale="length", cells="square")
-    lengths = [np.linalg.norm(n[:, -1] - n[:, 0], axis=-1).mean()
-               for n in (by_length.source_nodes, by_length.target_nodes)]
+    lengths = [
+        np.linalg.norm(n[:, -1] - n[:, 0], axis=-1).mean() for n in (by_length.source_nodes, by_length.target_nodes)
+    ]
     assert lengths[0] == pytest.approx(lengths[1], rel=1e-9)
 
 
@@ -105,8 +108,9 @@ def test_a_head_on_the_right_is_the_mirror_image(pair, shift, room):
     for a, b in ((left.source_nodes, right.source_nodes), (left.target_nodes, right.target_nodes)):
         np.testing.assert_allclose(b[..., 0], BOX[0] + BOX[1] - a[..., 0], atol=1e-9)
         np.testing.assert_allclose(b[..., 1], a[..., 1], atol=1e-9)
-    moved = thompson_map(*pair, box=(BOX[0] + shift, BOX[1] + shift, *BOX[2:]),
-                         frame=(frame[0] + shift, frame[1] + shift, *frame[2:]))
+    moved = thompson_map(
+        *pair, box=(BOX[0] + shift, BOX[1] + shift, *BOX[2:]), frame=(frame[0] + shift, frame[1] + shift, *frame[2:])
+    )
     np.testing.assert_allclose(moved.target_nodes[..., 0], left.target_nodes[..., 0] + shift, atol=1e-9)
 
 
@@ -121,12 +125,19 @@ def test_points_are_the_nodes_row_by_row():
     assert len(source_lines) == len(target_lines) == 15
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ({"box": (0, 0, 0, 1)}, "a_min < a_max"), ({"box": (0, 1, 0)}, "a_min"),
-    ({"box": (0, 1, 0, float("nan"))}, "a_min"),
-    ({"frame": (3, 2, 0, 1)}, "a_min"), ({"scale": "big"}, "inside, area, length"), ({"cells": "x"}, "fill, square"),
-    ({"head": "up"}, "left, right"), ({"target": "Diodon"}, "do not correspond"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"box": (0, 0, 0, 1)}, "a_min < a_max"),
+        ({"box": (0, 1, 0)}, "a_min"),
+        ({"box": (0, 1, 0, float("nan"))}, "a_min"),
+        ({"frame": (3, 2, 0, 1)}, "a_min"),
+        ({"scale": "big"}, "inside, area, length"),
+        ({"cells": "x"}, "fill, square"),
+        ({"head": "up"}, "left, right"),
+        ({"target": "Diodon"}, "do not correspond"),
+    ],
+)
 def test_bad_arguments_say_what_is_possible(arguments, words):
     with pytest.raises(DeformError, match=words):
         thompson_map(**{"box": BOX, **arguments})
@@ -145,13 +156,22 @@ def test_grids_of_arrays_are_laid_as_those_of_the_book():
 SQUARE = np.array([[[0.0, 0.0], [9.0, 0.0]], [[0.0, 9.0], [9.0, 9.0]]])
 
 
-@pytest.mark.parametrize(("nodes", "words"), [
-    (None, "shape \\(rows, columns, 2\\)"), ([], "shape"), (SQUARE[0], "at least 2 rows"),
-    (SQUARE[:1], "at least 2 rows"),
-    (SQUARE[..., :1], "shape \\(2, 2, 1\\)"), ([["a", "b"]], "must be an array"),
-    (np.where(SQUARE == 9, np.nan, SQUARE), "r0 c1 .* is no place"), (SQUARE[::-1], "turned over"),
-    (SQUARE[:, ::-1], "turned over"), (SQUARE * (1, 0), "flat"), (SQUARE.transpose(1, 0, 2), "turned over"),
-])
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        (None, "shape \\(rows, columns, 2\\)"),
+        ([], "shape"),
+        (SQUARE[0], "at least 2 rows"),
+        (SQUARE[:1], "at least 2 rows"),
+        (SQUARE[..., :1], "shape \\(2, 2, 1\\)"),
+        ([["a", "b"]], "must be an array"),
+        (np.where(SQUARE == 9, np.nan, SQUARE), "r0 c1 .* is no place"),
+        (SQUARE[::-1], "turned over"),
+        (SQUARE[:, ::-1], "turned over"),
+        (SQUARE * (1, 0), "flat"),
+        (SQUARE.transpose(1, 0, 2), "turned over"),
+    ],
+)
 def test_what_is_no_grid_is_refused_in_plain_words(nodes, words):
     with pytest.raises(DeformError, match=words):
         thompson_map(nodes, SQUARE)
@@ -183,20 +203,28 @@ def test_landmarks_and_files_are_laid_as_arrays_whatever_their_order(tmp_path):
     write_landmarks(as_landmarks(nodes, order=shuffled), file)
     wanted = thompson_map("Polyprion", "Antigonia", box=BOX)
     for target in (as_landmarks(nodes, order=shuffled), as_landmarks(nodes, depth=True), file, str(file)):
-        np.testing.assert_allclose(thompson_map("Polyprion", target, box=BOX).target_nodes, wanted.target_nodes,
-                                   rtol=0, atol=1e-4)  # the table has six digits
+        np.testing.assert_allclose(
+            thompson_map("Polyprion", target, box=BOX).target_nodes, wanted.target_nodes, rtol=0, atol=1e-4
+        )  # the table has six digits
     assert thompson_map("Polyprion", file, box=BOX).target.species == "antigonia"
     row_by_row = own_grid(Landmarks(nodes.reshape(-1, 2)), "mine", rows=7)
     np.testing.assert_array_equal(row_by_row.nodes, nodes)
 
 
-@pytest.mark.parametrize(("marks", "rows", "words"), [
-    (Landmarks(SQUARE.reshape(-1, 2)), None, "say how many rows"),
-    (Landmarks(SQUARE.reshape(-1, 2)), 3, "say how many rows"),
-    (Landmarks(SQUARE.reshape(-1, 2)[:3], ("r0 c0", "r0 c1", "r1 c0")), None, "r1 c1 is missing"),
-    (Landmarks(SQUARE.reshape(-1, 2), ("r0 c0", "r0 c1", "r1 c0", "r1 c0")), None, "r1 c1 is missing"),
-    (Landmarks([[0, 0, 1], [9, 0, 2], [0, 9, 1], [9, 9, 1]], ("r0 c0", "r0 c1", "r1 c0", "r1 c1")), None, "in space"),
-])
+@pytest.mark.parametrize(
+    ("marks", "rows", "words"),
+    [
+        (Landmarks(SQUARE.reshape(-1, 2)), None, "say how many rows"),
+        (Landmarks(SQUARE.reshape(-1, 2)), 3, "say how many rows"),
+        (Landmarks(SQUARE.reshape(-1, 2)[:3], ("r0 c0", "r0 c1", "r1 c0")), None, "r1 c1 is missing"),
+        (Landmarks(SQUARE.reshape(-1, 2), ("r0 c0", "r0 c1", "r1 c0", "r1 c0")), None, "r1 c1 is missing"),
+        (
+            Landmarks([[0, 0, 1], [9, 0, 2], [0, 9, 1], [9, 9, 1]], ("r0 c0", "r0 c1", "r1 c0", "r1 c1")),
+            None,
+            "in space",
+        ),
+    ],
+)
 def test_landmarks_that_fill_no_grid_are_refused(marks, rows, words):
     with pytest.raises(DeformError, match=words):
         own_grid(marks, "mine", rows)

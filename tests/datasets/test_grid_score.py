@@ -52,10 +52,17 @@ def test_a_field_a_step_and_a_deformation_are_one_score() -> None:
     assert thompson_score(Deformation(()), LAID).percent == pytest.approx(0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("what", "words"), [
-    (None, "can be scored"), ([], "can be scored"), ("fish", "can be scored"), (LAID.source_nodes[:3], "can be scored"),
-    (np.full((7, 8, 2), np.nan), "can be scored"), (Identity(3), "dimension 2"),
-])
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        (None, "can be scored"),
+        ([], "can be scored"),
+        ("fish", "can be scored"),
+        (LAID.source_nodes[:3], "can be scored"),
+        (np.full((7, 8, 2), np.nan), "can be scored"),
+        (Identity(3), "dimension 2"),
+    ],
+)
 def test_what_is_no_deformation_of_a_picture_is_refused(what: object, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         thompson_score(what, LAID)  # type: ignore[arg-type]

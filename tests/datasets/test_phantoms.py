@@ -107,10 +107,17 @@ def test_any_shape_works(name, shape):
     assert PHANTOMS[name].make(shape).shape == shape
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    ({"shape": (0, 4, 4)}, "each at least 1"), ({"shape": (4, 4)}, "nz, ny, nx"), ({"dtype": "bool"}, "cannot hold"),
-    ({"dtype": "int64"}, "cannot hold"), ({"noise": -1.0}, "noise"), ({"noise": float("nan")}, "noise"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"shape": (0, 4, 4)}, "each at least 1"),
+        ({"shape": (4, 4)}, "nz, ny, nx"),
+        ({"dtype": "bool"}, "cannot hold"),
+        ({"dtype": "int64"}, "cannot hold"),
+        ({"noise": -1.0}, "noise"),
+        ({"noise": float("nan")}, "noise"),
+    ],
+)
 def test_bad_arguments_are_named(arguments, words):
     with pytest.raises(DeformError, match=words):
         PHANTOMS["bar"].make(**{"shape": (4, 4, 4), **arguments})
@@ -239,8 +246,10 @@ SOLIDS = {
     "block": shapes.Block((-1, -2, 0), (3, 4, 2), 0.5),
     "blend": shapes.Blend((shapes.Ellipsoid((0, 0, 0), (2, 2, 2)), shapes.Tube(((0, 0, 0), (4, 0, 0)), (1.0,))), 1.0),
     "shell": shapes.Shell(shapes.Ellipsoid((0, 0, 0), (3, 3, 3)), 1.0, 0.5),
-    "cut": shapes.Both((shapes.Ellipsoid((0, 0, 0), (3, 3, 3)), shapes.Block((0, -9, -9), (9, 9, 9))),
-                       minus=(shapes.Ellipsoid((2, 0, 0), (1, 1, 1)),)),
+    "cut": shapes.Both(
+        (shapes.Ellipsoid((0, 0, 0), (3, 3, 3)), shapes.Block((0, -9, -9), (9, 9, 9))),
+        minus=(shapes.Ellipsoid((2, 0, 0), (1, 1, 1)),),
+    ),
 }
 
 
@@ -253,8 +262,9 @@ def test_nothing_of_a_solid_is_outside_its_box(name, point):
         assert solid.distance(*axis_arrays(*([c] for c in point))).item() >= -1e-3
 
 
-@pytest.mark.parametrize("name",
-                         ["ellipsoid", "turned ellipsoid", "tube", "sheet", "block", "shell", "loft", "boxy loft"])
+@pytest.mark.parametrize(
+    "name", ["ellipsoid", "turned ellipsoid", "tube", "sheet", "block", "shell", "loft", "boxy loft"]
+)
 def test_distances_are_right_near_the_surface(name):
     solid = SOLIDS[name]
     rng = np.random.default_rng(3)
@@ -287,8 +297,9 @@ def test_smooth_curve_passes_through_its_knots_and_never_overshoots():
     fine = shapes.smooth_curve(knots, values, np.linspace(-1, 5, 500))
     assert fine.max() <= 2.0 + 1e-12
     assert fine.min() >= -1.0 - 1e-12
-    np.testing.assert_allclose(shapes.path([[0, 0, 0], [1, 1, 0], [3, 1, 1]], 3)[[0, -1]], [[0, 0, 0], [3, 1, 1]],
-                               atol=1e-12)
+    np.testing.assert_allclose(
+        shapes.path([[0, 0, 0], [1, 1, 0], [3, 1, 1]], 3)[[0, -1]], [[0, 0, 0], [3, 1, 1]], atol=1e-12
+    )
 
 
 def test_edge_is_one_voxel_wide_and_layers_stack():
@@ -306,8 +317,9 @@ def test_edge_is_one_voxel_wide_and_layers_stack():
 
 def test_a_label_of_minus_one_clears():
     ball, hole = shapes.Ellipsoid((10, 10, 10), (6, 6, 6)), shapes.Ellipsoid((10, 10, 10), (2, 2, 2))
-    scene = PhantomScene("ball", (20.0, 20.0, 20.0), (20, 20, 20),
-                  (Part(ball, ((0.0, 9.0),), 3), Part(hole, ((0.0, 0.0),), -1)))
+    scene = PhantomScene(
+        "ball", (20.0, 20.0, 20.0), (20, 20, 20), (Part(ball, ((0.0, 9.0),), 3), Part(hole, ((0.0, 0.0),), -1))
+    )
     labels = render_labels(scene).values
     assert labels[10, 10, 10] == 0
     assert labels[10, 10, 14] == 3

@@ -65,8 +65,13 @@ def serve(server, monkeypatch, tmp_path, isolated_folders):
     monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "kept here"))
 
     def at(path, **changes):
-        row = replace(DATASETS["carp"], address=f"http://127.0.0.1:{server.server_port}{path}", size=len(BODY),
-                      sha256=hashlib.sha256(BODY).hexdigest(), **changes)
+        row = replace(
+            DATASETS["carp"],
+            address=f"http://127.0.0.1:{server.server_port}{path}",
+            size=len(BODY),
+            sha256=hashlib.sha256(BODY).hexdigest(),
+            **changes,
+        )
         monkeypatch.setitem(registry.DATASETS, "carp", row)
         return tmp_path / "kept here"
 
@@ -121,9 +126,15 @@ def test_cancelling_leaves_nothing(serve):
     assert nothing_left(folder)
 
 
-@pytest.mark.parametrize(("path", "words"), [
-    ("/other", "checksum differs"), ("/cut", "could not be downloaded"), ("/missing", "404"), ("/endless", "more than"),
-])
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("/other", "checksum differs"),
+        ("/cut", "could not be downloaded"),
+        ("/missing", "404"),
+        ("/endless", "more than"),
+    ],
+)
 def test_wrong_cut_missing_or_endless_leaves_nothing_and_says_why(serve, path, words):
     folder = serve(path)
     with pytest.raises(VolumeFileError, match=words) as caught:
@@ -209,9 +220,17 @@ def test_rows_are_complete():
             assert row.size
 
 
-@pytest.mark.parametrize(("name", "local"), [("carp", "carp.nii.gz"), ("head_ct", "head_ct.nii.gz"),
-                                             ("abdomen_ct", "abdomen_ct.nii.gz"), ("knee_labels", "knee_labels.nrrd"),
-                                             ("abdomen_labels", "abdomen_labels.nrrd"), ("horse", "horse.ply")])
+@pytest.mark.parametrize(
+    ("name", "local"),
+    [
+        ("carp", "carp.nii.gz"),
+        ("head_ct", "head_ct.nii.gz"),
+        ("abdomen_ct", "abdomen_ct.nii.gz"),
+        ("knee_labels", "knee_labels.nrrd"),
+        ("abdomen_labels", "abdomen_labels.nrrd"),
+        ("horse", "horse.ply"),
+    ],
+)
 def test_checksums_and_sizes_are_those_of_the_real_files(real_data, name, local):
     data = real_data(local).read_bytes()
     assert hashlib.sha256(data).hexdigest() == DATASETS[name].sha256
@@ -227,11 +246,13 @@ def test_credits_name_everyone():
 
 
 def test_importing_asks_nobody_and_loads_no_downloader():
-    code = ("import sys, socket\n"
-            "def refuse(*a, **k): raise AssertionError('network at import')\n"
-            "socket.socket.connect = refuse\n"
-            "import deformnb.datasets\n"
-            "assert not {'pooch', 'requests', 'tqdm', 'platformdirs'} & set(sys.modules), 'heavy import'\n")
+    code = (
+        "import sys, socket\n"
+        "def refuse(*a, **k): raise AssertionError('network at import')\n"
+        "socket.socket.connect = refuse\n"
+        "import deformnb.datasets\n"
+        "assert not {'pooch', 'requests', 'tqdm', 'platformdirs'} & set(sys.modules), 'heavy import'\n"
+    )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=300)
 
 
@@ -255,13 +276,20 @@ def test_both_scans_of_the_knee_come_from_one_matlab_file(server, serve, monkeyp
     server.bodies["/knee3D.mat"] = body
     folder = serve("/right")
     for name in ("knee_mr_straight", "knee_mr_bent"):
-        row = replace(DATASETS[name], address=f"http://127.0.0.1:{server.server_port}/knee3D.mat", size=len(body),
-                      sha256=hashlib.sha256(body).hexdigest())
+        row = replace(
+            DATASETS[name],
+            address=f"http://127.0.0.1:{server.server_port}/knee3D.mat",
+            size=len(body),
+            sha256=hashlib.sha256(body).hexdigest(),
+        )
         monkeypatch.setitem(registry.DATASETS, name, row)
     found = [load(name, progress=False) for name in ("knee_mr_straight", "knee_mr_bent")]
     assert server.asked["/knee3D.mat"] == 1
-    assert sorted(path.name for path in folder.iterdir()) == ["knee3D.mat", "knee_mr_bent.nrrd",
-                                                              "knee_mr_straight.nrrd"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "knee3D.mat",
+        "knee_mr_bent.nrrd",
+        "knee_mr_straight.nrrd",
+    ]
     for volume, values in zip(found, (straight, bent), strict=True):
         np.testing.assert_array_equal(volume.values, values.transpose(2, 1, 0))  # MATLAB's is [x, y, z]
         assert volume.grid.spacing == (1.0, 0.96875, 1.0)

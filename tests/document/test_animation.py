@@ -93,8 +93,11 @@ def test_the_loop_says_what_comes_after_the_end() -> None:
     keys = ((0, step(POINTS)), (2, step(bent(60))))
     assert set(LOOPS) == {"once", "loop", "swing"}
     moments = {name: [animation(*keys, loop=name).moment(t) for t in (-0.5, 0, 1.5, 2, 2.5, 4.5)] for name in LOOPS}
-    assert moments == {"once": [0, 0, 1.5, 2, 2, 2], "loop": [1.5, 0, 1.5, 2, 0.5, 0.5],
-                       "swing": [0.5, 0, 1.5, 2, 1.5, 0.5]}
+    assert moments == {
+        "once": [0, 0, 1.5, 2, 2, 2],
+        "loop": [1.5, 0, 1.5, 2, 0.5, 0.5],
+        "swing": [0.5, 0, 1.5, 2, 1.5, 0.5],
+    }
     assert animation(*keys).times(2) == (0.0, 0.5, 1.0, 1.5, 2.0)
     assert animation(*keys, loop="loop").times(2) == (0.0, 0.5, 1.0, 1.5)
     assert animation(*keys, loop="swing").times(1) == (0.0, 1.0, 2.0, 1.0)
@@ -145,8 +148,9 @@ def test_a_step_that_comes_later_begins_with_nothing_dragged() -> None:
     turned_away = animation((0, (other,)), (2, (step(bent(60)),)))
     assert [s.plane for s in turned_away.at(1).steps] == [OTHER, PLANE]
     assert turned_away.at(1).steps[0].points.target[1] == pytest.approx([60, 7], abs=0.2)
-    assert np.degrees(np.arctan2(*(turned_away.at(1).steps[1].points.target[TIP] - (30, 30))[::-1])) == \
-        pytest.approx(30, abs=1)
+    assert np.degrees(np.arctan2(*(turned_away.at(1).steps[1].points.target[TIP] - (30, 30))[::-1])) == pytest.approx(
+        30, abs=1
+    )
 
 
 def test_strengths_turn_instead_of_shrinking() -> None:
@@ -191,8 +195,10 @@ def test_rigid_parts_move_along_their_screw_and_take_their_points_along() -> Non
     half.field(GRID)  # a point that left its part would be refused
     assert moving.frame_count(10) == 7
     other = Polygon([(35, 20), (60, 20), (60, 40), (35, 40)])
-    assert "rigid parts" in animation((0, step(rest, parts=(RigidPart(box),))),
-                                      (1, step(rest, parts=(RigidPart(other),)))).notes[0]
+    assert (
+        "rigid parts"
+        in animation((0, step(rest, parts=(RigidPart(box),))), (1, step(rest, parts=(RigidPart(other),)))).notes[0]
+    )
 
 
 def test_frames_lie_ten_degrees_apart_and_key_frames_are_among_them() -> None:
@@ -217,8 +223,10 @@ def test_all_moments_in_one_array_are_what_is_solved_for(options: dict[str, Any]
     x = np.random.default_rng(1).uniform((8, 8, 0), (72, 52, 7), (500, 3))
     for t in np.linspace(0, 3, 28):  # at the frames only the raster errs, between them time too
         assert np.abs(maps.field(t).displacement(x) - moving.field(t, GRID).displacement(x)).max() < 0.05, t
-    worst = max(np.abs(maps.field(t).displacement(x) - moving.field(t, GRID).displacement(x)).max()
-                for t in np.linspace(0.05, 2.95, 13))
+    worst = max(
+        np.abs(maps.field(t).displacement(x) - moving.field(t, GRID).displacement(x)).max()
+        for t in np.linspace(0.05, 2.95, 13)
+    )
     assert worst < 0.3  # 30 (1 - cos 5 degrees) = 0.11 at the tip of the arm, more in the crease
     coarse = moving.stack(GRID, 4)
     assert len(coarse) == 4

@@ -89,8 +89,9 @@ def test_a_document_applies_to_any_volume() -> None:
     """Twice as fine, and shifted: the field is the same in space."""
     document = Deformation.on_picture(GRID, PLANE, POINTS)
     fine = GRID.resampled(spacing=0.75)
-    oracle.assert_close(document.field(fine).displacement(places()), document.field(GRID).displacement(places()),
-                        atol=1e-12)
+    oracle.assert_close(
+        document.field(fine).displacement(places()), document.field(GRID).displacement(places()), atol=1e-12
+    )
 
 
 # ---- fields ----------------------------------------------------------------------------------------------------------
@@ -100,18 +101,24 @@ def test_nothing_to_do_is_the_identity() -> None:
     volume = Volume(np.random.default_rng(0).integers(0, 255, GRID.shape).astype(np.uint8), GRID)
     step = Step((POINTS,), PLANE)
     still = Step((POINTS.reset(),), PLANE)
-    for document in (Deformation(), Deformation((replace(step, enabled=False),)), Deformation((still,)),
-                     Deformation((replace(step, strength=0.0),)), Deformation((still, still)),
-                     Deformation.on_picture(GRID, "-x", ControlPoints.empty(2)),
-                     Deformation.in_space(ControlPoints.empty(3))):
+    for document in (
+        Deformation(),
+        Deformation((replace(step, enabled=False),)),
+        Deformation((still,)),
+        Deformation((replace(step, strength=0.0),)),
+        Deformation((still, still)),
+        Deformation.on_picture(GRID, "-x", ControlPoints.empty(2)),
+        Deformation.in_space(ControlPoints.empty(3)),
+    ):
         assert (document.field(GRID).displacement(places()) == 0).all()
         assert (document.apply(volume).values == volume.values).all()
     assert Deformation().field(GRID) == Identity(3)
 
 
 def test_a_step_is_its_fit_extruded() -> None:
-    step = Step((POINTS,), PLANE, kernel="gaussian", trend="rigid", support=15.0, smoothing=0.1, extrusion="modulate",
-                curve="z")
+    step = Step(
+        (POINTS,), PLANE, kernel="gaussian", trend="rigid", support=15.0, smoothing=0.1, extrusion="modulate", curve="z"
+    )
     fit = fit_rbf(POINTS, kernel="gaussian", trend="rigid", support=15.0, smoothing=0.1)
     field = step.field(GRID)
     for x in places():
@@ -135,8 +142,9 @@ def test_strength_drags_the_points_so_much_further(strength: float) -> None:
     document = Deformation.on_picture(GRID, PLANE, POINTS, support=15.0)
     further = Deformation.on_picture(GRID, PLANE, POINTS.scaled(strength), support=15.0)
     for other in (document.scaled(strength), document.scaled(2 * strength).scaled(0.5)):
-        oracle.assert_close(other.field(GRID).displacement(places()), further.field(GRID).displacement(places()),
-                            atol=1e-12)
+        oracle.assert_close(
+            other.field(GRID).displacement(places()), further.field(GRID).displacement(places()), atol=1e-12
+        )
 
 
 def test_the_support_stays_during_a_drag_and_a_lone_point_has_a_visible_reach() -> None:
@@ -204,23 +212,35 @@ def test_lists_and_arrays_become_what_is_read_back() -> None:
     assert from_json(to_json(Deformation((step,)))).steps == (step,)
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"kernel": "tps"}, "unknown kernel"), ({"trend": "free"}, "unknown trend"),
-    ({"extrusion": "lathe"}, "unknown extrusion"), ({"support": 0.0}, "support radius"),
-    ({"support": -1.0}, "support radius"), ({"support": np.nan}, "support radius"),
-    ({"smoothing": -0.1}, "smoothing must be"), ({"smoothing": np.nan}, "smoothing must be"),
-    ({"strength": np.inf}, "strength must be"), ({"extrusion": "modulate", "curve": "1/z"}, "not finite at z = 0"),
-    ({"extrusion": "modulate", "curve": ()}, "at least two"),
-    ({"extrusion": "modulate", "curve": 3.0}, "the curve of a step"),
-    ({"extrusion": "modulate", "curve": abs}, "the curve of a step"), ({"knots": ["a"]}, "the knots of a step"),
-    ({"extrusion": "interpolate"}, r"needs 0 set\(s\) of points, got 1"),
-    ({"extrusion": "interpolate", "knots": (0.2, 0.4)}, r"needs 2 set\(s\) of points, got 1"),
-    ({"extrusion": "interpolate", "knots": (2.0,)}, "knots must be numbers from 0"),
-    ({"maps": ()}, r"needs 1 set\(s\)"), ({"maps": (POINTS, POINTS)}, r"needs 1 set\(s\)"),
-    ({"maps": 3}, "the maps of a step"), ({"maps": (), "extrusion": "interpolate"}, "knots must be numbers"),
-    ({"maps": (ControlPoints.empty(3),)}, "these have 3 and a plane"), ({"plane": None}, "these have 2 and no plane"),
-    ({"plane": None, "maps": (ControlPoints.empty(3),), "extrusion": "modulate"}, "in space are not extruded"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kernel": "tps"}, "unknown kernel"),
+        ({"trend": "free"}, "unknown trend"),
+        ({"extrusion": "lathe"}, "unknown extrusion"),
+        ({"support": 0.0}, "support radius"),
+        ({"support": -1.0}, "support radius"),
+        ({"support": np.nan}, "support radius"),
+        ({"smoothing": -0.1}, "smoothing must be"),
+        ({"smoothing": np.nan}, "smoothing must be"),
+        ({"strength": np.inf}, "strength must be"),
+        ({"extrusion": "modulate", "curve": "1/z"}, "not finite at z = 0"),
+        ({"extrusion": "modulate", "curve": ()}, "at least two"),
+        ({"extrusion": "modulate", "curve": 3.0}, "the curve of a step"),
+        ({"extrusion": "modulate", "curve": abs}, "the curve of a step"),
+        ({"knots": ["a"]}, "the knots of a step"),
+        ({"extrusion": "interpolate"}, r"needs 0 set\(s\) of points, got 1"),
+        ({"extrusion": "interpolate", "knots": (0.2, 0.4)}, r"needs 2 set\(s\) of points, got 1"),
+        ({"extrusion": "interpolate", "knots": (2.0,)}, "knots must be numbers from 0"),
+        ({"maps": ()}, r"needs 1 set\(s\)"),
+        ({"maps": (POINTS, POINTS)}, r"needs 1 set\(s\)"),
+        ({"maps": 3}, "the maps of a step"),
+        ({"maps": (), "extrusion": "interpolate"}, "knots must be numbers"),
+        ({"maps": (ControlPoints.empty(3),)}, "these have 3 and a plane"),
+        ({"plane": None}, "these have 2 and no plane"),
+        ({"plane": None, "maps": (ControlPoints.empty(3),), "extrusion": "modulate"}, "in space are not extruded"),
+    ],
+)
 def test_parts_that_do_not_fit_together_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(DeformError, match=message):
         Step(**{"maps": (POINTS,), "plane": PLANE, **options})
@@ -246,15 +266,23 @@ def test_a_reference_knows_its_voxels_and_nothing_else() -> None:
     reference = VolumeReference.of(volume)
     assert (reference.name, reference.shape, reference.spacing) == ("knee", (4, 5, 6), (1.0, 2.0, 3.0))
     assert reference == VolumeReference.of(volume)
-    same = [Volume(values, volume.grid, "other"), Volume(np.asfortranarray(values), volume.grid),
-            Volume(values[::-1][::-1], volume.grid), Volume(np.repeat(values, 2, axis=2)[..., ::2], volume.grid)]
+    same = [
+        Volume(values, volume.grid, "other"),
+        Volume(np.asfortranarray(values), volume.grid),
+        Volume(values[::-1][::-1], volume.grid),
+        Volume(np.repeat(values, 2, axis=2)[..., ::2], volume.grid),
+    ]
     for other in same:
         assert reference.matches(other)
     changed = values.copy()
     changed[3, 4, 5] ^= 1
-    different = [Volume(changed, volume.grid), Volume(values.view(np.int8), volume.grid),
-                 Volume(values.astype(np.int16), volume.grid), Volume(values.reshape(4, 6, 5), Grid((4, 6, 5))),
-                 Volume(values[:3], Grid((3, 5, 6)))]
+    different = [
+        Volume(changed, volume.grid),
+        Volume(values.view(np.int8), volume.grid),
+        Volume(values.astype(np.int16), volume.grid),
+        Volume(values.reshape(4, 6, 5), Grid((4, 6, 5))),
+        Volume(values[:3], Grid((3, 5, 6))),
+    ]
     for other in different:
         assert not reference.matches(other)
 
@@ -325,13 +353,18 @@ def test_key_frames_rise() -> None:
             Keyframe(time, ())
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"cut_rule": "both"}, "unknown rule 'both' of cuts"), ({"cuts": (BONE,)}, "must be of type Cut"),
-    ({"parts": (SLIT,)}, "must be of type RigidPart"), ({"parts": 3}, "must be rigid parts"),
-    ({"cuts": (Cut(HalfSpace((0, 0, 0), (0, 0, 1))),)}, r"dimension 2, .* one has 3: take the silhouette"),
-    ({"plane": None, "maps": (ControlPoints.empty(3),), "cuts": (SLIT,)}, "one has 2: give it three coordinates"),
-    ({"cuts": (SLIT,) * 9}, "at most 8 cuts, got 9"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cut_rule": "both"}, "unknown rule 'both' of cuts"),
+        ({"cuts": (BONE,)}, "must be of type Cut"),
+        ({"parts": (SLIT,)}, "must be of type RigidPart"),
+        ({"parts": 3}, "must be rigid parts"),
+        ({"cuts": (Cut(HalfSpace((0, 0, 0), (0, 0, 1))),)}, r"dimension 2, .* one has 3: take the silhouette"),
+        ({"plane": None, "maps": (ControlPoints.empty(3),), "cuts": (SLIT,)}, "one has 2: give it three coordinates"),
+        ({"cuts": (SLIT,) * 9}, "at most 8 cuts, got 9"),
+    ],
+)
 def test_shapes_that_do_not_fit_a_step_are_refused(options: dict[str, Any], message: str) -> None:
     with pytest.raises(DeformError, match=message):
         Step(**{"maps": (POINTS,), "plane": PLANE, **options})
@@ -374,14 +407,23 @@ def test_what_two_deformations_cannot_say_together_is_refused() -> None:
             one.then(other)
 
 
-@pytest.mark.parametrize(("wrong", "way"), [
-    (Identity(3), r"Identity.*warp\(volume, field\)"), (Deformation(), r"first\.then\(second\)"),
-    (ControlPoints.from_arrays([[0.0, 0]], [[1.0, 0]]), "Deformation.on_picture"), (None, "NoneType"), ("a", "str 'a'"),
-])
+@pytest.mark.parametrize(
+    ("wrong", "way"),
+    [
+        (Identity(3), r"Identity.*warp\(volume, field\)"),
+        (Deformation(), r"first\.then\(second\)"),
+        (ControlPoints.from_arrays([[0.0, 0]], [[1.0, 0]]), "Deformation.on_picture"),
+        (None, "NoneType"),
+        ("a", "str 'a'"),
+    ],
+)
 def test_what_is_no_step_is_refused_at_once(wrong: Any, way: str) -> None:
     first, _, _ = _pushes()
-    for make in (lambda: Deformation((wrong,)), lambda: Keyframe(1.0, (*first.steps, wrong)),
-                 lambda: first.with_step(0, wrong)):
+    for make in (
+        lambda: Deformation((wrong,)),
+        lambda: Keyframe(1.0, (*first.steps, wrong)),
+        lambda: first.with_step(0, wrong),
+    ):
         with pytest.raises(DeformError, match=way):
             make()
 

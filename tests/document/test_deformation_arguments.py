@@ -62,8 +62,9 @@ SWAPPED: dict[str, Callable[[], Any]] = {
 
 
 @pytest.mark.parametrize("name", SWAPPED)
-def test_what_is_of_another_kind_is_refused_in_a_sentence(name: str, tmp_path: Any,
-                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_of_another_kind_is_refused_in_a_sentence(
+    name: str, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(DeformError):
         SWAPPED[name]()

@@ -44,12 +44,24 @@ def test_documents_and_scripts_keep_the_direction() -> None:
         from_json(text.replace('"direction": "forward"', '"direction": "up"'))
 
 
-@pytest.mark.parametrize("steps", [(STEP,), (STEP, replace(STEP, direction="backward", kernel="wendland_c2")),
-                                   (replace(STEP, stages=2),), (replace(STEP, strength=0.5),)])
+@pytest.mark.parametrize(
+    "steps",
+    [
+        (STEP,),
+        (STEP, replace(STEP, direction="backward", kernel="wendland_c2")),
+        (replace(STEP, stages=2),),
+        (replace(STEP, strength=0.5),),
+    ],
+)
 def test_a_volume_is_warped_to_the_places_of_the_inverse(steps: tuple[Step, ...]) -> None:
     rng = np.random.default_rng(0)
-    smooth = map_coordinates(rng.random((3, 6, 9)), np.indices(GRID.shape).reshape(3, -1) / [[2], [6], [6]], order=3,
-                             mode="nearest").reshape(GRID.shape).astype(np.float32)
+    smooth = (
+        map_coordinates(
+            rng.random((3, 6, 9)), np.indices(GRID.shape).reshape(3, -1) / [[2], [6], [6]], order=3, mode="nearest"
+        )
+        .reshape(GRID.shape)
+        .astype(np.float32)
+    )
     document = Deformation(steps)
     field = document.field(GRID)
     back = NODES + field.displacement(NODES)

@@ -34,19 +34,71 @@ STEP = dn.Step((POINTS,), PLANE)
 VOLUME = dn.Volume(np.zeros((4, 5, 6), np.uint8), GRID)
 
 EXAMPLES: list[Any] = [
-    GRID, PLANE, RASTER, POINTS, POLYGON, STEP, VOLUME, dn.HalfSpace((0, 0), (1, 0)), dn.Line([(0, 0), (1, 1)]),
-    dn.Mask(np.ones((4, 5), bool), RASTER), dn.RigidMotion.turn(10, (0, 0)), dn.RigidPart(POLYGON), dn.Cut(POLYGON),
-    dn.Keyframe(0.0, (STEP,)), dn.Deformation((STEP,)), FitSettings(), Slices(0.0, 1.0, 3), ViewState(),
+    GRID,
+    PLANE,
+    RASTER,
+    POINTS,
+    POLYGON,
+    STEP,
+    VOLUME,
+    dn.HalfSpace((0, 0), (1, 0)),
+    dn.Line([(0, 0), (1, 1)]),
+    dn.Mask(np.ones((4, 5), bool), RASTER),
+    dn.RigidMotion.turn(10, (0, 0)),
+    dn.RigidPart(POLYGON),
+    dn.Cut(POLYGON),
+    dn.Keyframe(0.0, (STEP,)),
+    dn.Deformation((STEP,)),
+    FitSettings(),
+    Slices(0.0, 1.0, 3),
+    ViewState(),
     dn.document.VolumeReference("a", (4, 5, 6), (1.0, 1.0, 1.0), "0" * 64, (0.0, 0.0, 0.0), GRID.direction),
-    dn.TransferFunction(((0, 0, 0, 0),), ((0, 0),)), dn.volume.ChannelDisplay((1, 0, 0), (0, 1)),
-    dn.volume.Channels((VOLUME,)), dn.warping.Landmarks([[1, 2, 3]], ("a",)), dn.warping.Mesh(np.eye(3), [[0, 1, 2]]),
-    Camera(PLANE, 1.0), PerspectiveCamera(1.0, 1.0, 1.0), Part(GRID, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    dn.TransferFunction(((0, 0, 0, 0),), ((0, 0),)),
+    dn.volume.ChannelDisplay((1, 0, 0), (0, 1)),
+    dn.volume.Channels((VOLUME,)),
+    dn.warping.Landmarks([[1, 2, 3]], ("a",)),
+    dn.warping.Mesh(np.eye(3), [[0, 1, 2]]),
+    Camera(PLANE, 1.0),
+    PerspectiveCamera(1.0, 1.0, 1.0),
+    Part(GRID, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
 ]
 
 WRONG: list[Any] = [
-    "yes", "", b"x", 5, -1, 0, True, None, 2.5, -2.5, 1e300, 10**400, float("nan"), float("inf"), -float("inf"), [], {},
-    [1, 2], ["a"], (1, 2, 3), ("a", "b"), [[1, 2], [3, 4]], (float("nan"),) * 3, (None,) * 3, 1 + 2j, object(),
-    dn.Volume, np.array([1, 2]), np.zeros((2, 3)), np.bool_(True), np.float32(2), VOLUME, GRID, STEP, lambda: 0,
+    "yes",
+    "",
+    b"x",
+    5,
+    -1,
+    0,
+    True,
+    None,
+    2.5,
+    -2.5,
+    1e300,
+    10**400,
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    [],
+    {},
+    [1, 2],
+    ["a"],
+    (1, 2, 3),
+    ("a", "b"),
+    [[1, 2], [3, 4]],
+    (float("nan"),) * 3,
+    (None,) * 3,
+    1 + 2j,
+    object(),
+    dn.Volume,
+    np.array([1, 2]),
+    np.zeros((2, 3)),
+    np.bool_(True),
+    np.float32(2),
+    VOLUME,
+    GRID,
+    STEP,
+    lambda: 0,
 ]
 
 FIELDS = [(example, field.name) for example in EXAMPLES for field in dataclasses.fields(example) if field.init]
@@ -99,17 +151,29 @@ def tried(example: Any, name: str, value: Any) -> None:
     assert conforms(getattr(made, name), get_type_hints(type(example))[name]), (name, value, getattr(made, name))
 
 
-@pytest.mark.parametrize(("example", "name"), FIELDS,
-                         ids=lambda one: one if isinstance(one, str) else type(one).__name__)
+@pytest.mark.parametrize(
+    ("example", "name"), FIELDS, ids=lambda one: one if isinstance(one, str) else type(one).__name__
+)
 def test_a_field_refuses_what_it_cannot_be(example: Any, name: str) -> None:
     for value in WRONG:
         tried(example, name, value)
 
 
 ANY = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4) | st.binary(max_size=2)
-    | st.complex_numbers(), lambda inner: st.lists(inner, max_size=4) | st.tuples(inner, inner, inner)
-    | st.dictionaries(st.text(max_size=2), inner, max_size=2), max_leaves=8)
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=4)
+    | st.binary(max_size=2)
+    | st.complex_numbers(),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.tuples(inner, inner, inner)
+        | st.dictionaries(st.text(max_size=2), inner, max_size=2)
+    ),
+    max_leaves=8,
+)
 
 
 @given(st.sampled_from(FIELDS), ANY)
@@ -118,17 +182,33 @@ def test_any_value_in_any_field_is_refused_or_normal(field: tuple[Any, str], val
     tried(*field, value)
 
 
-@pytest.mark.parametrize("wrong", [{"knots": "abc"}, {"enabled": "yes"}, {"enabled": 1}, {"name": 5}, {"extra": [1]},
-                                   {"cut_rule": ["source"]}, {"curve": (float("nan"), 1.0)}, {"curve": "import os"},
-                                   {"parts": ""}, {"cuts": "ab"}, {"maps": "abc"}, {"stages": 2.0}, {"strength": "1"}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"knots": "abc"},
+        {"enabled": "yes"},
+        {"enabled": 1},
+        {"name": 5},
+        {"extra": [1]},
+        {"cut_rule": ["source"]},
+        {"curve": (float("nan"), 1.0)},
+        {"curve": "import os"},
+        {"parts": ""},
+        {"cuts": "ab"},
+        {"maps": "abc"},
+        {"stages": 2.0},
+        {"strength": "1"},
+    ],
+)
 def test_a_step_is_checked_at_its_door(wrong: dict[str, Any]) -> None:
     with pytest.raises(DeformError):
         dn.Step(**{"maps": (POINTS,), "plane": PLANE} | wrong)
 
 
 def test_numbers_of_numpy_become_plain_and_go_through_json() -> None:
-    step = dn.Step([POINTS], PLANE, enabled=np.bool_(False), name=np.str_("a"), strength=np.float32(0.5),
-                   stages=np.int64(2))
+    step = dn.Step(
+        [POINTS], PLANE, enabled=np.bool_(False), name=np.str_("a"), strength=np.float32(0.5), stages=np.int64(2)
+    )
     made = dn.Deformation([step], name=np.str_("b"), output=VOLUME)
     assert made.output == GRID
     assert type(step.enabled) is bool

@@ -35,33 +35,70 @@ from deformnb.volume.volume import Grid, Volume
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
 PLANE = Plane.through((1.0, -2.5, 3.0), (0.3, 1.0, 0.2))
-POINTS = ControlPoints.from_arrays([[0, 0], [10, 0.1], [0, 1e-17]], [[1, 1], [12, 1], [0, 10]], ids=[0, 4, 2],
-                                   names=["nose", "", 'the "tail", [ 1, 2 ]'], active=[True, False, True],
-                                   weight=[1, 2.5, 1]).add([1 / 3, 2 / 3])
+POINTS = ControlPoints.from_arrays(
+    [[0, 0], [10, 0.1], [0, 1e-17]],
+    [[1, 1], [12, 1], [0, 10]],
+    ids=[0, 4, 2],
+    names=["nose", "", 'the "tail", [ 1, 2 ]'],
+    active=[True, False, True],
+    weight=[1, 2.5, 1],
+).add([1 / 3, 2 / 3])
 SAMPLE = Deformation(
     (
         Step((POINTS,), PLANE, support=60.0, trend="rigid", extrusion="modulate", curve="sin(pi*z)", name="bend"),
         Step((POINTS, POINTS.move(0, [5, 5.5])), PLANE, extrusion="interpolate", knots=(0.0, 0.75), enabled=False),
-        Step((ControlPoints.from_arrays([[1, 2, 3]], [[4, 5, 6.5]]),), None, kernel="thin_plate", strength=-0.5,
-             smoothing=0.25),
+        Step(
+            (ControlPoints.from_arrays([[1, 2, 3]], [[4, 5, 6.5]]),),
+            None,
+            kernel="thin_plate",
+            strength=-0.5,
+            smoothing=0.25,
+        ),
         Step((ControlPoints.empty(2),), PLANE, extrusion="modulate", curve=(0.0, 0.5, 1.0)),
     ),
-    "carp", VolumeReference("carp.nii.gz", (4, 5, 6), (0.5, 0.5, 1.25), "0123456789abcdef" * 4),
+    "carp",
+    VolumeReference("carp.nii.gz", (4, 5, 6), (0.5, 0.5, 1.25), "0123456789abcdef" * 4),
 )
 
 
 # ---- round trips -----------------------------------------------------------------------------------------------------
 
 NUMBERS = st.floats(-1e15, 1e15)
-TEXTS = st.one_of(st.text(max_size=12), st.sampled_from([
-    '"', "\\", "[ 1, 2 ]", "[\n 1,\n 2\n]", '{\n "id": 1\n}', "}", "{", "\n", "\r\n", "\0", "\x1f", "\u2028", "é",
-    "日本", "😀", "</script>", '"id": 1', "\ud800", "NaN", "1e999", " ", "\ufeff",
-]))
+TEXTS = st.one_of(
+    st.text(max_size=12),
+    st.sampled_from(
+        [
+            '"',
+            "\\",
+            "[ 1, 2 ]",
+            "[\n 1,\n 2\n]",
+            '{\n "id": 1\n}',
+            "}",
+            "{",
+            "\n",
+            "\r\n",
+            "\0",
+            "\x1f",
+            "\u2028",
+            "é",
+            "日本",
+            "😀",
+            "</script>",
+            '"id": 1',
+            "\ud800",
+            "NaN",
+            "1e999",
+            " ",
+            "\ufeff",
+        ]
+    ),
+)
 LEAVES = st.one_of(st.none(), st.booleans(), st.integers(), NUMBERS, TEXTS)
 EXTRAS = st.dictionaries(
     st.text(min_size=1, max_size=5).map("x_".__add__),
-    st.recursive(LEAVES, lambda v: st.one_of(st.lists(v, max_size=3), st.dictionaries(TEXTS, v, max_size=3)),
-                 max_leaves=6),
+    st.recursive(
+        LEAVES, lambda v: st.one_of(st.lists(v, max_size=3), st.dictionaries(TEXTS, v, max_size=3)), max_leaves=6
+    ),
     max_size=2,
 )
 
@@ -73,7 +110,9 @@ def point_sets(draw: Any, dim: int) -> ControlPoints:
     ids = draw(st.lists(st.integers(-5, 2**53 - 1), min_size=n, max_size=n, unique=True))
     points = ControlPoints.from_arrays(
         *(np.array([draw(place) for _ in range(n)]).reshape(-1, dim) for _ in range(2)),
-        ids=ids, names=[draw(TEXTS) for _ in range(n)], active=[draw(st.booleans()) for _ in range(n)],
+        ids=ids,
+        names=[draw(TEXTS) for _ in range(n)],
+        active=[draw(st.booleans()) for _ in range(n)],
         weight=[draw(st.floats(1e-9, 1e9)) for _ in range(n)],
     )
     return replace(points, next_id=draw(st.integers(0, 2**53)))
@@ -89,22 +128,34 @@ def steps(draw: Any) -> Step:
     knots = tuple(sorted(draw(st.sets(st.floats(0, 1), min_size=1, max_size=3)))) if rule == "interpolate" else ()
     dim = 3 if plane is None else 2
     return Step(
-        tuple(draw(point_sets(dim)) for _ in range(max(1, len(knots)))), plane,
-        kernel=draw(st.sampled_from(list(KERNELS))), support=draw(st.one_of(st.none(), st.floats(1e-9, 1e9))),
-        trend=draw(st.sampled_from(list(TRENDS))), smoothing=draw(st.floats(0, 1e9)), strength=draw(NUMBERS),
-        stages=draw(st.integers(1, MOST_STAGES)), extrusion=rule, knots=knots,
+        tuple(draw(point_sets(dim)) for _ in range(max(1, len(knots)))),
+        plane,
+        kernel=draw(st.sampled_from(list(KERNELS))),
+        support=draw(st.one_of(st.none(), st.floats(1e-9, 1e9))),
+        trend=draw(st.sampled_from(list(TRENDS))),
+        smoothing=draw(st.floats(0, 1e9)),
+        strength=draw(NUMBERS),
+        stages=draw(st.integers(1, MOST_STAGES)),
+        extrusion=rule,
+        knots=knots,
         curve=draw(st.one_of(st.sampled_from(["z", "4*z*(1-z)"]), st.tuples(NUMBERS, NUMBERS, NUMBERS))),
-        enabled=draw(st.booleans()), name=draw(TEXTS), extra=draw(EXTRAS),
+        enabled=draw(st.booleans()),
+        name=draw(TEXTS),
+        extra=draw(EXTRAS),
         cut_rule=draw(st.sampled_from(list(CUT_RULES))),
     )
 
 
 REFERENCES = st.builds(
-    VolumeReference, TEXTS, st.tuples(*[st.integers(1, 10**6)] * 3), st.tuples(*[st.floats(1e-6, 1e6)] * 3),
+    VolumeReference,
+    TEXTS,
+    st.tuples(*[st.integers(1, 10**6)] * 3),
+    st.tuples(*[st.floats(1e-6, 1e6)] * 3),
     st.text("0123456789abcdef", min_size=64, max_size=64),
 )
 DOCUMENTS = st.builds(
-    Deformation, st.lists(steps(), max_size=3).map(tuple), TEXTS, st.one_of(st.none(), REFERENCES), EXTRAS)
+    Deformation, st.lists(steps(), max_size=3).map(tuple), TEXTS, st.one_of(st.none(), REFERENCES), EXTRAS
+)
 
 
 @given(DOCUMENTS)
@@ -141,8 +192,9 @@ def test_what_the_python_names_say_does_not_matter_to_the_text() -> None:
     assert to_json(SAMPLE) == to_json(from_json(to_json(SAMPLE)))
 
 
-@pytest.mark.parametrize("name", ['say "hi"', "[ 1, 2 ]", "[\n 1,\n 2\n]", "two\nlines", '{"id": 3}', "}", "日本 😀",
-                                  "\\u0041", ""])
+@pytest.mark.parametrize(
+    "name", ['say "hi"', "[ 1, 2 ]", "[\n 1,\n 2\n]", "two\nlines", '{"id": 3}', "}", "日本 😀", "\\u0041", ""]
+)
 def test_names_survive_everywhere(name: str) -> None:
     points = ControlPoints.from_arrays([[0, 0], [1, 1]], names=[name, "b"])
     volume = replace(SAMPLE.volume, name=name) if SAMPLE.volume else None
@@ -196,12 +248,22 @@ def test_documents_of_every_released_form_stay_readable(path: Path) -> None:
 
 def as_of_1(document: Deformation) -> Deformation:
     """What a document of 1.x means: an automatic support was the box's diagonal, and the affine trend was exact."""
-    def steps(given: tuple[Step, ...]) -> tuple[Step, ...]:
-        return tuple(replace(step, support="box_diagonal" if step.support is None else step.support,
-                             trend="affine_exact" if step.trend == "affine" else step.trend) for step in given)
 
-    return replace(document, steps=steps(document.steps),
-                   keyframes=tuple(replace(key, steps=steps(key.steps)) for key in document.keyframes))
+    def steps(given: tuple[Step, ...]) -> tuple[Step, ...]:
+        return tuple(
+            replace(
+                step,
+                support="box_diagonal" if step.support is None else step.support,
+                trend="affine_exact" if step.trend == "affine" else step.trend,
+            )
+            for step in given
+        )
+
+    return replace(
+        document,
+        steps=steps(document.steps),
+        keyframes=tuple(replace(key, steps=steps(key.steps)) for key in document.keyframes),
+    )
 
 
 def written_in_1(minor: int) -> tuple[str, str]:
@@ -215,20 +277,43 @@ def test_the_first_form_is_read_to_the_letter() -> None:
     assert from_json(written_in_1(0)[0]) == as_of_1(SAMPLE)
 
 
-
 IN_SPACE = ControlPoints.from_arrays([[1, 2, 3]], [[4, 5, 6.5]])
 SHAPED = Deformation(
     (
-        Step((POINTS,), PLANE, name="cut open", cut_rule="paper",
-             cuts=(Cut(Line(((0.0, -5.0), (0.1, 20.0))), "midline"),
-                   Cut(Polygon(((1, 1), (4, 1), (4, 5))), enabled=False)),
-             parts=(RigidPart(HalfSpace((0.0, 30.0), (0.0, -1.0)), name="ground"),
-                    RigidPart(Mask(np.eye(3, 5, dtype=bool), Raster((3, 5), (1.0, 2.0), (0.5, -4.0))),
-                              RigidMotion.turn(30, (1, 2)), "distance", 2.5, "bone", False))),
-        Step((IN_SPACE,), parts=(RigidPart(Mask(np.arange(24).reshape(2, 3, 4) % 5 == 0, Grid((2, 3, 4), (1, 2, 3))),
-                                        RigidMotion.turn(-20, (0, 1, 2), axis=(0, 0, 1))),)),
+        Step(
+            (POINTS,),
+            PLANE,
+            name="cut open",
+            cut_rule="paper",
+            cuts=(
+                Cut(Line(((0.0, -5.0), (0.1, 20.0))), "midline"),
+                Cut(Polygon(((1, 1), (4, 1), (4, 5))), enabled=False),
+            ),
+            parts=(
+                RigidPart(HalfSpace((0.0, 30.0), (0.0, -1.0)), name="ground"),
+                RigidPart(
+                    Mask(np.eye(3, 5, dtype=bool), Raster((3, 5), (1.0, 2.0), (0.5, -4.0))),
+                    RigidMotion.turn(30, (1, 2)),
+                    "distance",
+                    2.5,
+                    "bone",
+                    False,
+                ),
+            ),
+        ),
+        Step(
+            (IN_SPACE,),
+            parts=(
+                RigidPart(
+                    Mask(np.arange(24).reshape(2, 3, 4) % 5 == 0, Grid((2, 3, 4), (1, 2, 3))),
+                    RigidMotion.turn(-20, (0, 1, 2), axis=(0, 0, 1)),
+                ),
+            ),
+        ),
     ),
-    mode="blend", keyframes=(Keyframe(0.0, ()), Keyframe(1.5, (Step((IN_SPACE,), strength=0.5),))), easing="smooth",
+    mode="blend",
+    keyframes=(Keyframe(0.0, ()), Keyframe(1.5, (Step((IN_SPACE,), strength=0.5),))),
+    easing="smooth",
     loop="swing",
 )
 
@@ -240,10 +325,20 @@ def test_rigid_parts_cuts_and_key_frames_are_kept_to_the_letter() -> None:
     assert to_json(as_of_1(SHAPED)) == today
 
 
-HELD = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]], ids=[2, 5, 7],
-                                 locked=[True, False, True], radius=[None, 3.25, 40.0])
-OWN = Deformation((Step((HELD,), PLANE, stages=6), Step((POINTS, HELD), PLANE, extrusion="interpolate", knots=(0, 1)),
-                   Step((IN_SPACE.edit(0, locked=True),))))
+HELD = ControlPoints.from_arrays(
+    [[0, 0], [9, 0], [4, 4]],
+    [[0, 0], [9, 0], [6.5, 4]],
+    ids=[2, 5, 7],
+    locked=[True, False, True],
+    radius=[None, 3.25, 40.0],
+)
+OWN = Deformation(
+    (
+        Step((HELD,), PLANE, stages=6),
+        Step((POINTS, HELD), PLANE, extrusion="interpolate", knots=(0, 1)),
+        Step((IN_SPACE.edit(0, locked=True),)),
+    )
+)
 
 
 def test_stages_locks_and_radii_are_kept_to_the_letter() -> None:
@@ -263,8 +358,9 @@ def test_a_document_without_them_does_not_mention_them() -> None:
     assert not {"stages", "locked", "radii"} & set(json.loads(to_json(SAMPLE))["steps"][0])
 
 
-BOXED = replace(SAMPLE, output=Grid((4, 6, 9), (0.5, 0.5, 1.25), (-1.5, 0.1, 1 / 3),
-                                    ((0, -1, 0), (1, 0, 0), (0, 0, 1))))
+BOXED = replace(
+    SAMPLE, output=Grid((4, 6, 9), (0.5, 0.5, 1.25), (-1.5, 0.1, 1 / 3), ((0, -1, 0), (1, 0, 0), (0, 0, 1)))
+)
 
 
 def test_the_box_of_the_result_is_kept_to_the_letter() -> None:
@@ -282,16 +378,19 @@ def test_a_reader_that_does_not_know_the_box_keeps_it_as_a_field_of_a_newer_vers
     assert json.loads(to_json(older)) == written
 
 
-@pytest.mark.parametrize(("key", "value", "message"), [
-    ("shape", [4, 6], r"document\.output\.shape must have 3 numbers"),
-    ("shape", [4, 6, 0], r"document\.output must have a shape of whole numbers"),
-    ("shape", [2**14, 2**14, 2**14], r"16384 x 16384 x 16384 voxels, more than can be made"),
-    ("spacing", [1, 1, -1], r"a spacing of positive ones"),
-    ("direction", [[1, 0, 0]], r"direction must be three rows"),
-    ("direction", None, r"direction must be of type list"),
-    ("direction", [[1, 0, 0], [1, 0, 0], [0, 0, 1]], r"orthonormal.*in document\.output"),
-    ("origin", [0, 0, "far"], r"origin must be a list of numbers"),
-])
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("shape", [4, 6], r"document\.output\.shape must have 3 numbers"),
+        ("shape", [4, 6, 0], r"document\.output must have a shape of whole numbers"),
+        ("shape", [2**14, 2**14, 2**14], r"16384 x 16384 x 16384 voxels, more than can be made"),
+        ("spacing", [1, 1, -1], r"a spacing of positive ones"),
+        ("direction", [[1, 0, 0]], r"direction must be three rows"),
+        ("direction", None, r"direction must be of type list"),
+        ("direction", [[1, 0, 0], [1, 0, 0], [0, 0, 1]], r"orthonormal.*in document\.output"),
+        ("origin", [0, 0, "far"], r"origin must be a list of numbers"),
+    ],
+)
 def test_a_broken_box_is_refused_at_its_place(key: str, value: Any, message: str) -> None:
     broken = json.loads(to_json(BOXED))
     broken["output"][key] = value
@@ -301,17 +400,20 @@ def test_a_broken_box_is_refused_at_its_place(key: str, value: Any, message: str
         read({**broken, "output": [1, 2]})
 
 
-@pytest.mark.parametrize(("key", "value", "message"), [
-    ("locked", [[2, 7, 8]], r"no control point 8"),
-    ("locked", [[True]], r"steps\[0\]\.locked names points by their ids, got True"),
-    ("locked", [], r"steps\[0\]\.locked must be a list for each of its 1 sets"),
-    ("radii", [[[2, -1.0]]], r"radius of control point 2 is -1"),
-    ("radii", [[[2]]], r"radii gives points, by their ids, lengths"),
-    ("radii", [[[2, 10**400]]], r"radii gives points, by their ids, lengths below 1e15"),
-    ("radii", {"2": 1.0}, r"radii must be a list for each"),
-    ("stages", 65, r"whole number from 1 to 64, got 65"),
-    ("stages", 1.5, r"stages"),
-])
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("locked", [[2, 7, 8]], r"no control point 8"),
+        ("locked", [[True]], r"steps\[0\]\.locked names points by their ids, got True"),
+        ("locked", [], r"steps\[0\]\.locked must be a list for each of its 1 sets"),
+        ("radii", [[[2, -1.0]]], r"radius of control point 2 is -1"),
+        ("radii", [[[2]]], r"radii gives points, by their ids, lengths"),
+        ("radii", [[[2, 10**400]]], r"radii gives points, by their ids, lengths below 1e15"),
+        ("radii", {"2": 1.0}, r"radii must be a list for each"),
+        ("stages", 65, r"whole number from 1 to 64, got 65"),
+        ("stages", 1.5, r"stages"),
+    ],
+)
 def test_broken_locks_radii_and_stages_are_refused_at_their_place(key: str, value: Any, message: str) -> None:
     broken = json.loads(to_json(OWN))
     broken["steps"][0][key] = value
@@ -319,18 +421,21 @@ def test_broken_locks_radii_and_stages_are_refused_at_their_place(key: str, valu
         read(broken)
 
 
-@pytest.mark.parametrize(("path", "value", "message"), [
-    (("cuts", 0, "region", "kind"), "circle", r"region\.kind is 'circle'; a region is one of line, polygon"),
-    (("cuts", 0, "region", "vertices"), [[0, 0]], r"2 to 512 places.*in document\.steps\[0\]\.cuts\[0\]"),
-    (("cuts", 0, "region", "vertices", 0), [0, 0, 1], r"vertices\[0\]\.at must have 2 numbers"),
-    (("parts", 1, "region", "bits"), "AAAA", r"parts\[1\]\.region\.bits"),
-    (("parts", 1, "region", "bits"), "%", r"bits is damaged"),
-    (("parts", 1, "region", "shape"), [2**20, 2**20], r"at most 2147483648 pixels"),
-    (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape needs 18"),
-    (("parts", 1, "motion", "matrix"), [[1, 0], [0, 2]], r"must turn only"),
-    (("parts", 0, "weight"), "heavy", r"unknown weight 'heavy'"),
-    (("cut_rule",), "scissors", r"unknown rule 'scissors'"),
-])
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("cuts", 0, "region", "kind"), "circle", r"region\.kind is 'circle'; a region is one of line, polygon"),
+        (("cuts", 0, "region", "vertices"), [[0, 0]], r"2 to 512 places.*in document\.steps\[0\]\.cuts\[0\]"),
+        (("cuts", 0, "region", "vertices", 0), [0, 0, 1], r"vertices\[0\]\.at must have 2 numbers"),
+        (("parts", 1, "region", "bits"), "AAAA", r"parts\[1\]\.region\.bits"),
+        (("parts", 1, "region", "bits"), "%", r"bits is damaged"),
+        (("parts", 1, "region", "shape"), [2**20, 2**20], r"at most 2147483648 pixels"),
+        (("parts", 1, "region", "shape"), [3, 6], r"bits holds 16 pixels; its shape needs 18"),
+        (("parts", 1, "motion", "matrix"), [[1, 0], [0, 2]], r"must turn only"),
+        (("parts", 0, "weight"), "heavy", r"unknown weight 'heavy'"),
+        (("cut_rule",), "scissors", r"unknown rule 'scissors'"),
+    ],
+)
 def test_broken_shapes_are_refused_at_their_place(path: tuple[Any, ...], value: Any, message: str) -> None:
     broken = json.loads(to_json(SHAPED))
     place = broken["steps"][0]
@@ -363,8 +468,29 @@ def test_a_newer_minor_version_is_read_and_its_fields_are_kept() -> None:
     assert from_json(to_json(document)) == document
 
 
-@pytest.mark.parametrize("version", ["3.0", "99.1", "0.9", "1", "", "1.0.0", "v1.0", "one", None, 2, 1e9, [1, 0], {},
-                                     "1.x", "-1.0", "1.00000", " 1.0", "1.0\n"])
+@pytest.mark.parametrize(
+    "version",
+    [
+        "3.0",
+        "99.1",
+        "0.9",
+        "1",
+        "",
+        "1.0.0",
+        "v1.0",
+        "one",
+        None,
+        2,
+        1e9,
+        [1, 0],
+        {},
+        "1.x",
+        "-1.0",
+        "1.00000",
+        " 1.0",
+        "1.0\n",
+    ],
+)
 def test_other_versions_are_refused_in_one_sentence(version: Any) -> None:
     with pytest.raises(DeformError, match="version") as error:
         read({**data(), "version": version})
@@ -433,9 +559,36 @@ def paths(value: Any, here: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from paths(inner, (*here, key))
 
 
-JUNK = [None, True, False, 0, -1, 1.5, 10**400, 2**60, 1e308, -1e308, 5e-324, "", "x", "1", [], [1], [[]], {},
-        {"id": 1}, "__import__('os')", "../../etc/passwd", [1e308, 1e308], [0, 0], [1, 2, 3], [1e308] * 3, ["a", "b"],
-        [True, False], [None, None]]
+JUNK = [
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1.5,
+    10**400,
+    2**60,
+    1e308,
+    -1e308,
+    5e-324,
+    "",
+    "x",
+    "1",
+    [],
+    [1],
+    [[]],
+    {},
+    {"id": 1},
+    "__import__('os')",
+    "../../etc/passwd",
+    [1e308, 1e308],
+    [0, 0],
+    [1, 2, 3],
+    [1e308] * 3,
+    ["a", "b"],
+    [True, False],
+    [None, None],
+]
 
 
 def test_any_value_in_any_place_is_refused_or_read() -> None:
@@ -469,25 +622,51 @@ def test_any_missing_or_doubled_part_is_refused_or_read() -> None:
 
 
 @settings(max_examples=4 * settings().max_examples)
-@given(st.one_of(st.binary(max_size=60), st.text(max_size=60), st.recursive(
-    st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
-    lambda inner: st.one_of(st.lists(inner), st.dictionaries(st.text(max_size=5), inner))).map(json.dumps)))
+@given(
+    st.one_of(
+        st.binary(max_size=60),
+        st.text(max_size=60),
+        st.recursive(
+            st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5)),
+            lambda inner: st.one_of(st.lists(inner), st.dictionaries(st.text(max_size=5), inner)),
+        ).map(json.dumps),
+    )
+)
 def test_no_text_ever_raises_anything_else(text: str | bytes) -> None:
     tried(text)
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("", "empty"), (" \n\t", "empty"), (b"", "empty"), ("null", "not a JSON object"), ("[]", "not a JSON object"),
-    ("3", "not a JSON object"), ('"x"', "not a JSON object"), ("{", "not complete JSON"),
-    ("{'a': 1}", "not complete JSON"),
-    ("hello", "not complete JSON"), (b"\xff\xfe{\x00}\x00", "not UTF-8"), (b"\x89PNG\r\n\x1a\n", "not UTF-8"),
-    ('{"a": NaN}', "NaN, which is not a number"), ('{"a": [Infinity]}', "Infinity, which is not a number"),
-    ('{"a": -Infinity}', "-Infinity"), ('{"a": 1e999}', "1e999, which is too large"),
-    ('{"a": -1e999}', "-1e999, which is too large"), ('{"a": ' + "9" * 5000 + "}", "too long"),
-    ("[" * 100_000, "nested too deeply"), ('{"a":' * 100_000, "nested too deeply"),
-    ("[" * 900 + "]" * 900, "nested too deeply"), ("{}{}", "not complete JSON"), ("{} // more", "not complete JSON"),
-    (pickle.dumps(SAMPLE.name, protocol=0), "not complete JSON"), ("\ufeff{}", "not complete JSON"),
-], ids=lambda value: repr(value)[:20])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        (" \n\t", "empty"),
+        (b"", "empty"),
+        ("null", "not a JSON object"),
+        ("[]", "not a JSON object"),
+        ("3", "not a JSON object"),
+        ('"x"', "not a JSON object"),
+        ("{", "not complete JSON"),
+        ("{'a': 1}", "not complete JSON"),
+        ("hello", "not complete JSON"),
+        (b"\xff\xfe{\x00}\x00", "not UTF-8"),
+        (b"\x89PNG\r\n\x1a\n", "not UTF-8"),
+        ('{"a": NaN}', "NaN, which is not a number"),
+        ('{"a": [Infinity]}', "Infinity, which is not a number"),
+        ('{"a": -Infinity}', "-Infinity"),
+        ('{"a": 1e999}', "1e999, which is too large"),
+        ('{"a": -1e999}', "-1e999, which is too large"),
+        ('{"a": ' + "9" * 5000 + "}", "too long"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"a":' * 100_000, "nested too deeply"),
+        ("[" * 900 + "]" * 900, "nested too deeply"),
+        ("{}{}", "not complete JSON"),
+        ("{} // more", "not complete JSON"),
+        (pickle.dumps(SAMPLE.name, protocol=0), "not complete JSON"),
+        ("\ufeff{}", "not complete JSON"),
+    ],
+    ids=lambda value: repr(value)[:20],
+)
 def test_what_is_no_document_is_refused_in_one_sentence(text: str | bytes, message: str) -> None:
     with pytest.raises(DeformError, match=message) as error:
         from_json(text)
@@ -526,39 +705,43 @@ def test_nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept() ->
         read({**data(), "x": nested(DEEPEST)})
 
 
-@pytest.mark.parametrize(("path", "value", "message"), [
-    (("steps", 0, "maps", 0, "points", 1, "id"), 0, r"ids must differ; \[0\]"),
-    (("steps", 0, "maps", 0, "points", 1, "id"), 1.5, r"points\[1\]\.id must be of type int, got 1.5"),
-    (("steps", 0, "maps", 0, "points", 1, "id"), True, r"points\[1\]\.id must be of type int, got True"),
-    (("steps", 0, "maps", 0, "points", 1, "id"), 2**60, r"points\[1\]\.id is too large"),
-    (("steps", 0, "maps", 0, "points", 1, "target"), [1, 2, 3], r"points\[1\]\.target must have 2 numbers, got 3"),
-    (("steps", 0, "maps", 0, "points", 1, "target"), [1, "2"], r"points\[1\]\.target must be a list of numbers"),
-    (("steps", 0, "maps", 0, "points", 1, "target"), [1, 1e300], "the target of control point 4"),
-    (("steps", 0, "maps", 0, "points", 1, "weight"), 0, "weights must be positive"),
-    (("steps", 0, "maps", 0, "points", 1, "active"), 1, r"points\[1\]\.active must be of type bool, got 1"),
-    (("steps", 0, "maps", 0, "points", 1, "name"), 1, r"points\[1\]\.name must be of type str"),
-    (("steps", 0, "maps", 0, "points", 1), [], r"maps\[0\]\.points\[1\] must be an object, got list"),
-    (("steps", 0, "maps", 0, "dim"), 4, r"maps\[0\]\.dim must be 2 or 3"),
-    (("steps", 0, "maps"), [], r"needs 1 set\(s\) of points, got 0. \(in document.steps\[0\]\)"),
-    (("steps", 0, "kernel"), "eval", r"made with the kernel 'eval'.*\(in document.steps\[0\]\)"),
-    (("steps", 0, "trend"), "x", "unknown trend 'x'"),
-    (("steps", 0, "extrusion"), "x", "unknown extrusion 'x'"),
-    (("steps", 0, "curve"), "__import__('os')", "the curve"),
-    (("steps", 0, "support"), -1, "support radius must be a positive length"),
-    (("steps", 0, "support"), 0, "support radius must be a positive length"),
-    (("steps", 0, "smoothing"), -1, "smoothing must be 0 or a positive number"),
-    (("steps", 0, "plane", "u"), [1, 0], r"plane\.u must have 3 numbers"),
-    (("steps", 0, "plane", "u"), [2, 0, 0], "plane vectors must be orthogonal"),
-    (("steps", 0, "plane"), [1], r"steps\[0\]\.plane must be an object"),
-    (("steps", 1, "knots"), [0.5, 0.25], "knots must rise"),
-    (("steps", 1, "knots"), [0.5], r"needs 1 set\(s\) of points, got 2"),
-    (("steps",), {}, r"document\.steps must be of type list"),
-    (("volume", "sha256"), "G" * 64, "must be 64 hexadecimal digits"),
-    (("volume", "shape"), [1, 2], r"volume\.shape must have 3 numbers"),
-    (("volume", "shape"), [1, 2, 0.5], "a shape of whole numbers"),
-    (("volume", "shape"), [1, -2, 3], "a shape of whole numbers"),
-    (("volume", "spacing"), [1, 0, 1], "a spacing of positive ones"),
-], ids=lambda value: ".".join(map(str, value)) if isinstance(value, tuple) else "")
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("steps", 0, "maps", 0, "points", 1, "id"), 0, r"ids must differ; \[0\]"),
+        (("steps", 0, "maps", 0, "points", 1, "id"), 1.5, r"points\[1\]\.id must be of type int, got 1.5"),
+        (("steps", 0, "maps", 0, "points", 1, "id"), True, r"points\[1\]\.id must be of type int, got True"),
+        (("steps", 0, "maps", 0, "points", 1, "id"), 2**60, r"points\[1\]\.id is too large"),
+        (("steps", 0, "maps", 0, "points", 1, "target"), [1, 2, 3], r"points\[1\]\.target must have 2 numbers, got 3"),
+        (("steps", 0, "maps", 0, "points", 1, "target"), [1, "2"], r"points\[1\]\.target must be a list of numbers"),
+        (("steps", 0, "maps", 0, "points", 1, "target"), [1, 1e300], "the target of control point 4"),
+        (("steps", 0, "maps", 0, "points", 1, "weight"), 0, "weights must be positive"),
+        (("steps", 0, "maps", 0, "points", 1, "active"), 1, r"points\[1\]\.active must be of type bool, got 1"),
+        (("steps", 0, "maps", 0, "points", 1, "name"), 1, r"points\[1\]\.name must be of type str"),
+        (("steps", 0, "maps", 0, "points", 1), [], r"maps\[0\]\.points\[1\] must be an object, got list"),
+        (("steps", 0, "maps", 0, "dim"), 4, r"maps\[0\]\.dim must be 2 or 3"),
+        (("steps", 0, "maps"), [], r"needs 1 set\(s\) of points, got 0. \(in document.steps\[0\]\)"),
+        (("steps", 0, "kernel"), "eval", r"made with the kernel 'eval'.*\(in document.steps\[0\]\)"),
+        (("steps", 0, "trend"), "x", "unknown trend 'x'"),
+        (("steps", 0, "extrusion"), "x", "unknown extrusion 'x'"),
+        (("steps", 0, "curve"), "__import__('os')", "the curve"),
+        (("steps", 0, "support"), -1, "support radius must be a positive length"),
+        (("steps", 0, "support"), 0, "support radius must be a positive length"),
+        (("steps", 0, "smoothing"), -1, "smoothing must be 0 or a positive number"),
+        (("steps", 0, "plane", "u"), [1, 0], r"plane\.u must have 3 numbers"),
+        (("steps", 0, "plane", "u"), [2, 0, 0], "plane vectors must be orthogonal"),
+        (("steps", 0, "plane"), [1], r"steps\[0\]\.plane must be an object"),
+        (("steps", 1, "knots"), [0.5, 0.25], "knots must rise"),
+        (("steps", 1, "knots"), [0.5], r"needs 1 set\(s\) of points, got 2"),
+        (("steps",), {}, r"document\.steps must be of type list"),
+        (("volume", "sha256"), "G" * 64, "must be 64 hexadecimal digits"),
+        (("volume", "shape"), [1, 2], r"volume\.shape must have 3 numbers"),
+        (("volume", "shape"), [1, 2, 0.5], "a shape of whole numbers"),
+        (("volume", "shape"), [1, -2, 3], "a shape of whole numbers"),
+        (("volume", "spacing"), [1, 0, 1], "a spacing of positive ones"),
+    ],
+    ids=lambda value: ".".join(map(str, value)) if isinstance(value, tuple) else "",
+)
 def test_every_complaint_names_the_place(path: tuple[Any, ...], value: Any, message: str) -> None:
     broken = data()
     place = broken

@@ -44,8 +44,10 @@ def regions(draw: Any) -> AbstractRegion:
         return HalfSpace((a, b, size), (1.0, draw(NUMBERS), draw(NUMBERS)))
     if kind in ("polygon", "line"):
         n = draw(st.integers(3, 9))
-        corners = [(a + size * math.cos(2 * math.pi * k / (n + 4)), b + size * math.sin(2 * math.pi * k / (n + 4)))
-                   for k in range(n)]
+        corners = [
+            (a + size * math.cos(2 * math.pi * k / (n + 4)), b + size * math.sin(2 * math.pi * k / (n + 4)))
+            for k in range(n)
+        ]
         return Polygon(corners) if kind == "polygon" else Line(corners[:2], stops=draw(st.tuples(*[st.booleans()] * 2)))
     rng = np.random.default_rng(draw(st.integers(0, 999)))
     shape = draw(st.tuples(*[st.integers(1, 11)] * (2 if kind == "mask" else 3)))
@@ -60,9 +62,15 @@ def parts(draw: Any) -> RigidPart:
     region = draw(regions().filter(lambda r: r.kind != "line"))
     axis = (1.0, draw(NUMBERS), 2.0) if region.dim == 3 else None
     motion = RigidMotion.turn(draw(NUMBERS), (draw(NUMBERS),) * region.dim, axis=axis)
-    return RigidPart(region, draw(st.sampled_from([None, motion])), draw(st.sampled_from(["saturated", "distance"])),
-                     draw(st.none() | st.floats(1e-3, 1e5)), draw(st.text(max_size=5)), draw(st.booleans()),
-                     draw(st.none() | st.tuples(*[NUMBERS] * region.dim)))
+    return RigidPart(
+        region,
+        draw(st.sampled_from([None, motion])),
+        draw(st.sampled_from(["saturated", "distance"])),
+        draw(st.none() | st.floats(1e-3, 1e5)),
+        draw(st.text(max_size=5)),
+        draw(st.booleans()),
+        draw(st.none() | st.tuples(*[NUMBERS] * region.dim)),
+    )
 
 
 @given(regions())
@@ -95,7 +103,8 @@ def packed(data: bytes) -> str:
 
 MASK: dict[str, Any] = {"kind": "mask", "shape": [2, 9], "spacing": [1, 1], "origin": [0, 0], "bits": packed(b"abc")}
 BROKEN: dict[str, tuple[Any, str]] = {
-    "no object": ([], "region must be an object"), "no kind": ({}, r"region\.kind"),
+    "no object": ([], "region must be an object"),
+    "no kind": ({}, r"region\.kind"),
     "unknown kind": ({"kind": "circle"}, "one of line, polygon, half_space, mask"),
     "no vertices": ({"kind": "polygon"}, r"region\.vertices"),
     "words": ({"kind": "line", "vertices": ["ab", "cd"]}, r"region\.vertices\[0\]"),
@@ -106,18 +115,23 @@ BROKEN: dict[str, tuple[Any, str]] = {
     "no normal": ({"kind": "half_space", "point": [0, 0]}, r"region\.normal"),
     "normal of another dimension": ({"kind": "half_space", "point": [0, 0], "normal": [0, 0, 1]}, r"in region"),
     "normal of nothing": ({"kind": "half_space", "point": [0, 0], "normal": [0, 0]}, r"zero.*in region"),
-    "shape": (MASK | {"shape": [2]}, r"region\.shape"), "shape 0": (MASK | {"shape": [0, 9]}, r"region\.shape"),
+    "shape": (MASK | {"shape": [2]}, r"region\.shape"),
+    "shape 0": (MASK | {"shape": [0, 9]}, r"region\.shape"),
     "half a pixel": (MASK | {"shape": [2, 8.5]}, r"region\.shape"),
     "negative shape": (MASK | {"shape": [-2, -9]}, r"region\.shape"),
     "huge shape": (MASK | {"shape": [10**9, 10**9]}, r"region\.shape"),
     "endless shape": (MASK | {"shape": [1e308, 1e308]}, r"region\.shape"),
-    "spacing": (MASK | {"spacing": [1, 1, 1]}, r"region\.spacing"), "flat": (MASK | {"spacing": [1, 0]}, "in region"),
-    "no bits": (MASK | {"bits": ""}, "bits"), "no base64": (MASK | {"bits": "%%%"}, "damaged"),
+    "spacing": (MASK | {"spacing": [1, 1, 1]}, r"region\.spacing"),
+    "flat": (MASK | {"spacing": [1, 0]}, "in region"),
+    "no bits": (MASK | {"bits": ""}, "bits"),
+    "no base64": (MASK | {"bits": "%%%"}, "damaged"),
     "no zlib": (MASK | {"bits": base64.b64encode(b"hello").decode()}, "damaged"),
     "not ASCII": (MASK | {"bits": "\u00e4"}, "damaged"),
     "too few bits": (MASK | {"bits": packed(b"ab")}, "holds 16 pixels; its shape needs 18"),
-    "bent axes": (MASK | {"shape": [1, 2, 9], "spacing": [1] * 3, "origin": [0] * 3, "direction": [1] * 9},
-                  "in region"),
+    "bent axes": (
+        MASK | {"shape": [1, 2, 9], "spacing": [1] * 3, "origin": [0] * 3, "direction": [1] * 9},
+        "in region",
+    ),
 }
 
 
@@ -136,36 +150,56 @@ def test_more_than_the_mask_is_never_unpacked() -> None:
 PART: dict[str, Any] = {"region": {"kind": "polygon", "vertices": [[0, 0], [5, 0], [0, 5]]}}
 
 
-@pytest.mark.parametrize(("change", "message"), [
-    ({"region": None}, r"here\.region"), ({"motion": []}, r"here\.motion"), ({"motion": {}}, r"here\.motion\.shift"),
-    ({"motion": {"matrix": [[1, 0], [0]], "shift": [0, 0]}}, r"here\.motion\.matrix\[1\]"),
-    ({"motion": {"matrix": [[2, 0], [0, 2]], "shift": [0, 0]}}, r"stretch.*\(in here"),
-    ({"motion": {"matrix": [], "shift": []}}, r"\(in here"), ({"weight": "soft"}, r"unknown weight.*\(in here"),
-    ({"weight": 3}, r"here\.weight"), ({"reach": "far"}, r"here\.reach"), ({"reach": -1}, r"reach.*\(in here"),
-    ({"name": 5}, r"here\.name"), ({"enabled": 1}, r"here\.enabled"),
-    ({"region": {"kind": "line", "vertices": [[0, 0], [5, 0]]}}, r"no inside.*\(in here"),
-])
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"region": None}, r"here\.region"),
+        ({"motion": []}, r"here\.motion"),
+        ({"motion": {}}, r"here\.motion\.shift"),
+        ({"motion": {"matrix": [[1, 0], [0]], "shift": [0, 0]}}, r"here\.motion\.matrix\[1\]"),
+        ({"motion": {"matrix": [[2, 0], [0, 2]], "shift": [0, 0]}}, r"stretch.*\(in here"),
+        ({"motion": {"matrix": [], "shift": []}}, r"\(in here"),
+        ({"weight": "soft"}, r"unknown weight.*\(in here"),
+        ({"weight": 3}, r"here\.weight"),
+        ({"reach": "far"}, r"here\.reach"),
+        ({"reach": -1}, r"reach.*\(in here"),
+        ({"name": 5}, r"here\.name"),
+        ({"enabled": 1}, r"here\.enabled"),
+        ({"region": {"kind": "line", "vertices": [[0, 0], [5, 0]]}}, r"no inside.*\(in here"),
+    ],
+)
 def test_a_broken_part_is_refused_with_its_place(change: dict[str, Any], message: str) -> None:
     with pytest.raises(DeformError, match=message):
         part_from_data(PART | change, "here")
 
 
 def test_a_broken_cut_is_refused_with_its_place() -> None:
-    for data, message in (([], "here must be"), ({}, r"here\.region"), ({"region": {"kind": 3}}, r"here\.region\.kind"),
-                          (PART | {"name": None}, r"here\.name")):
+    for data, message in (
+        ([], "here must be"),
+        ({}, r"here\.region"),
+        ({"region": {"kind": 3}}, r"here\.region\.kind"),
+        (PART | {"name": None}, r"here\.name"),
+    ):
         with pytest.raises(DeformError, match=message):
             cut_from_data(data, "here")
 
 
 KEYS = st.sampled_from(["kind", "vertices", "point", "normal", "shape", "bits", "region", "motion"])
-SOUP = st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=6),
-                    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS, inner), max_leaves=8)
+SOUP = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=6),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(KEYS, inner),
+    max_leaves=8,
+)
 
 
 @given(SOUP, st.sampled_from([*PART, *MASK, "vertices", "point", "normal", "motion", "reach", "weight"]), SOUP)
 def test_any_data_is_read_or_refused(data: Any, key: str, value: Any) -> None:
-    for read, known in ((region_from_data, MASK), (region_from_data, PART["region"]), (part_from_data, PART),
-                        (cut_from_data, PART)):
+    for read, known in (
+        (region_from_data, MASK),
+        (region_from_data, PART["region"]),
+        (part_from_data, PART),
+        (cut_from_data, PART),
+    ):
         for broken in (data, known | {key: value}):
             with suppress(DeformError):
                 read(broken)

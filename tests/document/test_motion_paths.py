@@ -46,7 +46,7 @@ def test_a_leg_that_bends_keeps_its_length(degrees: float, straight: float) -> N
     angle = np.degrees(np.arctan2(*(path.at(0.5)[17:19].mean(axis=0) - path.at(0.5)[KNEE_AT])[::-1]))
     assert angle == pytest.approx(degrees / 2, abs=0.5)
     for t in TIMES:
-        assert (path.at(t)[:KNEE_AT + 1] == LEG[:KNEE_AT + 1]).all(), "what is fixed has moved"
+        assert (path.at(t)[: KNEE_AT + 1] == LEG[: KNEE_AT + 1]).all(), "what is fixed has moved"
         assert (path.at(t)[19:] == CORNERS).all()
 
 

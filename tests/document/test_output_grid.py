@@ -60,8 +60,18 @@ def test_the_box_that_fits_holds_what_is_dragged_and_no_more() -> None:
     assert output_grid(shift(500.0), VOLUME, margin="fit", spacing=1).is_limited
 
 
-@pytest.mark.parametrize("wrong", [{"margin": "wide"}, {"margin": -50}, {"margin": (1, 2)}, {"margin": np.inf},
-                                   {"spacing": 0}, {"spacing": (1, 2)}, {"spacing": 1, "margin": -50}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"margin": "wide"},
+        {"margin": -50},
+        {"margin": (1, 2)},
+        {"margin": np.inf},
+        {"spacing": 0},
+        {"spacing": (1, 2)},
+        {"spacing": 1, "margin": -50},
+    ],
+)
 def test_what_is_no_box_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(DeformError, match=r"margin|spacing"):
         output_grid(Deformation(), VOLUME, **wrong)

@@ -34,16 +34,26 @@ def point_sets(draw: Any) -> ControlPoints:
         return ControlPoints.empty(2, draw(st.integers(0, 3)))
     ids = draw(st.lists(st.integers(0, 20), min_size=n, max_size=n, unique=True))
     return ControlPoints.from_arrays(
-        source, draw(st.one_of(st.none(), st.lists(places, min_size=n, max_size=n))), ids=ids,
+        source,
+        draw(st.one_of(st.none(), st.lists(places, min_size=n, max_size=n))),
+        ids=ids,
         names=draw(st.lists(names, min_size=n, max_size=n)),
         active=draw(st.lists(st.booleans(), min_size=n, max_size=n)),
-        weight=draw(st.lists(st.floats(0.1, 9), min_size=n, max_size=n)), next_id=draw(st.integers(0, 30)),
+        weight=draw(st.lists(st.floats(0.1, 9), min_size=n, max_size=n)),
+        next_id=draw(st.integers(0, 30)),
         locked=draw(st.lists(st.booleans(), min_size=n, max_size=n)),
-        radius=draw(st.lists(st.one_of(st.none(), st.floats(0.1, 99)), min_size=n, max_size=n)))
+        radius=draw(st.lists(st.one_of(st.none(), st.floats(0.1, 99)), min_size=n, max_size=n)),
+    )
+
 
 # Far from all points, so that none lies in it.
-BONE = RigidPart(Mask(np.eye(2, 3, dtype=bool), Raster((2, 3), (1.0, 0.5), (200.0, 100.0))),
-                 RigidMotion.turn(30, (1, 2)), "distance", 2.5, "bone")
+BONE = RigidPart(
+    Mask(np.eye(2, 3, dtype=bool), Raster((2, 3), (1.0, 0.5), (200.0, 100.0))),
+    RigidMotion.turn(30, (1, 2)),
+    "distance",
+    2.5,
+    "bone",
+)
 
 
 @st.composite
@@ -56,14 +66,26 @@ def steps(draw: Any) -> Step:
         options["curve"] = draw(st.sampled_from(["sin(pi*z)", (0.0, 1.0, 0.25)]))
     if rule == "interpolate":
         options["knots"], count = (0.0, 0.4, 1.0), 3
-    options |= draw(st.fixed_dictionaries({}, optional={
-        "kernel": st.sampled_from(["gaussian", "wendland_c4"]), "support": st.floats(0.5, 99),
-        "trend": st.just("rigid"), "smoothing": st.floats(0, 2),
-        "strength": st.floats(-1, 3), "enabled": st.booleans(), "name": names, "cut_rule": st.just("paper"),
-        "cuts": st.just((Cut(Line(((0.1, 2), (3, 4.7))), "midline"),
-                         Cut(Polygon(((0, 0), (1, 0), (0, 1))), enabled=False))),
-        "parts": st.sampled_from([(BONE,), (BONE, RigidPart(HalfSpace((0, 60), (0, -1)), enabled=False))]),
-        "stages": st.integers(1, 64)}))
+    options |= draw(
+        st.fixed_dictionaries(
+            {},
+            optional={
+                "kernel": st.sampled_from(["gaussian", "wendland_c4"]),
+                "support": st.floats(0.5, 99),
+                "trend": st.just("rigid"),
+                "smoothing": st.floats(0, 2),
+                "strength": st.floats(-1, 3),
+                "enabled": st.booleans(),
+                "name": names,
+                "cut_rule": st.just("paper"),
+                "cuts": st.just(
+                    (Cut(Line(((0.1, 2), (3, 4.7))), "midline"), Cut(Polygon(((0, 0), (1, 0), (0, 1))), enabled=False))
+                ),
+                "parts": st.sampled_from([(BONE,), (BONE, RigidPart(HalfSpace((0, 60), (0, -1)), enabled=False))]),
+                "stages": st.integers(1, 64),
+            },
+        )
+    )
     if options.get("stages", 1) > 1:
         options.pop("parts", None)  # one that moves is not done in stages
     return Step(tuple(draw(point_sets()) for _ in range(count)), plane, **options)
@@ -90,8 +112,13 @@ def test_the_script_makes_the_same_document(all_steps: list[Step], name: str) ->
 @given(st.lists(steps(), max_size=2), st.lists(st.lists(steps(), max_size=2), max_size=3), st.sampled_from(list(MODES)))
 def test_the_script_makes_the_same_key_frames(all_steps: list[Step], keys: list[list[Step]], mode: str) -> None:
     frames = tuple(Keyframe(0.3 * k, tuple(some)) for k, some in enumerate(keys))
-    deformation = Deformation(tuple(all_steps), mode=mode, keyframes=frames, easing="smooth" if keys else "linear",
-                              loop="swing" if len(keys) > 1 else "once")
+    deformation = Deformation(
+        tuple(all_steps),
+        mode=mode,
+        keyframes=frames,
+        easing="smooth" if keys else "linear",
+        loop="swing" if len(keys) > 1 else "once",
+    )
     assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
 
 
@@ -104,8 +131,15 @@ def test_the_whole_script_runs() -> None:
 
 def test_numbers_of_numpy_are_written_as_numbers() -> None:
     """A loop over an array, or a slider, hands on NumPy's own numbers."""
-    step = Step((ControlPoints.empty(),), Plane.along(GRID, "+y"), support=np.float64(2.5), smoothing=np.float32(0.5),
-                strength=np.float64(0.25), enabled=np.bool_(False), stages=np.int64(3))  # type: ignore[arg-type]
+    step = Step(
+        (ControlPoints.empty(),),
+        Plane.along(GRID, "+y"),
+        support=np.float64(2.5),
+        smoothing=np.float32(0.5),
+        strength=np.float64(0.25),
+        enabled=np.bool_(False),
+        stages=np.int64(3),
+    )  # type: ignore[arg-type]
     still = RigidPart(HalfSpace((0, 60), (0, -1)), reach=np.float64(2.5))
     deformation = Deformation((step,), keyframes=(Keyframe(np.float64(0.5), (replace(step, parts=(still,)),)),))
     assert "np." not in as_python(deformation, GRID)

@@ -36,7 +36,8 @@ def test_regions_between_cuts_are_judged_by_their_own_points() -> None:
     whole = best_prediction(cut)
     assert [row.settings.kernel for row in whole.tried] == [row.settings.kernel for row in apart.tried]
     assert [row.error for row in whole.tried if not row.why] == pytest.approx(
-        [row.error for row in apart.tried if not row.why], rel=1e-6)
+        [row.error for row in apart.tried if not row.why], rel=1e-6
+    )
 
 
 def test_every_key_picture_counts() -> None:

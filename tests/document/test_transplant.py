@@ -28,8 +28,9 @@ POINTS = ControlPoints.from_arrays([[1, 1], [9, 2], [4, 8]], [[1, 2], [10, 2], [
 
 
 def made_on(grid: Grid, *steps: Step, **options: Any) -> Deformation:
-    return Deformation(steps, volume=VolumeReference("v", grid.shape, grid.spacing, "0" * 64, grid.origin,
-                                                     grid.direction), **options)
+    return Deformation(
+        steps, volume=VolumeReference("v", grid.shape, grid.spacing, "0" * 64, grid.origin, grid.direction), **options
+    )
 
 
 def share(grid: Grid, points: Any) -> np.ndarray:
@@ -50,8 +51,11 @@ def test_points_keep_their_share_of_the_box(view: str) -> None:
         before, after = (in_space(s, getattr(s.points, name)) for s in (step, moved))
         np.testing.assert_allclose(share(NEW, after), share(OLD, before), atol=1e-9)
     # The side of the one is the side of the other.
-    np.testing.assert_allclose(np.abs(np.asarray(NEW.direction).T @ moved.plane.frame.T),
-                               np.abs(np.asarray(OLD.direction).T @ step.plane.frame.T), atol=1e-9)
+    np.testing.assert_allclose(
+        np.abs(np.asarray(NEW.direction).T @ moved.plane.frame.T),
+        np.abs(np.asarray(OLD.direction).T @ step.plane.frame.T),
+        atol=1e-9,
+    )
 
 
 def test_points_in_space_keep_their_share_too() -> None:
@@ -65,14 +69,22 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
     """A volume twice and a half as large, turned and laid elsewhere, deforms to the same voxels."""
     values = np.random.default_rng(0).integers(0, 255, OLD.shape, dtype=np.uint8)
     shapes = (Cut(Line(((5.0, -9.0), (5.5, 40.0)))), Cut(Polygon(((1, 1), (3, 1), (2, 4))), enabled=False))
-    parts = (RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), name="ground"),
-             RigidPart(Mask(np.eye(3, 5, dtype=bool), Raster((3, 5), (0.5, 0.5), (8.0, 3.0))),
-                       RigidMotion.turn(20, (8, 3)), reach=2.0))
+    parts = (
+        RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), name="ground"),
+        RigidPart(
+            Mask(np.eye(3, 5, dtype=bool), Raster((3, 5), (0.5, 0.5), (8.0, 3.0))),
+            RigidMotion.turn(20, (8, 3)),
+            reach=2.0,
+        ),
+    )
     document = made_on(
-        OLD, Step((POINTS,), Plane.along(OLD, "+y"), support=9.0, cuts=shapes[:1]),
-        Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "-z"), parts=parts, trend="similarity",
-             cuts=shapes[1:]),
-        keyframes=(Keyframe(1.0, (Step((POINTS,), Plane.along(OLD, "+y")),)),))
+        OLD,
+        Step((POINTS,), Plane.along(OLD, "+y"), support=9.0, cuts=shapes[:1]),
+        Step(
+            (POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "-z"), parts=parts, trend="similarity", cuts=shapes[1:]
+        ),
+        keyframes=(Keyframe(1.0, (Step((POINTS,), Plane.along(OLD, "+y")),)),),
+    )
     moved = transplanted(document, LARGER, "box")
     one, other = (d.apply(Volume(values, grid)).values for d, grid in ((document, OLD), (moved, LARGER)))
     assert (one != values).mean() > 0.2
@@ -101,11 +113,20 @@ def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
     assert next(iter(ALIGNMENTS)) == "none"
 
 
-@pytest.mark.parametrize(("step", "message"), [
-    (Step((POINTS,), Plane.through((5, 0, 7), (1, 1, 0.3))), "oblique picture would be sheared"),
-    (Step((POINTS,), Plane.along(OLD, "+y"), parts=(RigidPart(HalfSpace((0, 50), (0, -1)), RigidMotion.turn(9, (0, 0)),
-                                                              name="thigh"),)), r'"thigh" turns'),
-])
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        (Step((POINTS,), Plane.through((5, 0, 7), (1, 1, 0.3))), "oblique picture would be sheared"),
+        (
+            Step(
+                (POINTS,),
+                Plane.along(OLD, "+y"),
+                parts=(RigidPart(HalfSpace((0, 50), (0, -1)), RigidMotion.turn(9, (0, 0)), name="thigh"),),
+            ),
+            r'"thigh" turns',
+        ),
+    ],
+)
 def test_what_unequal_scales_would_bend_is_refused(step: Step, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         transplanted(made_on(OLD, step), NEW, "box")

@@ -79,8 +79,9 @@ def test_nodes_go_to_nodes(antigonia: Transformation) -> None:
 
 
 def test_the_drawn_grid_goes_through_the_target_nodes(antigonia: Transformation) -> None:
-    for before, after, line in zip(antigonia.grid_before, antigonia.grid_after,
-                                   grid_lines(antigonia.grids.target_nodes), strict=True):
+    for before, after, line in zip(
+        antigonia.grid_before, antigonia.grid_after, grid_lines(antigonia.grids.target_nodes), strict=True
+    ):
         assert before.shape == after.shape
         oracle.assert_close(after[::12], line, atol=0.01)  # the inversion ends at 1e-6 of the extent
 
@@ -114,8 +115,9 @@ def test_the_fish_became_deep_and_kept_its_area(antigonia: Transformation) -> No
     boxes = [subject_box(p, margin=0) for p in (antigonia.before, antigonia.after)]
     slender, deep = ((b[3] - b[2]) / (b[1] - b[0]) for b in boxes)
     assert deep > 1.5 * slender
-    areas = [(p.grey() > 0.08).sum() * p.raster.spacing[0] * p.raster.spacing[1]
-             for p in (antigonia.before, antigonia.after)]
+    areas = [
+        (p.grey() > 0.08).sum() * p.raster.spacing[0] * p.raster.spacing[1] for p in (antigonia.before, antigonia.after)
+    ]
     assert areas[1] == pytest.approx(areas[0], rel=0.2)  # the grid does so exactly, what is in it about
 
 
@@ -283,14 +285,22 @@ def test_the_carp_that_it_makes_is_written_too(tmp_path: Path, monkeypatch: pyte
     carp = read_volume(tmp_path / "volume.nii.gz")
     assert demonstration.result.deformation.volume is not None
     assert demonstration.result.deformation.volume.matches(carp)
-    assert stages == ["make a carp", "look at it from the side", "deform it", "look at the result",
-                      "render both volumes", "write the carp", "write the deformed volume"]
+    assert stages == [
+        "make a carp",
+        "look at it from the side",
+        "deform it",
+        "look at the result",
+        "render both volumes",
+        "write the carp",
+        "write the deformed volume",
+    ]
     assert all(len(name) <= 28 for name in stages)  # the width of the bars
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("stop_at", ["look at it from the side", "deform it", "render both volumes",
-                                     "write the deformed volume"])
+@pytest.mark.parametrize(
+    "stop_at", ["look at it from the side", "deform it", "render both volumes", "write the deformed volume"]
+)
 def test_it_can_be_stopped_anywhere(stop_at: str, small: Volume, tmp_path: Path) -> None:
     def stage(name: str) -> Callable[[float], None]:
         def move(share: float) -> None:
@@ -307,11 +317,16 @@ def test_it_can_be_stopped_anywhere(stop_at: str, small: Volume, tmp_path: Path)
 # ---- mistakes --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("choices", "match"), [
-    (("Cyprinus", "-x", "core"), "no figure.*Antigonia"), (("Diodon", "-x", "core"), "do not correspond"),
-    (("", "-x", "core"), "no figure"),
-    (("Antigonia", "front", "core"), r"unknown view 'front'.*\+x"), (("Antigonia", "-x", "povray"), "unknown renderer"),
-])
+@pytest.mark.parametrize(
+    ("choices", "match"),
+    [
+        (("Cyprinus", "-x", "core"), "no figure.*Antigonia"),
+        (("Diodon", "-x", "core"), "do not correspond"),
+        (("", "-x", "core"), "no figure"),
+        (("Antigonia", "front", "core"), r"unknown view 'front'.*\+x"),
+        (("Antigonia", "-x", "povray"), "unknown renderer"),
+    ],
+)
 def test_choices_are_checked_before_the_work(choices: tuple[str, str, str], match: str, tmp_path: Path) -> None:
     with pytest.raises(DeformError, match=match):
         check_demo(*choices)

@@ -62,8 +62,19 @@ def test_one_picture_fills_its_figure() -> None:
     assert width / height == pytest.approx(np.diff(axes.get_xlim())[0] / -np.diff(axes.get_ylim())[0])
 
 
-@pytest.mark.parametrize("shapes", [[(20, 30)], [(20, 30)] * 2, [(30, 20)] * 2, [(10, 90), (40, 70)],
-                                    [(90, 10), (30, 30)], [(5, 5)] * 5, [(1, 200)] * 3, [(200, 1), (1, 1)]])
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        [(20, 30)],
+        [(20, 30)] * 2,
+        [(30, 20)] * 2,
+        [(10, 90), (40, 70)],
+        [(90, 10), (30, 30)],
+        [(5, 5)] * 5,
+        [(1, 200)] * 3,
+        [(200, 1), (1, 1)],
+    ],
+)
 @pytest.mark.parametrize("titled", ["", "a title"])
 def test_pictures_and_titles_do_not_overlap_and_share_one_scale(shapes: list[tuple[int, int]], titled: str) -> None:
     titles = [titled] * len(shapes) if titled else None
@@ -132,8 +143,10 @@ def test_coloured_pictures_lie_on_the_dark_end(style: str, tmp_path: Path) -> No
 # ---- texts -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("title", ["carp", "costs $5 and $6", r"$\frac{1}{0$", "鯉 カープ", "two\nlines", "<script>",
-                                   "x" * 300, "\x1b[31mred", ""])
+@pytest.mark.parametrize(
+    "title",
+    ["carp", "costs $5 and $6", r"$\frac{1}{0$", "鯉 カープ", "two\nlines", "<script>", "x" * 300, "\x1b[31mred", ""],
+)
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 @pytest.mark.filterwarnings("ignore:Glyph")  # outside of save_figure, which is quiet about them
 def test_titles_are_shown_as_they_are(title: str, suffix: str, tmp_path: Path) -> None:

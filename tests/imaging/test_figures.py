@@ -85,14 +85,17 @@ def test_a_figure_is_written(tmp_path: Any) -> None:
     assert (tmp_path / "figure.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize(("make", "words"), [
-    (lambda: draw_figure([]), "at least one row"),
-    (lambda: draw_figure([[]]), "at least one panel"),
-    (lambda: draw_figure([[Panel(box=(0, 1, 0, 1))]], style="neon"), "unknown style"),
-    (Panel, "needs a box or a grid"),
-    (lambda: Panel(np.zeros((4, 4), np.uint8)), "array \\(height, width, 3\\)"),
-    (lambda: Panel(box=(0, 1, 0, 1), at="nowhere"), "points are shown at"),
-])
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: draw_figure([]), "at least one row"),
+        (lambda: draw_figure([[]]), "at least one panel"),
+        (lambda: draw_figure([[Panel(box=(0, 1, 0, 1))]], style="neon"), "unknown style"),
+        (Panel, "needs a box or a grid"),
+        (lambda: Panel(np.zeros((4, 4), np.uint8)), "array \\(height, width, 3\\)"),
+        (lambda: Panel(box=(0, 1, 0, 1), at="nowhere"), "points are shown at"),
+    ],
+)
 def test_what_cannot_be_drawn_is_said(make: Any, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         make()

@@ -38,12 +38,20 @@ def lips(a: float) -> np.ndarray:
 def opening(plane: Plane, wall: float, gone: float, thickness: float) -> Step:
     """Both lips of a cut pulled apart; whole down to ``wall`` behind the first slice, nothing ``gone`` behind that."""
     out = WIDTH[:, None] * [1, 0]
-    points = ControlPoints.from_arrays(np.concatenate([lips(168), lips(192), ENDS]),
-                                       np.concatenate([lips(168) - out, lips(192) + out, ENDS]))
+    points = ControlPoints.from_arrays(
+        np.concatenate([lips(168), lips(192), ENDS]), np.concatenate([lips(168) - out, lips(192) + out, ENDS])
+    )
     depth = np.linspace(0, thickness, 151)
     curve = 0.5 + 0.5 * np.cos(np.pi * np.clip((depth - wall) / gone, 0, 1))
-    return Step((points,), plane, trend="none", support=SUPPORT, cuts=(Cut(Line([(180, 330), (180, 0)])),),
-                extrusion="modulate", curve=tuple(curve))
+    return Step(
+        (points,),
+        plane,
+        trend="none",
+        support=SUPPORT,
+        cuts=(Cut(Line([(180, 330), (180, 0)])),),
+        extrusion="modulate",
+        curve=tuple(curve),
+    )
 
 
 STEP = opening(FRONT, 52, 40, 264)
@@ -69,8 +77,11 @@ def test_every_point_lands_with_its_side_of_the_cut() -> None:
 @pytest.mark.parametrize("height", [100.0, 135.0, 170.0, 222.0])
 def test_the_gap_is_as_wide_as_the_edges_have_moved(height: float) -> None:
     field = decoupled(STEP, BODY)
-    edges = [warp_points([[180.0, height]], fit)[0][0] for _, fit in field.of_source(np.array([[180.0, height]]))
-             if fit is not None]
+    edges = [
+        warp_points([[180.0, height]], fit)[0][0]
+        for _, fit in field.of_source(np.array([[180.0, height]]))
+        if fit is not None
+    ]
     row = np.linspace(60, 300, 4801)
     empty = (1 - field.opacity(np.column_stack([row, np.full(len(row), edges[0][1])]))).sum() * (row[1] - row[0])
     wide = abs(edges[0][0] - edges[1][0])
@@ -153,8 +164,13 @@ def test_the_real_abdomen_opens_too(real_data: Callable[[str], Path]) -> None:
     tissue = [(v.values > -200).sum() for v in (scan, opened)]
     assert 0.97 < tissue[1] / tissue[0] < 1.0
     # The hole in the front: air where there was fat and muscle, in the middle of the cut.
-    first = [np.flatnonzero(project(v, step.plane.shifted(0.0), "slice", depth=-82.0)  # type: ignore[union-attr]
-                            .values[170 // 3] > -200) for v in (scan, opened)]
+    first = [
+        np.flatnonzero(
+            project(v, step.plane.shifted(0.0), "slice", depth=-82.0).values[170 // 3]  # type: ignore[union-attr]
+            > -200
+        )
+        for v in (scan, opened)
+    ]
     gone = np.setdiff1d(first[0], first[1]) * 3.0
     assert gone.size * 3 > 60
     assert abs(gone.mean() - 180) < 12

@@ -53,8 +53,9 @@ def test_the_bar_bends_at_every_depth_alike() -> None:
     core = BAR.grid.origin[2] + VOXEL * rows.mean()
     oracle.assert_close(core, 96 + 18, atol=VOXEL)  # the core was at z = 96; the arch lifts the middle by 18 mm
     place = np.array([126.0, 64.0, 114.0])
-    fields = [Deformation((BEND,)).field(BAR.grid).displacement(place + np.array([0.0, depth, 0.0]))
-              for depth in (-60, 0, 60)]
+    fields = [
+        Deformation((BEND,)).field(BAR.grid).displacement(place + np.array([0.0, depth, 0.0])) for depth in (-60, 0, 60)
+    ]
     oracle.assert_close(fields[0], fields[1], atol=1e-12)
     oracle.assert_close(fields[2], fields[1], atol=1e-12)
 
@@ -69,8 +70,7 @@ def test_the_displacement_has_no_component_along_the_depth() -> None:
 
 def pulled(left: float, right: float, **options: object) -> Step:
     goal = HANDS + np.array([left, left, right, right])[:, None] * [1, 0]
-    return Step((ControlPoints.from_arrays(HANDS, goal),), PLANE, trend="translation", cuts=(CUT,),
-                **options)  # type: ignore[arg-type]
+    return Step((ControlPoints.from_arrays(HANDS, goal),), PLANE, trend="translation", cuts=(CUT,), **options)  # type: ignore[arg-type]
 
 
 def gaps(step: Step) -> np.ndarray:
@@ -98,11 +98,14 @@ def test_a_cut_that_is_not_pulled_is_not_seen() -> None:
         assert np.abs(same.values.astype(int) - BAR.values).max() == 0
 
 
-@pytest.mark.parametrize(("curve", "f"), [
-    ("1-z", lambda z: 1 - z),
-    ("z", lambda z: z),
-    (tuple(0.5 + 0.5 * np.cos(np.pi * np.linspace(0, 1, 101))), lambda z: 0.5 + 0.5 * np.cos(np.pi * z)),
-])
+@pytest.mark.parametrize(
+    ("curve", "f"),
+    [
+        ("1-z", lambda z: 1 - z),
+        ("z", lambda z: z),
+        (tuple(0.5 + 0.5 * np.cos(np.pi * np.linspace(0, 1, 101))), lambda z: 0.5 + 0.5 * np.cos(np.pi * z)),
+    ],
+)
 def test_modulated_the_gap_is_the_curve_times_the_drag(curve: object, f: object) -> None:
     width = gaps(pulled(-8, 8, extrusion="modulate", curve=curve))
     zeta = np.linspace(0, 1, BAR.shape[1])

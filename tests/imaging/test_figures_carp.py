@@ -60,8 +60,11 @@ def test_the_carp_becomes_deep_and_short() -> None:
 
 def test_the_papers_own_carp_becomes_deep_and_short(real_data: Callable[[str], Path]) -> None:
     carp = load("carp", folder=real_data("carp.nii.gz").parent)
-    coarse = replace(carp, values=np.ascontiguousarray(carp.values[::4, ::4, ::4]),
-                     grid=replace(carp.grid, shape=(64, 128, 64), spacing=tuple(4 * s for s in carp.grid.spacing)))
+    coarse = replace(
+        carp,
+        values=np.ascontiguousarray(carp.values[::4, ::4, ::4]),
+        grid=replace(carp.grid, shape=(64, 128, 64), spacing=tuple(4 * s for s in carp.grid.spacing)),
+    )
     check_it_becomes_deep(coarse)
 
 
@@ -74,6 +77,5 @@ def test_modulated_the_displacement_grows_smoothly_from_zero_through_the_body() 
     full = whole.field(FISH.grid).displacement(places)
     grown = Deformation((smooth,)).field(FISH.grid).displacement(places)
     oracle.assert_close(full, np.broadcast_to(full[0], full.shape), atol=1e-9)
-    oracle.assert_close(grown, full * np.sin(np.pi * np.linspace(0, 1, 65))[:, None],
-                        atol=1e-3 * np.abs(full).max())
+    oracle.assert_close(grown, full * np.sin(np.pi * np.linspace(0, 1, 65))[:, None], atol=1e-3 * np.abs(full).max())
     assert np.abs(grown[[0, -1]]).max() < 1e-6

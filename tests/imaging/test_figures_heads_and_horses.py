@@ -74,7 +74,7 @@ def test_the_legs_of_the_horse_are_fixed(figure: dict[str, Any]) -> None:
     nz, ny, nx = horse.shape
     low = horse.grid.origin[2] + np.arange(nz) * voxel < knees
     assert low.sum() > 10
-    there = raised.values[k:k + nz, j:j + ny, i:i + nx]
+    there = raised.values[k : k + nz, j : j + ny, i : i + nx]
     assert_close(there[low], horse.values[low], atol=1e-3 * voxel)
 
 

@@ -30,8 +30,20 @@ SHAPE = (100, 64, 44)
 KNEE = PHANTOMS["knee"].make(SHAPE, noise=0)
 SIDE = Plane.along(KNEE.grid, "-x")
 BEND = RigidMotion.turn(-40, about=(67, 140), shift=(2, 4))
-FEMUR_END = [(47, 100), (44, 120), (38, 135), (40, 150), (48, 160), (60, 165), (75, 165), (88, 160), (96, 150),
-             (97, 138), (86, 126), (76, 105)]
+FEMUR_END = [
+    (47, 100),
+    (44, 120),
+    (38, 135),
+    (40, 150),
+    (48, 160),
+    (60, 165),
+    (75, 165),
+    (88, 160),
+    (96, 150),
+    (97, 138),
+    (86, 126),
+    (76, 105),
+]
 CALF = [(72, 270)]
 SHAFT = np.array([(70.0, 175), (70, 295)])
 ACROSS = np.array([(52.0, 240), (90, 240)])
@@ -52,8 +64,11 @@ def shares(field: AbstractField) -> tuple[float, float, float]:
     """Length and width of the shaft of the shin as shares of what they were, and the angle it has turned by."""
     (p, q, r, s), found = warp_points(np.concatenate([SHAFT, ACROSS]), field)
     assert found.all()
-    return (float(np.linalg.norm(q - p) / 120), float(np.linalg.norm(s - r) / 38),
-            float(np.degrees(np.arctan2(*(q - p)))))
+    return (
+        float(np.linalg.norm(q - p) / 120),
+        float(np.linalg.norm(s - r) / 38),
+        float(np.degrees(np.arctan2(*(q - p)))),
+    )
 
 
 # ---- trends ----------------------------------------------------------------------------------------------------------
@@ -67,8 +82,10 @@ def test_every_trend_puts_the_points_where_they_were_dragged(trend: str) -> None
 
 
 def test_affine_squashes_the_shin_and_rigid_does_so_less() -> None:
-    width = {trend: shares(picture_field(Step((POINTS,), SIDE, trend=trend), KNEE.grid))[1]
-             for trend in ("affine", "similarity", "rigid")}
+    width = {
+        trend: shares(picture_field(Step((POINTS,), SIDE, trend=trend), KNEE.grid))[1]
+        for trend in ("affine", "similarity", "rigid")
+    }
     assert width["affine"] > 1.5  # half as wide again: the paper's "unrealistic squashing"
     assert width["similarity"] < 1.3
     assert width["rigid"] <= width["similarity"]
@@ -76,8 +93,10 @@ def test_affine_squashes_the_shin_and_rigid_does_so_less() -> None:
 
 
 def test_how_far_the_shin_turns_depends_on_the_support() -> None:
-    angles = [shares(picture_field(Step((POINTS,), SIDE, trend="rigid", support=r), KNEE.grid))[2]
-              for r in (60.0, 120, 240, 480)]
+    angles = [
+        shares(picture_field(Step((POINTS,), SIDE, trend="rigid", support=r), KNEE.grid))[2]
+        for r in (60.0, 120, 240, 480)
+    ]
     assert np.all(np.diff(angles) > 1.0)
     assert angles[0] < 40 < angles[-1]
 
@@ -133,12 +152,22 @@ def test_the_smallest_set_that_bends_is_two_parts_and_no_point() -> None:
 
 def test_the_bones_of_the_spl_atlas_are_kept_too(real_data: Callable[[str], Path]) -> None:
     atlas = read_volume(real_data("knee_labels.nrrd"), is_labels=True)
-    coarse = replace(atlas, values=np.ascontiguousarray(atlas.values[::2, ::7, ::7]), grid=replace(
-        atlas.grid, shape=atlas.values[::2, ::7, ::7].shape,  # type: ignore[arg-type]
-        spacing=tuple(float(s) * k for s, k in zip(atlas.grid.spacing, (7, 7, 2), strict=True))))
+    coarse = replace(
+        atlas,
+        values=np.ascontiguousarray(atlas.values[::2, ::7, ::7]),
+        grid=replace(
+            atlas.grid,
+            shape=atlas.values[::2, ::7, ::7].shape,  # type: ignore[arg-type]
+            spacing=tuple(float(s) * k for s, k in zip(atlas.grid.spacing, (7, 7, 2), strict=True)),
+        ),
+    )
     femur, shin = Mask.from_labels(coarse, 95), Mask.from_labels(coarse, [96, 97])
-    joint = np.array([coarse.grid.index_to_point(np.argwhere(np.isin(coarse.values, which))[:, ::-1]).mean(axis=0)
-                      for which in (95, [96, 97])]).mean(axis=0)
+    joint = np.array(
+        [
+            coarse.grid.index_to_point(np.argwhere(np.isin(coarse.values, which))[:, ::-1]).mean(axis=0)
+            for which in (95, [96, 97])
+        ]
+    ).mean(axis=0)
     bend = RigidMotion.turn(20, about=joint, axis=(1, 0, 0))
     step = Step((ControlPoints.empty(3),), None, parts=(RigidPart(femur), RigidPart(shin, bend)))
     field = Deformation((step,)).field(coarse.grid)
@@ -156,13 +185,37 @@ def test_the_bones_of_the_spl_atlas_are_kept_too(real_data: Callable[[str], Path
 
 # (x, z) in the straight scan and in the bent one, read by eye on the slices y = 24 and y = 34.
 FEMUR = [((91, 43.5), (86, 49.5)), ((84, 54.5), (79, 61)), ((80, 58.5), (75, 64.5)), ((84, 90), (79.3, 96))]
-SHIN = [((66, 34), (55, 46)), ((93.5, 38.5), (81.5, 43.5)), ((95, 30), (81.5, 34)), ((74.5, 12), (54.2, 24)),
-        ((69.5, 39.5), (59, 51.5))]
-SKIN = [((58, 70), (51, 66)), ((113, 60), (108, 62)), ((108, 36), (98, 38)), ((38, 5), (17, 20)),
-        ((56, 110), (54, 110)), ((112, 100), (110, 100))]
-OUTLINES = ([(84, 128), (84, 80), (80.5, 64), (79, 57), (84, 49), (91, 43.5), (100, 46), (105, 55), (103, 64),
-             (99.5, 75), (98, 128)],
-            [(67, 39), (70, 40.5), (82, 40), (94, 36), (95, 30), (93, 20), (88, 0), (74, 0), (74, 20), (68, 31)])
+SHIN = [
+    ((66, 34), (55, 46)),
+    ((93.5, 38.5), (81.5, 43.5)),
+    ((95, 30), (81.5, 34)),
+    ((74.5, 12), (54.2, 24)),
+    ((69.5, 39.5), (59, 51.5)),
+]
+SKIN = [
+    ((58, 70), (51, 66)),
+    ((113, 60), (108, 62)),
+    ((108, 36), (98, 38)),
+    ((38, 5), (17, 20)),
+    ((56, 110), (54, 110)),
+    ((112, 100), (110, 100)),
+]
+OUTLINES = (
+    [
+        (84, 128),
+        (84, 80),
+        (80.5, 64),
+        (79, 57),
+        (84, 49),
+        (91, 43.5),
+        (100, 46),
+        (105, 55),
+        (103, 64),
+        (99.5, 75),
+        (98, 128),
+    ],
+    [(67, 39), (70, 40.5), (82, 40), (94, 36), (95, 30), (93, 20), (88, 0), (74, 0), (74, 20), (68, 31)],
+)
 
 
 def on_picture(places: Any) -> np.ndarray:

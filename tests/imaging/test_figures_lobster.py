@@ -45,8 +45,9 @@ def check(scope: dict[str, Any]) -> None:
     assert 60 < maps.full_bytes(grid) / maps.nbytes < 100
 
 
-def test_the_tail_swings_and_nothing_shrinks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                             capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tail_swings_and_nothing_shrinks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     scope = run_cells(tmp_path, monkeypatch)
     check(scope)
     assert "27 control points, 2 key frames" in capsys.readouterr().out
@@ -63,7 +64,8 @@ def test_the_tail_swings_and_nothing_shrinks(tmp_path: Path, monkeypatch: pytest
 
 
 @pytest.mark.nightly
-def test_the_papers_own_lobster_swims_too(real_data: Callable[[str], Path], tmp_path: Path,
-                                          monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_papers_own_lobster_swims_too(
+    real_data: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("DEFORMNB_DATA", str(real_data("lobster.nrrd").parent))
     check(run_cells(tmp_path, monkeypatch, real=True))

@@ -30,8 +30,13 @@ from deformnb.volume.volume import Grid, Volume
 
 BACKENDS = ["core", pytest.param("vtk", marks=pytest.mark.needs_gl)]
 WHITE = TransferFunction(((0, 1, 1, 1),), ((0, 0), (50, 0.9), (255, 0.9)))
-KINDS = ["a.gif", "a.mp4", pytest.param("a.webp", marks=pytest.mark.skipif(not features.check("webp"), reason="none")),
-         "a.png", "folder/"]
+KINDS = [
+    "a.gif",
+    "a.mp4",
+    pytest.param("a.webp", marks=pytest.mark.skipif(not features.check("webp"), reason="none")),
+    "a.png",
+    "folder/",
+]
 
 
 def ball() -> tuple[Volume, Deformation]:
@@ -94,8 +99,9 @@ def test_the_first_frame_is_the_original_and_the_middle_one_is_deformed(backend:
     oracle.assert_close(frames[3], render_volume(deformation.apply(volume), direction=(0, 1, 0), **look), atol=1)
     pixels = 72 / (31 * 1.02 + 1)  # a voxel is so many of them
     # 8 voxels to the right; a quarter of that way after a sixth of the swing, three quarters after a third.
-    oracle.assert_close([middle(f) - middle(frames[0]) for f in frames],
-                        np.array([0, 2, 6, 8, 6, 2]) * pixels, atol=0.8)
+    oracle.assert_close(
+        [middle(f) - middle(frames[0]) for f in frames], np.array([0, 2, 6, 8, 6, 2]) * pixels, atol=0.8
+    )
     for k in (1, 2):
         np.testing.assert_array_equal(frames[k], frames[6 - k])
 
@@ -104,8 +110,18 @@ def test_the_first_frame_is_the_original_and_the_middle_one_is_deformed(backend:
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_pair_keeps_the_original_at_the_left(backend: str) -> None:
     volume, deformation = ball()
-    frames = list(deformation_frames(volume, deformation, strengths=(0.0, 1.0), directions=(0, 1, 0), shows="pair",
-                                     transfer=WHITE, size=(64, 64), backend=backend))
+    frames = list(
+        deformation_frames(
+            volume,
+            deformation,
+            strengths=(0.0, 1.0),
+            directions=(0, 1, 0),
+            shows="pair",
+            transfer=WHITE,
+            size=(64, 64),
+            backend=backend,
+        )
+    )
     assert [f.shape for f in frames] == [(64, 128, 3)] * 2
     np.testing.assert_array_equal(frames[0][:, :64], frames[0][:, 64:])
     np.testing.assert_array_equal(frames[0][:, :64], frames[1][:, :64])
@@ -133,8 +149,18 @@ def test_the_camera_turns_and_keeps_its_scale(backend: str) -> None:
 def test_the_field_of_view_can_be_larger() -> None:
     volume, deformation = ball()
     wide = volume.grid.resampled(margin=(16.0, 0, 0))
-    frames = list(deformation_frames(volume, deformation.scaled(2.5), strengths=(1.0,), directions=(0, 1, 0),
-                                     transfer=WHITE, size=(128, 64), backend="core", output=wide))
+    frames = list(
+        deformation_frames(
+            volume,
+            deformation.scaled(2.5),
+            strengths=(1.0,),
+            directions=(0, 1, 0),
+            transfer=WHITE,
+            size=(128, 64),
+            backend="core",
+            output=wide,
+        )
+    )
     assert middle(frames[0]) == pytest.approx(63.5 + 20 * 64 / 32.64, abs=1)  # beyond the box of the volume itself
 
 
@@ -172,8 +198,17 @@ def test_a_volume_is_not_deformed_again_where_only_the_camera_moves(monkeypatch:
     volume, deformation = ball()
     for shows, strengths, times in (("after", (1, 1, 1), 1), ("pair", (1, 1, 1), 2), ("pair", (1, 2, 0), 3)):
         made.clear()
-        list(deformation_frames(volume, deformation, strengths=strengths, directions=orbit(3), shows=shows,
-                                size=(16, 12), backend="core"))
+        list(
+            deformation_frames(
+                volume,
+                deformation,
+                strengths=strengths,
+                directions=orbit(3),
+                shows=shows,
+                size=(16, 12),
+                backend="core",
+            )
+        )
         assert len(made) == times
 
 
@@ -186,12 +221,20 @@ def test_swing_and_orbit() -> None:
     assert len(set(orbit(7))) == 7
 
 
-@pytest.mark.parametrize(("options", "match"), [
-    ({"strengths": 0}, "at least 1"), ({"strengths": ()}, "at least one"), ({"strengths": (0, np.nan)}, "finite"),
-    ({"strengths": "all"}, "list of numbers"), ({"directions": np.ones((3, 3))}, "each of the 2"),
-    ({"directions": (0, 0, 0)}, "normal"), ({"shows": "grid"}, "after or pair"), ({"size": (0, 4)}, "size"),
-    ({"backend": "povray"}, "unknown renderer"),
-])
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"strengths": 0}, "at least 1"),
+        ({"strengths": ()}, "at least one"),
+        ({"strengths": (0, np.nan)}, "finite"),
+        ({"strengths": "all"}, "list of numbers"),
+        ({"directions": np.ones((3, 3))}, "each of the 2"),
+        ({"directions": (0, 0, 0)}, "normal"),
+        ({"shows": "grid"}, "after or pair"),
+        ({"size": (0, 4)}, "size"),
+        ({"backend": "povray"}, "unknown renderer"),
+    ],
+)
 def test_senseless_frames_are_refused_at_once(options: dict[str, Any], match: str) -> None:
     volume, deformation = ball()
     with pytest.raises(DeformError, match=match):
@@ -219,8 +262,9 @@ def test_a_movie_is_read_back(name: str, tmp_path: Path) -> None:
 def test_a_deformation_becomes_a_movie(tmp_path: Path) -> None:
     volume, deformation = ball()
     seen: list[tuple[int, int]] = []
-    frames = deformation_frames(volume, deformation, strengths=6, directions=(0, 1, 0), transfer=WHITE, size=(60, 44),
-                                backend="core")
+    frames = deformation_frames(
+        volume, deformation, strengths=6, directions=(0, 1, 0), transfer=WHITE, size=(60, 44), backend="core"
+    )
     path = write_movie(tmp_path / "ball.gif", frames, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(k, 6) for k in range(1, 7)]
     found = read_back(path)
@@ -291,12 +335,18 @@ def test_a_webp_keeps_time_and_repeats(tmp_path: Path) -> None:
     assert sum(durations) == 250
 
 
-@pytest.mark.parametrize(("name", "files"), [
-    ("turn.png", ["turn_0000.png", "turn_0001.png"]), ("turn_%02d.png", ["turn_00.png", "turn_01.png"]),
-    ("%d of two.png", ["0 of two.png", "1 of two.png"]), ("new", ["frame_0000.png", "frame_0001.png"]),
-    ("new/", ["frame_0000.png", "frame_0001.png"]), ("", ["frame_0000.png", "frame_0001.png"]),
-    ("{0}.PNG", ["{0}_0000.PNG", "{0}_0001.PNG"]),
-])
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [
+        ("turn.png", ["turn_0000.png", "turn_0001.png"]),
+        ("turn_%02d.png", ["turn_00.png", "turn_01.png"]),
+        ("%d of two.png", ["0 of two.png", "1 of two.png"]),
+        ("new", ["frame_0000.png", "frame_0001.png"]),
+        ("new/", ["frame_0000.png", "frame_0001.png"]),
+        ("", ["frame_0000.png", "frame_0001.png"]),
+        ("{0}.PNG", ["{0}_0000.PNG", "{0}_0001.PNG"]),
+    ],
+)
 def test_numbered_pictures(name: str, files: list[str], tmp_path: Path) -> None:
     frames = shades(2)
     folder = write_movie(f"{tmp_path}/{name}", frames)
@@ -367,11 +417,15 @@ def test_an_error_of_a_frame_leaves_nothing(target: str) -> None:
         write_movie(target, after_three(fail))
 
 
-@pytest.mark.parametrize(("bad", "match"), [
-    (np.zeros((12, 21, 3), np.uint8), r"frame 2 is 21 x 12, those before are 20 x 12"),
-    (np.zeros((12, 20), np.uint8), "frame 2 is no picture"), (np.zeros((12, 20, 3)), "frame 2 is no picture"),
-    (np.zeros((0, 20, 3), np.uint8), "frame 2 is no picture"),
-])
+@pytest.mark.parametrize(
+    ("bad", "match"),
+    [
+        (np.zeros((12, 21, 3), np.uint8), r"frame 2 is 21 x 12, those before are 20 x 12"),
+        (np.zeros((12, 20), np.uint8), "frame 2 is no picture"),
+        (np.zeros((12, 20, 3)), "frame 2 is no picture"),
+        (np.zeros((0, 20, 3), np.uint8), "frame 2 is no picture"),
+    ],
+)
 def test_frames_that_are_no_pictures_of_one_size(target: str, bad: np.ndarray, match: str) -> None:
     with pytest.raises(DeformError, match=match):
         write_movie(target, [*shades(2), bad])
@@ -399,8 +453,10 @@ def test_a_full_disk_is_said(target: str, monkeypatch: pytest.MonkeyPatch) -> No
 def test_an_encoder_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import imageio_ffmpeg
 
-    for words, match in (("av_interleaved_write_frame(): No space left on device", "disk .* is full"),
-                         ("Unknown encoder libx264", "the encoder ended with 3: Unknown encoder")):
+    for words, match in (
+        ("av_interleaved_write_frame(): No space left on device", "disk .* is full"),
+        ("Unknown encoder libx264", "the encoder ended with 3: Unknown encoder"),
+    ):
         fake = tmp_path / "ffmpeg"
         fake.write_text(f"#!/bin/sh\nhead -c 100 >/dev/null\necho '{words}' >&2\nexit 3\n", encoding="utf-8")
         fake.chmod(0o755)
@@ -431,11 +487,18 @@ def test_webp_without_webp_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("name", "match"), [
-    ("a.avi", r"\.gif, \.mp4, \.webp, \.png or into a folder"), ("missing/a.gif", "no folder"),
-    ("missing/a.mp4", "no folder"), ("missing/a.png", "no folder"), ("missing/new/", "no folder"),
-    ("a_%s.png", "no pattern"), ("a_%d_%d.png", "no pattern"),
-])
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("a.avi", r"\.gif, \.mp4, \.webp, \.png or into a folder"),
+        ("missing/a.gif", "no folder"),
+        ("missing/a.mp4", "no folder"),
+        ("missing/a.png", "no folder"),
+        ("missing/new/", "no folder"),
+        ("a_%s.png", "no pattern"),
+        ("a_%d_%d.png", "no pattern"),
+    ],
+)
 def test_paths_that_cannot_be_written(name: str, match: str, tmp_path: Path) -> None:
     asked: list[int] = []
 
@@ -477,15 +540,21 @@ def test_pairs_of_stills_and_movies_agree() -> None:
     (frame,) = deformation_frames(volume, deformation, strengths=(1.0,), shows="pair", **look)
     still = render_pair(volume, deformation.apply(volume), captions=("", ""), **look)
     assert middle(frame[:, 64:]) - middle(frame[:, :64]) == pytest.approx(
-        middle(still[:, still.shape[1] // 2 :]) - middle(still[:, : still.shape[1] // 2]), abs=1)
+        middle(still[:, still.shape[1] // 2 :]) - middle(still[:, : still.shape[1] // 2]), abs=1
+    )
 
 
 def test_an_animation_becomes_frames_of_its_moments() -> None:
     volume, deformation = ball()
     keys = (Keyframe(0.0, deformation.scaled(0).steps), Keyframe(1.0, deformation.steps))
     document = Deformation(deformation.steps, keyframes=keys)
-    look: dict[str, Any] = {"directions": (0, 1, 0), "transfer": WHITE, "size": (64, 48), "backend": "core",
-                            "background": (0, 0, 0)}
+    look: dict[str, Any] = {
+        "directions": (0, 1, 0),
+        "transfer": WHITE,
+        "size": (64, 48),
+        "backend": "core",
+        "background": (0, 0, 0),
+    }
     frames = animation_frames(volume, Animation(document), fps=4, **look)
     assert operator.length_hint(frames) == 5
     places = [middle(frame) for frame in frames]

@@ -34,9 +34,18 @@ def literal_light(volume: Volume, transfer: TransferFunction) -> NDArray[np.floa
 
     def mean(values: NDArray[np.float64], r: int) -> NDArray[np.float64]:
         padded = np.pad(values, r)
-        return np.array([[[padded[i : i + 2 * r + 1, j : j + 2 * r + 1, k : k + 2 * r + 1].mean()
-                           for k in range(values.shape[2])] for j in range(values.shape[1])]
-                         for i in range(values.shape[0])])
+        return np.array(
+            [
+                [
+                    [
+                        padded[i : i + 2 * r + 1, j : j + 2 * r + 1, k : k + 2 * r + 1].mean()
+                        for k in range(values.shape[2])
+                    ]
+                    for j in range(values.shape[1])
+                ]
+                for i in range(values.shape[0])
+            ]
+        )
 
     near = mean(cells, 1)
     far = mean(mean(near, 3), 3)

@@ -45,10 +45,12 @@ DIRECTIONS = [(1.0, 0.2, -0.1), (-0.3, -1.0, 0.2), (0.2, 0.3, 1.0), (0.5, 0.7, -
 @pytest.mark.sampled(12)
 @pytest.mark.parametrize("direction", DIRECTIONS)
 @pytest.mark.parametrize("perspective", [None, 80.0])
-@pytest.mark.parametrize("volume", [body(), body((1.0, 1.0, 1.5)), body(direction=TURNED)],
-                         ids=["plain", "thick", "turned"])
-def test_slices_give_the_picture_of_the_ray_caster(direction: tuple[float, float, float], perspective: float | None,
-                                                   volume: Volume) -> None:
+@pytest.mark.parametrize(
+    "volume", [body(), body((1.0, 1.0, 1.5)), body(direction=TURNED)], ids=["plain", "thick", "turned"]
+)
+def test_slices_give_the_picture_of_the_ray_caster(
+    direction: tuple[float, float, float], perspective: float | None, volume: Volume
+) -> None:
     seen = camera(volume, direction, distance=perspective)
     for is_lit, projection in ((False, "composite"), (True, "shaded")):
         wanted = draw_core(volume, seen, SIZE, RED, DARK, projection=projection).astype(float)
@@ -62,8 +64,9 @@ def test_slices_give_the_picture_of_the_ray_caster(direction: tuple[float, float
 def test_the_largest_value_is_that_of_the_ray_caster(direction: tuple[float, float, float]) -> None:
     volume = body()
     seen = camera(volume, direction, distance=70.0)
-    wanted, found = (draw(volume, seen, SIZE, 200.0, LIGHT, DARK).astype(float)
-                     for draw in (draw_core_mip, draw_slices_mip))
+    wanted, found = (
+        draw(volume, seen, SIZE, 200.0, LIGHT, DARK).astype(float) for draw in (draw_core_mip, draw_slices_mip)
+    )
     assert np.abs(found - wanted).mean() < 2
     assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.99
 

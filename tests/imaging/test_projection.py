@@ -96,12 +96,17 @@ VALUES = st.one_of(st.integers(-20, 120).map(float), st.floats(-20, 120), st.sam
 ALPHAS = st.one_of(st.floats(0, 0.9), st.sampled_from([0.0, 1.0]))
 
 
-@given(colors=st.lists(st.tuples(VALUES, *[st.floats(0, 1)] * 3), min_size=1, max_size=6),
-       opacities=st.lists(st.tuples(VALUES, ALPHAS), min_size=1, max_size=6), unit=st.floats(0.25, 4),
-       dtype=st.sampled_from(["int16", "int32", "float32", "float64"]), hot=st.sampled_from([None, 1e6, -1e6, 3e4]),
-       seed=st.integers(0, 9))
+@given(
+    colors=st.lists(st.tuples(VALUES, *[st.floats(0, 1)] * 3), min_size=1, max_size=6),
+    opacities=st.lists(st.tuples(VALUES, ALPHAS), min_size=1, max_size=6),
+    unit=st.floats(0.25, 4),
+    dtype=st.sampled_from(["int16", "int32", "float32", "float64"]),
+    hot=st.sampled_from([None, 1e6, -1e6, 3e4]),
+    seed=st.integers(0, 9),
+)
 def test_a_hot_voxel_changes_no_other_pixel_of_any_transfer_function(
-        colors: Any, opacities: Any, unit: float, dtype: str, hot: float | None, seed: int) -> None:
+    colors: Any, opacities: Any, unit: float, dtype: str, hot: float | None, seed: int
+) -> None:
     function = TransferFunction(tuple(sorted(colors)), tuple(sorted(opacities)), unit)
     values = np.random.default_rng(seed).uniform(0, 100, (2, 16, 20)).astype(dtype)
     values[:, 3, :6] = 0, 20, 50, 50, 100, 99  # nodes and jumps among them
@@ -138,8 +143,11 @@ def test_opaque_values_stay_opaque_in_thin_layers(parts: int) -> None:
 def test_many_nodes_are_as_exact_as_few() -> None:
     rng = np.random.default_rng(5)
     at = np.sort(rng.uniform(0, 100, 300))
-    function = TransferFunction(tuple((float(v), *rng.uniform(0, 1, 3)) for v in at),
-                                tuple((float(v), rng.uniform(0, 0.5)) for v in at[::2]), unit=2.0)
+    function = TransferFunction(
+        tuple((float(v), *rng.uniform(0, 1, 3)) for v in at),
+        tuple((float(v), rng.uniform(0, 0.5)) for v in at[::2]),
+        unit=2.0,
+    )
     values = rng.uniform(-5, 105, (3, 10, 11)).astype(np.float32)
     found = project(volume_of(values), "+z", "composite", transfer=function).values
     # The steepest ramp, 1 over 1e-3 of a value, turns the last digit of a float32 of 100 into 4e-3 of a colour.
@@ -154,16 +162,19 @@ def test_light_knows_no_hot_voxel(hot: float) -> None:
     spotted = values.copy()
     spotted[1, 2, 2] = hot
     for kind in ("float32", "float64"):
-        plain, other = (project(volume_of(v.astype(kind)), "+z", "shaded", transfer=ramp).values
-                        for v in (values, spotted))
+        plain, other = (
+            project(volume_of(v.astype(kind)), "+z", "shaded", transfer=ramp).values for v in (values, spotted)
+        )
         oracle.assert_close(other[5:, 5:], plain[5:, 5:], atol=1e-6)
         assert plain[5:, 5:].max() > 0.5
 
 
 # ---- places ----------------------------------------------------------------------------------------------------------
 
-ROTATIONS = [Rotation.from_euler("xyz", angles, degrees=True).as_matrix() for angles in
-             ([20, 0, 0], [0, -35, 10], [40, 50, 60], [120, -10, 200])]
+ROTATIONS = [
+    Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+    for angles in ([20, 0, 0], [0, -35, 10], [40, 50, 60], [120, -10, 200])
+]
 
 
 def ball(grid: Grid, centre: np.ndarray, radius: float) -> Volume:
@@ -174,8 +185,9 @@ def ball(grid: Grid, centre: np.ndarray, radius: float) -> Volume:
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize(("direction", "method"),
-                         [("LPS", "mip"), ("RAS", "mip"), ("PIR", "composite"), ("SLA", "mean")])
+@pytest.mark.parametrize(
+    ("direction", "method"), [("LPS", "mip"), ("RAS", "mip"), ("PIR", "composite"), ("SLA", "mean")]
+)
 def test_a_ball_is_where_the_plane_says(direction: str, method: str) -> None:
     matrix = DIRECTIONS[direction]
     grid = Grid((24, 20, 16), (1.5, 1.0, 0.75), (5, -7, 11), tuple(map(tuple, matrix.tolist())))
@@ -309,8 +321,9 @@ def test_thin_volumes_and_every_preset(method: str, shape: tuple[int, int, int])
 def test_every_type_of_voxel_gives_the_same_picture(method: str, dtype: str) -> None:
     top = 1 if dtype == "bool" else TOP
     values = noise((4, 5, 6), "int64", top)
-    ramp = TransferFunction(tuple((v * top / TOP, *c) for v, *c in RAMP.colors),
-                            tuple((v * top / TOP, a) for v, a in RAMP.opacities))
+    ramp = TransferFunction(
+        tuple((v * top / TOP, *c) for v, *c in RAMP.colors), tuple((v * top / TOP, a) for v, a in RAMP.opacities)
+    )
     for view in ("+z", Plane.through((2, 2, 2), (1, 2, 3))):
         picture = project(volume_of(values.astype(dtype)), view, method, transfer=ramp)
         same = values.astype("uint8" if dtype == "bool" else "float64")
@@ -318,8 +331,11 @@ def test_every_type_of_voxel_gives_the_same_picture(method: str, dtype: str) -> 
         if dtype == "bool" and not isinstance(view, str):
             continue  # nearest, so other values than those of numbers
         rounding = 0.5 if picture.values.ndim == 2 else 0.01  # integers are rounded when a lattice is filled
-        oracle.assert_close(picture.values.astype(float), wanted.values.astype(float),
-                            atol=1e-4 if isinstance(view, str) or dtype.startswith("float") else rounding + 1e-4)
+        oracle.assert_close(
+            picture.values.astype(float),
+            wanted.values.astype(float),
+            atol=1e-4 if isinstance(view, str) or dtype.startswith("float") else rounding + 1e-4,
+        )
         assert picture.grey().dtype == np.float32
         assert 0 <= picture.grey().min() <= picture.grey().max() <= 1
 
@@ -376,6 +392,7 @@ def test_labels_keep_the_background_black() -> None:
     assert picture.window == (2, 5)
     assert picture.unit == ""
 
+
 def test_padding_does_not_stretch_the_grey_levels() -> None:
     values = np.random.default_rng(2).integers(-1010, -990, (6, 20, 20)).astype(np.int16)
     values[:, 6:14, 6:14], values[:, 9:11, 9:11] = 40, 900
@@ -384,7 +401,6 @@ def test_padding_does_not_stretch_the_grey_levels() -> None:
         low, high = project(volume_of(values), "+z", method).window
         assert -1010 <= low <= -990
         assert high > 0
-
 
 
 @pytest.mark.parametrize("method", PROJECTIONS)
@@ -420,8 +436,9 @@ def test_values_closer_than_float32_holds_stay_apart() -> None:
     assert 1e9 <= low < high <= values.max()
     grey = np.clip((values.max(axis=0) - low) / (high - low), 0, 1)
     oracle.assert_close(picture.grey(), grey, atol=1e-6)
-    ramp = TransferFunction(tuple((1e9 + v / TOP, *c) for v, *c in RAMP.colors),
-                            tuple((1e9 + v / TOP, a) for v, a in RAMP.opacities))
+    ramp = TransferFunction(
+        tuple((1e9 + v / TOP, *c) for v, *c in RAMP.colors), tuple((1e9 + v / TOP, a) for v, a in RAMP.opacities)
+    )
     wanted = project(volume_of(noise((3, 4, 5), "float64")), "+z", "composite", transfer=RAMP).values
     oracle.assert_close(project(volume_of(values), "+z", "composite", transfer=ramp).values, wanted, atol=1e-3)
 
@@ -441,7 +458,14 @@ def test_slices_are_numbered_from_the_front() -> None:
     volume = volume_of(values, (1, 1, 2.0))
     plane = Plane.along(volume.grid, "+z")
     assert [int(project(volume, plane, "slice", depth=d).values[0, 0]) for d in (-5, -4, -1.1, -0.9, 0, 4, 4.9)] == [
-        0, 0, 1, 2, 2, 4, 4]
+        0,
+        0,
+        1,
+        2,
+        2,
+        4,
+        4,
+    ]
     back = Plane.along(volume.grid, "-z")
     assert [int(project(volume, back, "slice", depth=d).values[0, 0]) for d in (-4, 0, 4)] == [4, 2, 0]
 
@@ -522,8 +546,7 @@ def test_the_real_carp_looks_left_with_its_back_up(real_data: Any) -> None:
 
 def test_a_face_where_the_volume_ends_is_even_seen_aslant() -> None:
     k, j, i = np.indices((40, 24, 40)) - 19.5
-    body = Volume(np.where(k**2 + (j + 0.5) ** 2 + i**2 < 18**2, 250, 0).astype(np.uint8)[:, 8:],
-                  Grid((40, 16, 40)))
+    body = Volume(np.where(k**2 + (j + 0.5) ** 2 + i**2 < 18**2, 250, 0).astype(np.uint8)[:, 8:], Grid((40, 16, 40)))
     plane = Plane.through(body.grid.center, (0.4, 1, -0.3))
     picture = project(body, plane, "shaded", transfer=preset("surface", body), spacing=0.5)
     a, b, _ = plane.to_plane((19.5, -0.5, 19.5))  # the middle of the face
@@ -537,6 +560,8 @@ def test_a_face_where_the_volume_ends_is_even_seen_aslant() -> None:
 def test_a_picture_is_printed_in_one_line() -> None:
     volume = Volume(np.arange(24, dtype=np.uint8).reshape(2, 3, 4), Grid((2, 3, 4), (1.0, 1.0, 2.5)))
     assert repr(project(volume, "+z")).startswith(
-        "<Picture: mip, 4 x 3 pixels (right, down) of 1 x 1, uint8 from 12.055 to ")
+        "<Picture: mip, 4 x 3 pixels (right, down) of 1 x 1, uint8 from 12.055 to "
+    )
     assert repr(project(volume, "+y", "shaded")) == (
-        "<Picture: shaded, 4 x 2 pixels (right, down) of 1 x 2.5, coloured>")
+        "<Picture: shaded, 4 x 2 pixels (right, down) of 1 x 2.5, coloured>"
+    )

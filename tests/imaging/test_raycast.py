@@ -34,8 +34,9 @@ def part_of(axis: int, pair: tuple[float, float]) -> Part:
     return part
 
 
-@pytest.mark.parametrize("side", [(0, (0.25, 1.0)), (0, (0.0, 0.75)), (1, (0.25, 1.0)), (1, (0.0, 0.75)),
-                                  (2, (0.25, 1.0)), (2, (0.0, 0.75))])
+@pytest.mark.parametrize(
+    "side", [(0, (0.25, 1.0)), (0, (0.0, 0.75)), (1, (0.25, 1.0)), (1, (0.0, 0.75)), (2, (0.25, 1.0)), (2, (0.0, 0.75))]
+)
 def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, tuple[float, float]]) -> None:
     part = part_of(*side)
     for plane in (Plane.along(GRID, "+y"), Plane.along(GRID, "-x"), Plane.along(GRID, "+z")):

@@ -73,8 +73,9 @@ def test_up_left_and_right_are_those_of_the_plane(backend: str, direction: str) 
             index = np.stack(np.meshgrid(*map(np.arange, volume.shape), indexing="ij"), -1)[..., ::-1]
             near = np.linalg.norm(volume.grid.index_to_point(index) - centre, axis=-1) < (6.5, 4.5, 3.0)[k]
             alone = Volume(np.where(near, volume.values, np.uint8(0)), volume.grid)
-            image = render_volume(alone, transfer=WHITE, direction=look, up=up, height=height, size=size,
-                                  backend=backend)
+            image = render_volume(
+                alone, transfer=WHITE, direction=look, up=up, height=height, size=size, backend=backend
+            )
             a, b, _ = plane.to_plane(centre)
             pixel = np.array([size[0] / 2 + a * size[1] / height, size[1] / 2 + b * size[1] / height]) - 0.5
             oracle.assert_close(middle(image), pixel, atol=0.8)  # a pixel; half a voxel is 0.8 of one here
@@ -98,8 +99,15 @@ def test_both_renderers_draw_the_same_picture(look: tuple[float, float, float]) 
 def test_what_faces_the_viewer_is_bright_and_even(backend: str) -> None:
     k, j, i = np.indices((40, 40, 40)) - 19.5
     body = np.clip(16 - np.sqrt(k * k + j * j + i * i), 0, 1) * 200
-    image = render_volume(Volume(body.astype(np.float32), Grid(body.shape)), transfer=WHITE, direction=(0, 1, 0),
-                          up=(0, 0, 1), height=40, size=(160, 160), backend=backend)
+    image = render_volume(
+        Volume(body.astype(np.float32), Grid(body.shape)),
+        transfer=WHITE,
+        direction=(0, 1, 0),
+        up=(0, 0, 1),
+        height=40,
+        size=(160, 160),
+        backend=backend,
+    )
     centre = brightness(image)[65:95, 65:95]  # within 14 degrees of facing the viewer
     assert centre.min() > 180
     assert np.ptp(centre) < 60
@@ -109,12 +117,21 @@ def test_what_faces_the_viewer_is_bright_and_even(backend: str) -> None:
 @pytest.mark.parametrize("direction", ["RAS", "PIR"])
 def test_light_falls_on_matter_and_not_on_the_order_of_its_voxels(backend: str, direction: str) -> None:
     """One body in space, stored along other axes, is lit alike: VTK does not turn slopes with an image's direction."""
+
     def seen(axes: np.ndarray) -> np.ndarray:
         grid = Grid((40, 40, 40), origin=tuple(axes @ np.full(3, -19.5)), direction=tuple(map(tuple, axes.tolist())))
         x, y, z = np.moveaxis(grid.index_to_point(np.stack(np.indices(grid.shape)[::-1], -1)), -1, 0)
         body = np.clip(15 - np.sqrt((x / 1.1) ** 2 + y * y + (z / 0.8) ** 2), 0, 1) * 200
-        return brightness(render_volume(Volume(body.astype(np.float32), grid), transfer=WHITE, direction=(0.3, 1, -0.2),
-                                        height=40, size=(120, 120), backend=backend))
+        return brightness(
+            render_volume(
+                Volume(body.astype(np.float32), grid),
+                transfer=WHITE,
+                direction=(0.3, 1, -0.2),
+                height=40,
+                size=(120, 120),
+                backend=backend,
+            )
+        )
 
     expected, turned = seen(np.eye(3)), seen(DIRECTIONS[direction])
     assert expected.max() > 200
@@ -158,8 +175,10 @@ def test_every_type_of_voxel_looks_alike(backend: str, dtype: str) -> None:
     volume, _ = balls()
     solid = (volume.values > 100).astype(np.uint8)
     step = TransferFunction(((0, 1, 1, 1),), ((0, 0), (1, 0.5)))
-    one, other = (render_volume(Volume(v, volume.grid), transfer=step, size=(40, 30), backend=backend)
-                  for v in (solid, solid.astype(dtype)))
+    one, other = (
+        render_volume(Volume(v, volume.grid), transfer=step, size=(40, 30), backend=backend)
+        for v in (solid, solid.astype(dtype))
+    )
     # Between voxels integers are rounded and numbers are not: edges differ, the bodies do not.
     assert np.corrcoef(brightness(one).ravel(), brightness(other).ravel())[0, 1] > 0.9
 
@@ -175,10 +194,17 @@ def test_voxels_that_are_not_finite_are_background(backend: str) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize("values", [
-    np.zeros((4, 5, 6), np.uint8), np.full((4, 5, 6), np.nan, np.float32), np.full((1, 1, 1), 7.0),
-    np.arange(30, dtype=np.uint8).reshape(1, 5, 6), np.arange(30, dtype=np.uint8).reshape(5, 6, 1),
-], ids=["zero", "nan", "one voxel", "one slice", "one column"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((4, 5, 6), np.uint8),
+        np.full((4, 5, 6), np.nan, np.float32),
+        np.full((1, 1, 1), 7.0),
+        np.arange(30, dtype=np.uint8).reshape(1, 5, 6),
+        np.arange(30, dtype=np.uint8).reshape(5, 6, 1),
+    ],
+    ids=["zero", "nan", "one voxel", "one slice", "one column"],
+)
 def test_poor_volumes_are_drawn(backend: str, values: np.ndarray) -> None:
     assert render_volume(Volume.from_array(values), size=(20, 15), backend=backend).shape == (15, 20, 3)
 
@@ -206,12 +232,21 @@ def test_unknown_renderer_lists_the_choices() -> None:
         render_volume(balls()[0], backend="povray")
 
 
-@pytest.mark.parametrize(("options", "match"), [
-    ({"size": (0, 10)}, "size"), ({"size": (10, -1)}, "size"), ({"size": (10.5, 20)}, "size"),
-    ({"size": (10,)}, "size"),
-    ({"height": 0.0}, "height"), ({"height": -3.0}, "height"), ({"height": np.nan}, "height"),
-    ({"direction": (0, 0, 0)}, "normal"), ({"direction": (0, 1, np.nan)}, "normal"), ({"up": (0.4, 1.0, -0.3)}, "up"),
-])
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"size": (0, 10)}, "size"),
+        ({"size": (10, -1)}, "size"),
+        ({"size": (10.5, 20)}, "size"),
+        ({"size": (10,)}, "size"),
+        ({"height": 0.0}, "height"),
+        ({"height": -3.0}, "height"),
+        ({"height": np.nan}, "height"),
+        ({"direction": (0, 0, 0)}, "normal"),
+        ({"direction": (0, 1, np.nan)}, "normal"),
+        ({"up": (0.4, 1.0, -0.3)}, "up"),
+    ],
+)
 def test_senseless_views_are_refused(options: dict[str, Any], match: str) -> None:
     with pytest.raises(DeformError, match=match):
         render_volume(balls()[0], backend="core", **options)
@@ -282,8 +317,15 @@ def test_a_pair_has_one_scale() -> None:
     start = np.round(grown.point_to_index(small.grid.origin)).astype(int)[::-1]
     values = np.zeros(grown.shape, np.uint8)
     values[tuple(slice(s, s + n) for s, n in zip(start, small.shape, strict=True))] = small.values
-    image = render_pair(small, Volume(values, grown), transfer=WHITE, size=(160, 120), backend="core",
-                        captions=("", ""), background=(0, 0, 0))
+    image = render_pair(
+        small,
+        Volume(values, grown),
+        transfer=WHITE,
+        size=(160, 120),
+        backend="core",
+        captions=("", ""),
+        background=(0, 0, 0),
+    )
     left, right = np.split(image, 2, axis=1)
     # The same body in more empty space: same place, same size.
     assert np.corrcoef(brightness(left).ravel(), brightness(right).ravel())[0, 1] > 0.98
@@ -291,8 +333,9 @@ def test_a_pair_has_one_scale() -> None:
 
 
 @pytest.mark.sampled(4)
-@pytest.mark.parametrize("caption", ["", "carp", "鯉", "two\nlines", "<script>alert(1)</script>", "long " * 60,
-                                     "\x1b[31m"])
+@pytest.mark.parametrize(
+    "caption", ["", "carp", "鯉", "two\nlines", "<script>alert(1)</script>", "long " * 60, "\x1b[31m"]
+)
 def test_captions_are_written_as_they_are(caption: str) -> None:
     volume, _ = balls()
     plain = render_pair(volume, volume, size=(200, 150), backend="core", captions=("", ""))
@@ -368,8 +411,9 @@ def test_places_of_points_on_a_picture(direction: tuple[float, float, float]) ->
 def test_a_hot_voxel_does_not_change_what_vtk_draws() -> None:
     grid = Grid((24, 24, 24))
     values = np.broadcast_to(np.linspace(0, 100, 24, dtype=np.float32), grid.shape).copy()
-    narrow = TransferFunction(((0, 0, 0, 0.2), (50, 1, 0.5, 0), (100, 1, 1, 1)),
-                              ((0, 0), (30, 0), (32, 0.3), (100, 0.6)))
+    narrow = TransferFunction(
+        ((0, 0, 0, 0.2), (50, 1, 0.5, 0), (100, 1, 1, 1)), ((0, 0), (30, 0), (32, 0.3), (100, 0.6))
+    )
     look = {"transfer": narrow, "direction": (0, 0, 1), "up": (0, -1, 0), "size": (96, 96), "backend": "vtk"}
     plain = render_volume(Volume(values, grid), **look).astype(int)
     assert plain.mean() > 40
@@ -386,8 +430,19 @@ def test_a_hot_voxel_does_not_change_what_vtk_draws() -> None:
 def test_a_jump_of_opacity_is_where_it_belongs_in_vtk(node: tuple[float, float]) -> None:
     values = np.broadcast_to(np.linspace(0, 4000, 101, dtype=np.float32), (4, 101, 101)).copy()
     function = TransferFunction(((0, 1, 1, 1),), ((0, 0), (node[0], 0), (node[1], 0.9), (4000, 0.9)))
-    rows = [render_volume(Volume.from_array(values), transfer=function, direction=(0, 0, -1), up=(0, -1, 0),
-                          size=(202, 202), height=101.0, backend=b)[100].max(axis=-1) > 60 for b in ("vtk", "core")]
+    rows = [
+        render_volume(
+            Volume.from_array(values),
+            transfer=function,
+            direction=(0, 0, -1),
+            up=(0, -1, 0),
+            size=(202, 202),
+            height=101.0,
+            backend=b,
+        )[100].max(axis=-1)
+        > 60
+        for b in ("vtk", "core")
+    ]
     edges = [np.flatnonzero(np.diff(row[4:-4].astype(int))) for row in rows]
     assert len(edges[0]) == len(edges[1]) == 1
     assert abs(int(edges[0][0]) - int(edges[1][0])) <= 2  # of 202 pixels: a voxel

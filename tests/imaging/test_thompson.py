@@ -50,8 +50,9 @@ def step_of(points: ControlPoints, **options: Any) -> Step:
     return Step((points,), PLANE, **options)
 
 
-BENT = ControlPoints.from_arrays([*CORNERS, [20, 20], [40, 20]], [*CORNERS, [15, 17], [46, 23]],
-                                 names=["", "", "", "", "left eye", ""])
+BENT = ControlPoints.from_arrays(
+    [*CORNERS, [20, 20], [40, 20]], [*CORNERS, [15, 17], [46, 23]], names=["", "", "", "", "left eye", ""]
+)
 
 
 # ---- numbers ---------------------------------------------------------------------------------------------------------
@@ -82,8 +83,9 @@ def test_drags_are_magnified_exactly(picture: Picture, magnify: float, factor: f
     expected = np.array([29.5, 19.5]) + (grids.nodes - [29.5, 19.5]) * (1 + factor * np.array([0.1, 0.05]))
     oracle.assert_close(grids.moved, expected, atol=1e-4)
     if magnify == 0:
-        oracle.assert_close(np.concatenate(grids.after), np.concatenate(make_grids(Identity(2), picture).after),
-                            atol=1e-9)
+        oracle.assert_close(
+            np.concatenate(grids.after), np.concatenate(make_grids(Identity(2), picture).after), atol=1e-9
+        )
 
 
 def test_points_are_met_again_when_magnified(picture: Picture) -> None:
@@ -217,8 +219,10 @@ def test_the_title_tells_what_is_known_of_the_fit(picture: Picture) -> None:
     assert not any("landmark" in w for w in words(draw_grids(step_of(BENT), picture, title="")))
 
 
-@pytest.mark.parametrize(("magnify", "said"), [(1.0, "deformed"), (2.0, "dragged 2 times"), (0.0, "not dragged"),
-                                               (-1.0, "opposite way (\u00d7 \u22121)")])
+@pytest.mark.parametrize(
+    ("magnify", "said"),
+    [(1.0, "deformed"), (2.0, "dragged 2 times"), (0.0, "not dragged"), (-1.0, "opposite way (\u00d7 \u22121)")],
+)
 def test_the_caption_tells_the_exaggeration(picture: Picture, magnify: float, said: str) -> None:
     assert any(said in w for w in words(draw_grids(step_of(BENT), picture, magnify=magnify)))
 
@@ -262,9 +266,17 @@ def test_png_pdf_and_svg_are_written_whole(picture: Picture, tmp_path: Path) -> 
 # ---- refusals --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    ({"overlay": "heat"}, "overlay 'heat'"), ({"style": "red"}, "style 'red'"), ({"magnify": np.nan}, "finite"),
-    ({"lines": 0}, "1 to 64"), ({"lines": 65}, "1 to 64"), ({"lines": 2.5}, "1 to 64")])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"overlay": "heat"}, "overlay 'heat'"),
+        ({"style": "red"}, "style 'red'"),
+        ({"magnify": np.nan}, "finite"),
+        ({"lines": 0}, "1 to 64"),
+        ({"lines": 65}, "1 to 64"),
+        ({"lines": 2.5}, "1 to 64"),
+    ],
+)
 def test_what_cannot_be_is_refused_in_words(picture: Picture, options: dict[str, Any], said: str) -> None:
     with pytest.raises(DeformError, match=said):
         draw_grids(step_of(BENT), picture, **options)

@@ -32,8 +32,10 @@ def test_bone_is_seen_through_skin_and_alone_and_not_behind_a_surface() -> None:
     assert all((picture[0] == 0).all() and (picture[:, 0] == 0).all() for picture in found.values())
 
 
-@pytest.mark.parametrize(("view", "spacing", "is_wide"), [("+y", (1, 1, 1), False), ("+y", (20, 1, 1), True),
-                                                          ("-z", (1, 1, 1), False), ("-x", (1, 9, 1), True)])
+@pytest.mark.parametrize(
+    ("view", "spacing", "is_wide"),
+    [("+y", (1, 1, 1), False), ("+y", (20, 1, 1), True), ("-z", (1, 1, 1), False), ("-x", (1, 9, 1), True)],
+)
 def test_lengths_are_true_and_fill_the_picture(view: str, spacing: Any, is_wide: bool) -> None:
     opacity = preset_thumbnails(head(spacing=spacing), view, 64)["surface"][..., 3] > 100
     tall, wide = np.ptp(np.flatnonzero(opacity.any(axis=1))), np.ptp(np.flatnonzero(opacity.any(axis=0)))
@@ -41,10 +43,18 @@ def test_lengths_are_true_and_fill_the_picture(view: str, spacing: Any, is_wide:
     assert (wide > tall) == is_wide
 
 
-@pytest.mark.parametrize("values", [
-    np.zeros((2, 2, 2)), np.full((1, 1, 1), -1000.0), np.array([[[False, True]]]), np.full((2, 2, 2), np.nan),
-    np.array([[[0, 1e300]]]), np.zeros((1, 300, 2), np.uint8),
-], ids=["zero", "one voxel", "bool", "nan", "huge", "flat"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((2, 2, 2)),
+        np.full((1, 1, 1), -1000.0),
+        np.array([[[False, True]]]),
+        np.full((2, 2, 2), np.nan),
+        np.array([[[0, 1e300]]]),
+        np.zeros((1, 300, 2), np.uint8),
+    ],
+    ids=["zero", "one voxel", "bool", "nan", "huge", "flat"],
+)
 def test_poor_volumes_have_pictures(values: np.ndarray) -> None:
     for picture in preset_thumbnails(Volume.from_array(values), size=24).values():
         assert (picture.shape, picture.dtype) == ((24, 24, 4), np.uint8)

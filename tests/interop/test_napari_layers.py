@@ -55,12 +55,17 @@ def test_channels_are_layers_in_their_colours_and_colours_are_one() -> None:
     assert np.array_equal(back.values, photo.values)
 
 
-@pytest.mark.parametrize(("layer", "said"), [
-    (([], {}, "shapes"), "neither an image"), ((np.zeros((2, 2, 2, 2)), {}, "image"), "pick one time"),
-    ((np.zeros((2, 2, 2)), {"scale": (1, 1)}, "image"), "3 numbers"), (4, "tuple"),
-    ((np.zeros((2, 2, 2)), {"shear": (0.5, 0, 0)}, "image"), "straight axes"),
-    (([np.zeros((2, 2, 2))], {}, "image"), "pyramid"),
-])
+@pytest.mark.parametrize(
+    ("layer", "said"),
+    [
+        (([], {}, "shapes"), "neither an image"),
+        ((np.zeros((2, 2, 2, 2)), {}, "image"), "pick one time"),
+        ((np.zeros((2, 2, 2)), {"scale": (1, 1)}, "image"), "3 numbers"),
+        (4, "tuple"),
+        ((np.zeros((2, 2, 2)), {"shear": (0.5, 0, 0)}, "image"), "straight axes"),
+        (([np.zeros((2, 2, 2))], {}, "image"), "pyramid"),
+    ],
+)
 def test_what_is_no_volume_is_refused(layer: object, said: str) -> None:
     with pytest.raises(dn.DeformError, match=said):
         from_napari(layer)

@@ -43,9 +43,15 @@ def test_points_without_a_place_stay_and_are_marked() -> None:
     assert moved.points[1].tolist() == [3, 1, 2]
 
 
-@pytest.mark.parametrize(("data", "said"), [
-    (pyvista.ImageData(dimensions=(2, 2, 2)), "no point data"), (pyvista.RectilinearGrid(), "no points"),
-    (pyvista.MultiBlock(), "no points")], ids=["image", "rectilinear", "blocks"])
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (pyvista.ImageData(dimensions=(2, 2, 2)), "no point data"),
+        (pyvista.RectilinearGrid(), "no points"),
+        (pyvista.MultiBlock(), "no points"),
+    ],
+    ids=["image", "rectilinear", "blocks"],
+)
 def test_what_cannot_move_is_refused(data: object, said: str) -> None:
     with pytest.raises(dn.DeformError, match=said):
         warp_pyvista(data, SHIFT)

@@ -31,12 +31,14 @@ def test_what_has_no_map_is_refused() -> None:
     line = dn.Line([(2.0, -9.0), (2.0, 9.0)])
     points = dn.ControlPoints.from_arrays([[1, 1], [4, 1]], [[0, 1], [5, 1]])
     cut = dn.Deformation.on_picture(volume, "+z", points, cuts=(dn.Cut(line),))
-    for call, said in ((lambda: skimage_map(space, volume), "4 slices"),
-                       (lambda: skimage_coordinates(plane, volume), "in space"),
-                       (lambda: skimage_coordinates(cut, volume), "cuts"),
-                       (lambda: to_sitk_transform(plane, volume), "over a plane"),
-                       (lambda: to_sitk_transform(cut, volume), "cuts"),
-                       (lambda: dn.io.to_vtk_transform(cut, volume), "cuts"),
-                       (lambda: skimage_map(plane, dn.Raster((2, 2), (1, 1), (0, 0)))([1, 2]), r"\(M, 2\)")):
+    for call, said in (
+        (lambda: skimage_map(space, volume), "4 slices"),
+        (lambda: skimage_coordinates(plane, volume), "in space"),
+        (lambda: skimage_coordinates(cut, volume), "cuts"),
+        (lambda: to_sitk_transform(plane, volume), "over a plane"),
+        (lambda: to_sitk_transform(cut, volume), "cuts"),
+        (lambda: dn.io.to_vtk_transform(cut, volume), "cuts"),
+        (lambda: skimage_map(plane, dn.Raster((2, 2), (1, 1), (0, 0)))([1, 2]), r"\(M, 2\)"),
+    ):
         with pytest.raises(dn.DeformError, match=said):
             call()

@@ -19,8 +19,12 @@ from deformnb.errors import Cancelled, VolumeFileError
 from deformnb.io import FORMATS, atomic_write, read_volume, write_volume
 
 WRITABLE = [s for kind, entry in FORMATS.items() if entry.write and kind != "image" for s in entry.suffixes]
-FILES = [s for kind, entry in FORMATS.items()
-         if entry.write and kind != "image" and not entry.folder_marks for s in entry.suffixes]
+FILES = [
+    s
+    for kind, entry in FORMATS.items()
+    if entry.write and kind != "image" and not entry.folder_marks
+    for s in entry.suffixes
+]
 Usage = namedtuple("Usage", "total used free")
 
 
@@ -127,8 +131,7 @@ def test_a_disk_that_fills_up_leaves_the_old_file(suffix: str, tmp_path: Path) -
     write_volume(made(1), path)
     before = contents(tmp_path)
     noise = Volume.from_array(np.random.default_rng(0).integers(-9999, 9999, (64, 64, 64), np.int16))
-    with (full_disk(100_000),
-          pytest.raises(VolumeFileError, match=r"is full; an older file of this name is untouched")):
+    with full_disk(100_000), pytest.raises(VolumeFileError, match=r"is full; an older file of this name is untouched"):
         write_volume(noise, path)
     assert contents(tmp_path) == before
     assert (read_volume(path).values == 1).all()
@@ -159,8 +162,9 @@ def test_a_killed_program_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("has_links", [True, False])
-def test_a_file_that_comes_meanwhile_is_not_overwritten(has_links: bool, tmp_path: Path,
-                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_comes_meanwhile_is_not_overwritten(
+    has_links: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.txt"
     if not has_links:  # as on FAT
         monkeypatch.setattr(Path, "hardlink_to", lambda *_given: (_ for _ in ()).throw(PermissionError(1, "no links")))

@@ -14,6 +14,7 @@ from deformnb.io import describe_file, read_volume
 
 pydicom = pytest.importorskip("pydicom")
 
+
 def refuse(path: Path, words: str, **options: Any) -> None:
     with pytest.raises(VolumeFileError, match=words) as caught:
         read_volume(path, **options)
@@ -29,8 +30,9 @@ def test_a_series_is_sorted_by_place(names: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.values, VOXELS)
     assert volume.dtype == np.uint16
     np.testing.assert_allclose(volume.grid.spacing, (0.5, 1.25, 2.5), rtol=1e-4)  # positions have four decimals
-    np.testing.assert_allclose(volume.grid.index_to_point([4, 3, 2]),
-                               10 + COSINES[:, 0] * 2 + COSINES[:, 1] * 3.75 + NORMAL * 5, atol=1e-3)
+    np.testing.assert_allclose(
+        volume.grid.index_to_point([4, 3, 2]), 10 + COSINES[:, 0] * 2 + COSINES[:, 1] * 3.75 + NORMAL * 5, atol=1e-3
+    )
     assert not volume.notes
     assert describe_file(tmp_path).grid == volume.grid
 
@@ -43,8 +45,9 @@ def test_simpleitk_agrees(tmp_path: Path) -> None:
     image = reader.Execute()
     volume = read_volume(tmp_path)
     np.testing.assert_array_equal(volume.values, sitk.GetArrayFromImage(image))
-    np.testing.assert_allclose(image.TransformIndexToPhysicalPoint((6, 4, 5)), volume.grid.index_to_point([6, 4, 5]),
-                               atol=1e-3)
+    np.testing.assert_allclose(
+        image.TransformIndexToPhysicalPoint((6, 4, 5)), volume.grid.index_to_point([6, 4, 5]), atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"])
@@ -57,9 +60,15 @@ def test_types_and_byte_orders(syntax: str, dtype: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(volume.values, values)
 
 
-@pytest.mark.parametrize(("slope", "intercept", "dtype"), [
-    (1, -1024, np.int32), (2, 0, np.int32), (0.5, 0, np.float32), (1, 0.25, np.float32),
-])
+@pytest.mark.parametrize(
+    ("slope", "intercept", "dtype"),
+    [
+        (1, -1024, np.int32),
+        (2, 0, np.int32),
+        (0.5, 0, np.float32),
+        (1, 0.25, np.float32),
+    ],
+)
 def test_rescaling(slope: float, intercept: float, dtype: type, tmp_path: Path) -> None:
     write_series(tmp_path, RescaleSlope=slope, RescaleIntercept=intercept)
     volume = read_volume(tmp_path)
@@ -152,25 +161,28 @@ def test_one_slice(tmp_path: Path) -> None:
     assert any("white" in note for note in notes)
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"SamplesPerPixel": 3}, "colours"),
-    ({"PhotometricInterpretation": "PALETTE COLOR"}, "colours"),
-    ({"NumberOfFrames": 9}, "9 frames"),
-    ({"BitsAllocated": 1}, "1 bits"),
-    ({"Rows": None}, "lacks the field Rows"),
-    ({"Rows": 0}, "at least 1 voxel"),
-    ({"Rows": 6}, "84 bytes.*70"),
-    ({"PixelSpacing": None}, "PixelSpacing"),
-    ({"PixelSpacing": [0, 1]}, "spacing must be positive"),
-    ({"ImageOrientationPatient": None}, "ImageOrientationPatient"),
-    ({"ImageOrientationPatient": [1, 0, 0, 0.5, 1, 0]}, "orthonormal"),
-    ({"ImageOrientationPatient": [0] * 6}, "orthonormal"),
-    ({"ImagePositionPatient": [1, 2]}, "ImagePositionPatient"),
-    ({"PixelData": bytes(60)}, "70 bytes.*60"),
-    ({"PixelData": bytes(72)}, "70 bytes.*72"),
-    ({"PixelData": bytes(140)}, "70 bytes.*140"),
-    ({"PixelData": None}, "no pixels"),
-])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"SamplesPerPixel": 3}, "colours"),
+        ({"PhotometricInterpretation": "PALETTE COLOR"}, "colours"),
+        ({"NumberOfFrames": 9}, "9 frames"),
+        ({"BitsAllocated": 1}, "1 bits"),
+        ({"Rows": None}, "lacks the field Rows"),
+        ({"Rows": 0}, "at least 1 voxel"),
+        ({"Rows": 6}, "84 bytes.*70"),
+        ({"PixelSpacing": None}, "PixelSpacing"),
+        ({"PixelSpacing": [0, 1]}, "spacing must be positive"),
+        ({"ImageOrientationPatient": None}, "ImageOrientationPatient"),
+        ({"ImageOrientationPatient": [1, 0, 0, 0.5, 1, 0]}, "orthonormal"),
+        ({"ImageOrientationPatient": [0] * 6}, "orthonormal"),
+        ({"ImagePositionPatient": [1, 2]}, "ImagePositionPatient"),
+        ({"PixelData": bytes(60)}, "70 bytes.*60"),
+        ({"PixelData": bytes(72)}, "70 bytes.*72"),
+        ({"PixelData": bytes(140)}, "70 bytes.*140"),
+        ({"PixelData": None}, "no pixels"),
+    ],
+)
 def test_what_is_no_slice_is_refused(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
     write_slice(tmp_path / "a.dcm", VOXELS[0], (1, 2, 3), **changes)
     refuse(tmp_path / "a.dcm", words)

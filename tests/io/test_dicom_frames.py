@@ -32,14 +32,25 @@ def enhanced(path: Path, order: np.ndarray, *, own: bool = True, **changes: Any)
         delattr(data, name)
     data.NumberOfFrames = len(order)
     measures = items(PixelSpacing=[1.25, 0.5], SliceThickness=2.5)
-    shared = {"PixelMeasuresSequence": measures,
-              "PixelValueTransformationSequence": items(RescaleSlope=2, RescaleIntercept=-10)}
-    turned = {"PlaneOrientationSequence": items(
-        ImageOrientationPatient=[round(float(c), 6) for c in COSINES[:, :2].T.ravel()])}
+    shared = {
+        "PixelMeasuresSequence": measures,
+        "PixelValueTransformationSequence": items(RescaleSlope=2, RescaleIntercept=-10),
+    }
+    turned = {
+        "PlaneOrientationSequence": items(
+            ImageOrientationPatient=[round(float(c), 6) for c in COSINES[:, :2].T.ravel()]
+        )
+    }
     data.SharedFunctionalGroupsSequence = items(**shared, **({} if own else turned))
-    data.PerFrameFunctionalGroupsSequence = pydicom.Sequence([items(
-        PlanePositionSequence=items(ImagePositionPatient=[round(float(p), 4) for p in 10 + NORMAL * 2.5 * k]),
-        **(turned if own else {}))[0] for k in order])
+    data.PerFrameFunctionalGroupsSequence = pydicom.Sequence(
+        [
+            items(
+                PlanePositionSequence=items(ImagePositionPatient=[round(float(p), 4) for p in 10 + NORMAL * 2.5 * k]),
+                **(turned if own else {}),
+            )[0]
+            for k in order
+        ]
+    )
     data.PixelData = VOXELS[order].tobytes()
     for name, value in changes.items():
         setattr(data, name, value)
@@ -57,11 +68,17 @@ def test_frames_with_places_are_slices(own: bool, tmp_path: Path) -> None:
     assert read.notes == ()
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"NumberOfFrames": 5}, "claims 5 frames but describes 6"), ({"NumberOfFrames": 7}, "claims 7 frames"),
-    ({"PixelData": VOXELS[:5].tobytes()}, "420 bytes.*350"), ({"NumberOfFrames": 10**9}, "claims 1000000000"),
-    ({"NumberOfFrames": -6}, "claims -6"), ({"NumberOfFrames": 0}, "claims 0"),
-])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"NumberOfFrames": 5}, "claims 5 frames but describes 6"),
+        ({"NumberOfFrames": 7}, "claims 7 frames"),
+        ({"PixelData": VOXELS[:5].tobytes()}, "420 bytes.*350"),
+        ({"NumberOfFrames": 10**9}, "claims 1000000000"),
+        ({"NumberOfFrames": -6}, "claims -6"),
+        ({"NumberOfFrames": 0}, "claims 0"),
+    ],
+)
 def test_frames_that_are_miscounted(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
     enhanced(tmp_path / "a.dcm", np.arange(6), **changes)
     with pytest.raises(VolumeFileError, match=words):
@@ -97,12 +114,18 @@ def test_frames_without_places_lie_at_the_distance_of_the_file(tmp_path: Path) -
 
 CODED: dict[str, tuple[str, Callable[[np.ndarray], bytes], Any]] = {
     "lossless": ("1.2.840.10008.1.2.4.70", lambda a: imagecodecs.jpeg8_encode(a, lossless=True), VOXELS),
-    "lossless 8 bits": ("1.2.840.10008.1.2.4.57", lambda a: imagecodecs.jpeg8_encode(a, lossless=True),
-                        (VOXELS % 256).astype(np.uint8)),
+    "lossless 8 bits": (
+        "1.2.840.10008.1.2.4.57",
+        lambda a: imagecodecs.jpeg8_encode(a, lossless=True),
+        (VOXELS % 256).astype(np.uint8),
+    ),
     "JPEG-LS": ("1.2.840.10008.1.2.4.80", imagecodecs.jpegls_encode, VOXELS),
     "JPEG 2000": ("1.2.840.10008.1.2.4.90", lambda a: imagecodecs.jpeg2k_encode(a, reversible=True, level=0), VOXELS),
-    "JPEG 2000 signed": ("1.2.840.10008.1.2.4.90", lambda a: imagecodecs.jpeg2k_encode(a, reversible=True, level=0),
-                         VOXELS.astype(np.int16) - 2000),
+    "JPEG 2000 signed": (
+        "1.2.840.10008.1.2.4.90",
+        lambda a: imagecodecs.jpeg2k_encode(a, reversible=True, level=0),
+        VOXELS.astype(np.int16) - 2000,
+    ),
 }
 
 
@@ -144,11 +167,12 @@ def test_what_itk_writes_in_jpeg_is_read(tmp_path: Path) -> None:
 
 
 def test_negative_numbers_in_lossless_jpeg_keep_their_sign(tmp_path: Path) -> None:
-    values = (VOXELS[0].astype(np.int16) - 2000)
+    values = VOXELS[0].astype(np.int16) - 2000
     stored = (values & 0xFFF).astype(np.uint16)
     coded = pydicom.encaps.encapsulate([bytes(imagecodecs.jpeg8_encode(stored, lossless=True, bitspersample=12))])
-    write_slice(tmp_path / "a.dcm", values, (0, 0, 0), syntax="1.2.840.10008.1.2.4.70", raw=coded, BitsStored=12,
-                HighBit=11)
+    write_slice(
+        tmp_path / "a.dcm", values, (0, 0, 0), syntax="1.2.840.10008.1.2.4.70", raw=coded, BitsStored=12, HighBit=11
+    )
     np.testing.assert_array_equal(read_volume(tmp_path / "a.dcm").values[0], values)
 
 
@@ -176,12 +200,19 @@ def slices_of(folder: Path, depths: list[float], shift: Callable[[float], np.nda
         write_slice(folder / f"{k}.dcm", np.rint(linear(places) * 10).astype(np.uint16), corner)
 
 
-@pytest.mark.parametrize(("depths", "lean", "count"), [
-    ([0, 2, 4, 8, 10], 0.0, 6), ([0, 2, 4, 6, 8], 0.27, 5), ([0, 2, 4, 10, 12], 0.27, 7),
-    ([0, 2, 4, 7, 9, 11.4], 0.0, 7),
-], ids=["missing", "tilted", "both", "uneven"])
-def test_uneven_slices_are_resampled_where_that_is_asked_for(depths: list[float], lean: float, count: int,
-                                                             tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("depths", "lean", "count"),
+    [
+        ([0, 2, 4, 8, 10], 0.0, 6),
+        ([0, 2, 4, 6, 8], 0.27, 5),
+        ([0, 2, 4, 10, 12], 0.27, 7),
+        ([0, 2, 4, 7, 9, 11.4], 0.0, 7),
+    ],
+    ids=["missing", "tilted", "both", "uneven"],
+)
+def test_uneven_slices_are_resampled_where_that_is_asked_for(
+    depths: list[float], lean: float, count: int, tmp_path: Path
+) -> None:
     slices_of(tmp_path, depths, lambda depth: COSINES[:, 1] * depth * lean)
     with pytest.raises(VolumeFileError, match='uneven_slices="resample"'):
         read_volume(tmp_path)

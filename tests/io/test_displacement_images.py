@@ -33,11 +33,13 @@ def written(path: Path, field: DisplacementField = FIELD) -> Path:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("kind", [sitk.sitkVectorFloat32, sitk.sitkVectorFloat64, sitk.sitkVectorInt16],
-                         ids=["float32", "float64", "int16"])
+@pytest.mark.parametrize(
+    "kind", [sitk.sitkVectorFloat32, sitk.sitkVectorFloat64, sitk.sitkVectorInt16], ids=["float32", "float64", "int16"]
+)
 @pytest.mark.parametrize("packed", [False, True], ids=["plain", "packed"])
-def test_images_that_simpleitk_writes_are_the_same_vectors(suffix: str, kind: int, packed: bool,
-                                                           tmp_path: Path) -> None:
+def test_images_that_simpleitk_writes_are_the_same_vectors(
+    suffix: str, kind: int, packed: bool, tmp_path: Path
+) -> None:
     image = sitk.Cast(image_of(sitk, DisplacementField(100 * np.asarray(FIELD.values), GRID)), kind)
     sitk.WriteImage(image, str(tmp_path / f"a{suffix}"), packed)
     found = read_transform(tmp_path / f"a{suffix}")
@@ -69,18 +71,30 @@ def test_a_file_that_is_cut_short_is_refused(suffix: str, short: int, tmp_path: 
 
 
 def changed(offset: int, form: str, *values: float) -> Callable[[bytes], bytes]:
-    return lambda data: data[:offset] + struct.pack(form, *values) + data[offset + struct.calcsize(form):]
+    return lambda data: data[:offset] + struct.pack(form, *values) + data[offset + struct.calcsize(form) :]
 
 
-NIFTI = {"dim[1] = 3000": changed(42, "<h", 3000), "dim[1] = -1": changed(42, "<h", -1),
-         "dim[5] = 2": changed(50, "<h", 2), "dim[5] = 1": changed(50, "<h", 1), "dim[0] = 9": changed(40, "<h", 9),
-         "vox_offset 0": changed(108, "<f", 0.0),
-         "vox_offset NaN": changed(108, "<f", np.nan), "pixdim NaN": changed(80, "<f", np.nan),
-         "pixdim 1e30": changed(80, "<f", 1e30), "srow NaN": changed(280, "<f", np.nan),
-         "srow 1e30": changed(280, "<f", 1e30), "offset 1e30": changed(292, "<f", 1e30),
-         "a NaN": changed(400, "<f", np.nan), "an inf": changed(400, "<f", -np.inf), "a 1e30": changed(400, "<f", 1e30),
-         "complex": changed(70, "<2h", 32, 64), "colours": changed(70, "<2h", 128, 24), "nothing": lambda data: b"",
-         "a word": lambda data: b"nonsense"}
+NIFTI = {
+    "dim[1] = 3000": changed(42, "<h", 3000),
+    "dim[1] = -1": changed(42, "<h", -1),
+    "dim[5] = 2": changed(50, "<h", 2),
+    "dim[5] = 1": changed(50, "<h", 1),
+    "dim[0] = 9": changed(40, "<h", 9),
+    "vox_offset 0": changed(108, "<f", 0.0),
+    "vox_offset NaN": changed(108, "<f", np.nan),
+    "pixdim NaN": changed(80, "<f", np.nan),
+    "pixdim 1e30": changed(80, "<f", 1e30),
+    "srow NaN": changed(280, "<f", np.nan),
+    "srow 1e30": changed(280, "<f", 1e30),
+    "offset 1e30": changed(292, "<f", 1e30),
+    "a NaN": changed(400, "<f", np.nan),
+    "an inf": changed(400, "<f", -np.inf),
+    "a 1e30": changed(400, "<f", 1e30),
+    "complex": changed(70, "<2h", 32, 64),
+    "colours": changed(70, "<2h", 128, 24),
+    "nothing": lambda data: b"",
+    "a word": lambda data: b"nonsense",
+}
 
 
 @pytest.mark.parametrize("what", NIFTI)
@@ -99,12 +113,19 @@ def test_a_header_that_does_not_fit_is_refused(what: str, suffix: str, tmp_path:
         read_transform(path)
 
 
-LINES = [".mha DimSize = 7 8 9|DimSize = 7 8 900000000", ".mha NDims = 3|NDims = -1",
-         ".mha TransformMatrix = 0|TransformMatrix = 1e308", ".mha ElementSpacing = 1.5|ElementSpacing = nan",
-         ".mha ElementNumberOfChannels = 3|ElementNumberOfChannels = 2",
-         ".mha Offset = 5|Offset = 1e30", ".nrrd sizes: 3 7 8 9|sizes: 3 7 8 90", ".nrrd dimension: 4|dimension: -4",
-         ".nrrd space directions: none (0|space directions: none (nan", ".nrrd space origin: (5|space origin: (1e300",
-         ".mha ObjectType = Image|ObjectType = " + "x" * 2_000_000]
+LINES = [
+    ".mha DimSize = 7 8 9|DimSize = 7 8 900000000",
+    ".mha NDims = 3|NDims = -1",
+    ".mha TransformMatrix = 0|TransformMatrix = 1e308",
+    ".mha ElementSpacing = 1.5|ElementSpacing = nan",
+    ".mha ElementNumberOfChannels = 3|ElementNumberOfChannels = 2",
+    ".mha Offset = 5|Offset = 1e30",
+    ".nrrd sizes: 3 7 8 9|sizes: 3 7 8 90",
+    ".nrrd dimension: 4|dimension: -4",
+    ".nrrd space directions: none (0|space directions: none (nan",
+    ".nrrd space origin: (5|space origin: (1e300",
+    ".mha ObjectType = Image|ObjectType = " + "x" * 2_000_000,
+]
 
 
 @pytest.mark.parametrize("line", LINES, ids=lambda line: line[:30])
@@ -141,8 +162,9 @@ def test_a_field_in_zarr_whose_chunks_are_not_all_there_is_refused(change: str, 
     assert np.abs(read_transform(tmp_path / "a.zarr").displacement([[1.0, 2.0, 3.0]])).max() == 0
     chunk = max(file for file in tmp_path.rglob("c/*/*/*/*") if file.is_file())
     if change == "many chunks":
-        place = next(file.parent for file in tmp_path.rglob("zarr.json")
-                 if '"array"' in file.read_text(encoding="utf-8"))
+        place = next(
+            file.parent for file in tmp_path.rglob("zarr.json") if '"array"' in file.read_text(encoding="utf-8")
+        )
         shutil.rmtree(place)
         zarr.create_array(str(place), shape=(3, 70, 70, 70), chunks=(1, 1, 1, 1), dtype="f4", fill_value=0)
     else:

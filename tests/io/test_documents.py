@@ -27,10 +27,13 @@ PLANE = Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
 
 def document() -> Deformation:
     volume = Volume(np.arange(60, dtype=np.uint8).reshape(3, 4, 5), Grid((3, 4, 5), (0.390625, 1, 0.78125)), "carp")
-    steps = (Step((FLAT,), PLANE, name="bend"), Step((SOLID,), None, support=7.5, strength=0.5, enabled=False),
-             Step((FLAT, FLAT), PLANE, extrusion="interpolate", knots=(0, 0.25)),
-             Step((FLAT,), PLANE, extrusion="modulate", curve="sin(pi*z)"),
-             Step((FLAT,), PLANE, extrusion="modulate", curve=(0.0, 1.0)))
+    steps = (
+        Step((FLAT,), PLANE, name="bend"),
+        Step((SOLID,), None, support=7.5, strength=0.5, enabled=False),
+        Step((FLAT, FLAT), PLANE, extrusion="interpolate", knots=(0, 0.25)),
+        Step((FLAT,), PLANE, extrusion="modulate", curve="sin(pi*z)"),
+        Step((FLAT,), PLANE, extrusion="modulate", curve=(0.0, 1.0)),
+    )
     return Deformation(steps, "many steps", VolumeReference.of(volume))
 
 
@@ -106,13 +109,22 @@ def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:
 # ---- what is refused -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("content", "match"), [
-    (b"", "empty"), (b"   \n", "empty"), (b"{", "not complete JSON"), (b"\xff\xfe", "UTF-8"),
-    (b"[]", "not a JSON object"),
-    (b"{}", "not a deformnb document"), (b'{"format": "deformnb-deformation", "version": "9.0"}', "update deformnb"),
-    (b'{"format": "deformnb-deformation", "version": "1.0", "steps": 3}', "steps"),
-    (b"\x89PNG\r\n\x1a\n\0\0", ""), (b"[" * 100000, "nested"), (b"{" + b" " * LONGEST, "characters long"),
-])
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        (b"", "empty"),
+        (b"   \n", "empty"),
+        (b"{", "not complete JSON"),
+        (b"\xff\xfe", "UTF-8"),
+        (b"[]", "not a JSON object"),
+        (b"{}", "not a deformnb document"),
+        (b'{"format": "deformnb-deformation", "version": "9.0"}', "update deformnb"),
+        (b'{"format": "deformnb-deformation", "version": "1.0", "steps": 3}', "steps"),
+        (b"\x89PNG\r\n\x1a\n\0\0", ""),
+        (b"[" * 100000, "nested"),
+        (b"{" + b" " * LONGEST, "characters long"),
+    ],
+)
 def test_damaged_files_are_named_with_what_is_wrong(content: bytes, match: str, tmp_path: Path) -> None:
     path = tmp_path / "session.json"
     path.write_bytes(content)
@@ -215,12 +227,22 @@ def test_rigid_parts_cuts_and_key_frames_are_described() -> None:
     assert rows["animation"] == "2 key frames at 0, 1.5 s"
 
 
-@pytest.mark.parametrize(("name", "wanted"), [
-    ("drag.tfm", "drag.json"), ("drag.h5", "drag.json"), ("a.b.XFM", "a.b.json"), ("points.mrk.json", "points.json"),
-    ("v.npy.json", "v.json"), ("out.nii.gz", "out.json"), ("out.NRRD", "out.json"), ("drag.json.gz", "drag.json"),
-])
-def test_no_document_is_written_under_the_suffix_of_another_kind_of_file(name: str, wanted: str,
-                                                                         tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [
+        ("drag.tfm", "drag.json"),
+        ("drag.h5", "drag.json"),
+        ("a.b.XFM", "a.b.json"),
+        ("points.mrk.json", "points.json"),
+        ("v.npy.json", "v.json"),
+        ("out.nii.gz", "out.json"),
+        ("out.NRRD", "out.json"),
+        ("drag.json.gz", "drag.json"),
+    ],
+)
+def test_no_document_is_written_under_the_suffix_of_another_kind_of_file(
+    name: str, wanted: str, tmp_path: Path
+) -> None:
     with pytest.raises(VolumeFileError, match=f"name it {wanted}") as caught:
         write_deformation(Deformation(), tmp_path / name)
     assert ("write_volume" in str(caught.value)) == name.startswith("out")

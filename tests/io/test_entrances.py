@@ -27,30 +27,73 @@ VOLUME = dn.Volume(np.arange(60, dtype=np.uint8).reshape(3, 4, 5), GRID)
 LABELS = dn.Volume(np.arange(8, dtype=np.uint8).reshape(2, 2, 2) % 3, dn.Grid((2, 2, 2)), is_labels=True)
 CHANNELS = Channels.from_array(np.zeros((2, 3, 4, 2), np.uint8))
 POINTS = dn.ControlPoints.from_arrays([[1.0, 2, 3]], [[1.0, 2, 4]])
-SEGMENTATION = ("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n" + "".join(
-    f"Segment0_{key}:={value}\n" for key, value in (("ID", "a"), ("Name", "bone"), ("LabelValue", 1), ("Layer", 0), (
-        "Extent", "0 1 0 1 0 1"))) + "\n").encode() + bytes([0, 1] * 4)
+SEGMENTATION = (
+    "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n"
+    + "".join(
+        f"Segment0_{key}:={value}\n"
+        for key, value in (("ID", "a"), ("Name", "bone"), ("LabelValue", 1), ("Layer", 0), ("Extent", "0 1 0 1 0 1"))
+    )
+    + "\n"
+).encode() + bytes([0, 1] * 4)
 
 # Arguments with which each function works, by position; names of files are of the folder of the test.
 CALLS: dict[str, tuple[Any, ...]] = {
-    "atomic_write": ("x.bin",), "available_memory": (), "describe_file": ("a.nrrd",), "describe_transform": ("t.nrrd",),
-    "is_series": ("a.nrrd",), "open_series": ("c.nrrd",), "points_from_csv": (
-        "source_x,source_y,source_z\n1,2,3\n", POINTS), "read_channels": ("c.nrrd",), "read_deformation": ("d.json",),
-    "read_label_names": ("n.csv",), "read_landmarks": ("l.mrk.json",), "read_mesh": ("m.ply",),
-    "read_transform": ("t.nrrd", GRID), "read_volume": ("a.nrrd",), "to_vtk_transform": (Identity(3), GRID),
-    "write_channels": (CHANNELS, "c.nrrd"), "write_deformation": (dn.Deformation.in_space(POINTS), "d.json"),
+    "atomic_write": ("x.bin",),
+    "available_memory": (),
+    "describe_file": ("a.nrrd",),
+    "describe_transform": ("t.nrrd",),
+    "is_series": ("a.nrrd",),
+    "open_series": ("c.nrrd",),
+    "points_from_csv": ("source_x,source_y,source_z\n1,2,3\n", POINTS),
+    "read_channels": ("c.nrrd",),
+    "read_deformation": ("d.json",),
+    "read_label_names": ("n.csv",),
+    "read_landmarks": ("l.mrk.json",),
+    "read_mesh": ("m.ply",),
+    "read_transform": ("t.nrrd", GRID),
+    "read_volume": ("a.nrrd",),
+    "to_vtk_transform": (Identity(3), GRID),
+    "write_channels": (CHANNELS, "c.nrrd"),
+    "write_deformation": (dn.Deformation.in_space(POINTS), "d.json"),
     "write_landmarks": (Landmarks(np.zeros((2, 3))), "l.mrk.json"),
     "write_mesh": (Mesh(np.eye(3), np.array([[0, 1, 2]])), "m.ply"),
-    "write_segmentation": (LABELS, "b.seg.nrrd", "a.seg.nrrd"), "write_series": ([CHANNELS], "s.nrrd", 1),
-    "write_transform": (Identity(3), "t.nrrd", GRID), "write_volume": (VOLUME, "a.nrrd")}
+    "write_segmentation": (LABELS, "b.seg.nrrd", "a.seg.nrrd"),
+    "write_series": ([CHANNELS], "s.nrrd", 1),
+    "write_transform": (Identity(3), "t.nrrd", GRID),
+    "write_volume": (VOLUME, "a.nrrd"),
+}
 
-OTHERS: list[Any] = ["v", "", "\0", "x" * 5000, b"", None, 3, -1, 1.5, float("nan"), True, [], [1, 2], {}, object(),
-                     np.zeros(3), np.zeros((2, 2, 2)), Path(), len, VOLUME, CHANNELS, POINTS, 10**5000]
+OTHERS: list[Any] = [
+    "v",
+    "",
+    "\0",
+    "x" * 5000,
+    b"",
+    None,
+    3,
+    -1,
+    1.5,
+    float("nan"),
+    True,
+    [],
+    [1, 2],
+    {},
+    object(),
+    np.zeros(3),
+    np.zeros((2, 2, 2)),
+    Path(),
+    len,
+    VOLUME,
+    CHANNELS,
+    POINTS,
+    10**5000,
+]
 
 
 def functions() -> list[str]:
-    return sorted(name for name in dir(io) if callable(getattr(io, name)) and not name[0].isupper()
-                  and not name.startswith("_"))
+    return sorted(
+        name for name in dir(io) if callable(getattr(io, name)) and not name[0].isupper() and not name.startswith("_")
+    )
 
 
 @pytest.fixture
@@ -87,21 +130,43 @@ def test_things_of_another_kind_are_refused_in_a_sentence(name: str, folder: Pat
             assert len(said) < 2000
 
 
-@pytest.mark.parametrize("error", [KeyError("x"), TypeError("x"), RuntimeError("x"), IndexError("x"),
-                                   AttributeError("x"), ZeroDivisionError("x"), RecursionError(), MemoryError(),
-                                   OSError(5, "x")],
-                         ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize(
+    "error",
+    [
+        KeyError("x"),
+        TypeError("x"),
+        RuntimeError("x"),
+        IndexError("x"),
+        AttributeError("x"),
+        ZeroDivisionError("x"),
+        RecursionError(),
+        MemoryError(),
+        OSError(5, "x"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
 @pytest.mark.parametrize("row", [*formats.FORMATS, *transforms.TRANSFORM_FORMATS])
-def test_what_no_reader_foresees_is_a_sentence_too(row: str, error: Exception, tmp_path: Path,
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_reader_foresees_is_a_sentence_too(
+    row: str, error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fails(*_args: Any) -> Any:
         raise error
 
-    table, read = (formats.FORMATS, io.read_volume) if row in formats.FORMATS else (
-        transforms.TRANSFORM_FORMATS, io.read_transform)
+    table, read = (
+        (formats.FORMATS, io.read_volume)
+        if row in formats.FORMATS
+        else (transforms.TRANSFORM_FORMATS, io.read_transform)
+    )
     entry: Any = table[row]
-    monkeypatch.setitem(table, row, entry.__class__(**{  # type: ignore[arg-type]
-        key: fails if key in ("header", "read") else value for key, value in vars(entry).items()}))
+    monkeypatch.setitem(
+        table,
+        row,
+        entry.__class__(
+            **{  # type: ignore[arg-type]
+                key: fails if key in ("header", "read") else value for key, value in vars(entry).items()
+            }
+        ),
+    )
     path = tmp_path / f"a{entry.suffixes[0]}"
     if getattr(entry, "is_folder", False) or entry.suffixes[0] == ".zarr":
         path.mkdir()

@@ -18,8 +18,12 @@ from deformnb import DeformError, Volume
 from deformnb.errors import VolumeFileError
 from deformnb.io import FORMATS, available_memory, describe_file, read_volume, write_volume
 
-FILES = [s for kind, entry in FORMATS.items()
-         if entry.write and kind != "image" and not entry.folder_marks for s in entry.suffixes]
+FILES = [
+    s
+    for kind, entry in FORMATS.items()
+    if entry.write and kind != "image" and not entry.folder_marks
+    for s in entry.suffixes
+]
 
 
 ANY = "."  # whatever the message: which field is found wrong first does not matter
@@ -86,7 +90,7 @@ def test_a_file_cut_anywhere_is_refused(suffix: str, tmp_path: Path) -> None:
         for length in range(0, needed, 7):
             file.write_bytes(whole[:length])
             refuse(path, re.escape(path.name) if file == path else ANY)
-        file.write_bytes(whole[:needed - 1])
+        file.write_bytes(whole[: needed - 1])
         refuse(path, ANY)
         file.write_bytes(whole)
     assert read_volume(path).shape == (4, 5, 6)
@@ -162,39 +166,42 @@ def test_a_claim_that_deflate_cannot_meet_is_refused_before_memory_is_taken(tmp_
 # -- rows 6, 10, 12-15: what headers may say -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("header", "words"), [
-    ("sizes: 6 5 -4", "at least 1 voxel"),
-    ("sizes: 6 5 0", "at least 1 voxel"),
-    ("sizes: 6 5", "3 whole numbers"),
-    ("sizes: 6 5 four", "whole numbers"),
-    ("sizes: 6 5 99999999999999999999999", "whole numbers"),
-    ("sizes: 4294967296 4294967296 4294967296", "more memory than any machine"),
-    ("dimension: 99", "dimension"),
-    ("dimension: -", "lacks the field 'dimension'"),
-    ("type: block", "voxel type 'block'"),
-    ("endian: -", "endian"),
-    ("encoding: text", "too long for a number|something else"),
-    ("encoding: hex", "hexadecimal|one digit|holds"),
-    ("spacings: 1 0 1", "spacing must be positive"),
-    ("spacings: 1 nan 1", "spacing must be three finite"),
-    ("space: left-posterior-superior\nspace directions: (1,0,0) (0,0,0) (0,0,1)", "singular"),
-    ("space: left-posterior-superior\nspace directions: (1,0,0) (0,nan,0) (0,0,1)", "finite"),
-    ("space: left-posterior-superior\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)", "sheared"),
-    ("space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0)", "2 vectors for 3 axes"),
-    ("space: left-posterior-superior\nspace directions: (1,0,0) what (0,0,1)", "vectors like"),
-    ("space: mars", "space 'mars'"),
-    ("kinds: domain domain RGB-color", "RGB-color|rgb-color"),
-    ("kinds: domain domain", "kinds"),
-    ("dimension: 4\nsizes: 2 5 4 3\nkinds: vector domain domain domain", "holds vectors of 2 components"),
-    ("dimension: 4\nsizes: 5 4 3 2", "holds 2 moments"),
-    ("dimension: 4\nsizes: 5 2 4 3\nkinds: domain vector domain domain", "vector: 2"),
-    ("dimension: 5\nsizes: 5 4 3 2 1\nkinds: domain domain domain time list", "time: 2"),
-    ("byte skip: -5", "byte skip"),
-    ("byte skip: 10", "230"),
-    ("line skip: 999999", "line skip"),
-    ("data file: LIST", "has 0 names"),
-    ("data file: a%03d.raw 1 9 1", "need 4 data files of 2 axes, and it names 9"),
-])
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("sizes: 6 5 -4", "at least 1 voxel"),
+        ("sizes: 6 5 0", "at least 1 voxel"),
+        ("sizes: 6 5", "3 whole numbers"),
+        ("sizes: 6 5 four", "whole numbers"),
+        ("sizes: 6 5 99999999999999999999999", "whole numbers"),
+        ("sizes: 4294967296 4294967296 4294967296", "more memory than any machine"),
+        ("dimension: 99", "dimension"),
+        ("dimension: -", "lacks the field 'dimension'"),
+        ("type: block", "voxel type 'block'"),
+        ("endian: -", "endian"),
+        ("encoding: text", "too long for a number|something else"),
+        ("encoding: hex", "hexadecimal|one digit|holds"),
+        ("spacings: 1 0 1", "spacing must be positive"),
+        ("spacings: 1 nan 1", "spacing must be three finite"),
+        ("space: left-posterior-superior\nspace directions: (1,0,0) (0,0,0) (0,0,1)", "singular"),
+        ("space: left-posterior-superior\nspace directions: (1,0,0) (0,nan,0) (0,0,1)", "finite"),
+        ("space: left-posterior-superior\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)", "sheared"),
+        ("space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0)", "2 vectors for 3 axes"),
+        ("space: left-posterior-superior\nspace directions: (1,0,0) what (0,0,1)", "vectors like"),
+        ("space: mars", "space 'mars'"),
+        ("kinds: domain domain RGB-color", "RGB-color|rgb-color"),
+        ("kinds: domain domain", "kinds"),
+        ("dimension: 4\nsizes: 2 5 4 3\nkinds: vector domain domain domain", "holds vectors of 2 components"),
+        ("dimension: 4\nsizes: 5 4 3 2", "holds 2 moments"),
+        ("dimension: 4\nsizes: 5 2 4 3\nkinds: domain vector domain domain", "vector: 2"),
+        ("dimension: 5\nsizes: 5 4 3 2 1\nkinds: domain domain domain time list", "time: 2"),
+        ("byte skip: -5", "byte skip"),
+        ("byte skip: 10", "230"),
+        ("line skip: 999999", "line skip"),
+        ("data file: LIST", "has 0 names"),
+        ("data file: a%03d.raw 1 9 1", "need 4 data files of 2 axes, and it names 9"),
+    ],
+)
 def test_nrrd_headers(header: str, words: str, tmp_path: Path) -> None:
     refuse(nrrd(tmp_path / "a.nrrd", header), words)
 
@@ -210,23 +217,46 @@ def test_nrrd_without_an_end_or_with_nonsense(tmp_path: Path) -> None:
     refuse(tmp_path / "a.nrrd", "twice")
 
 
-@pytest.mark.parametrize(("header", "spacing", "corner", "orientation"), [
-    ("spacings: 1 -2 3", (1, 2, 3), (0, 0, 0), "LAS"),
-    ("spacings: 1 2 3\naxis mins: 10 20 30", (1, 2, 3), (10, 20, 30), "LPS"),
-    ("spacings: 1 2 3\naxis mins: 10 20 30\ncenterings: cell cell cell", (1, 2, 3), (10.5, 21, 31.5), "LPS"),
-    ("space: right-anterior-superior\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (10,20,30)",
-     (1, 2, 3), (-10, -20, 30), "RAS"),
-    ("space: LAS\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (10,20,30)",
-     (1, 2, 3), (10, -20, 30), "LAS"),
-    ("space dimension: 3\nspace directions: (0,0,1) (1,0,0) (0,-2,0)", (1, 1, 2), (0, 0, 0), "SLA"),
-    ("dimension: 4\nsizes: 1 6 5 4\nspace: LPS\nspace directions: none (1,0,0) (0,2,0) (0,0,3)",
-     (1, 2, 3), (0, 0, 0), "LPS"),
-    ("dimension: 4\nsizes: 1 6 5 4\nkinds: scalar domain domain domain\nspacings: nan 1 2 3",
-     (1, 2, 3), (0, 0, 0), "LPS"),
-    ("dimension: 4\nsizes: 6 5 4 1", (1, 1, 1), (0, 0, 0), "LPS"),
-    ("Type: signed short int\n# a comment: here\nmeasurement frame: (1,0,0) (0,1,0) (0,0,1)\nbyte skip: -1",
-     (1, 1, 1), (0, 0, 0), "LPS"),
-])
+@pytest.mark.parametrize(
+    ("header", "spacing", "corner", "orientation"),
+    [
+        ("spacings: 1 -2 3", (1, 2, 3), (0, 0, 0), "LAS"),
+        ("spacings: 1 2 3\naxis mins: 10 20 30", (1, 2, 3), (10, 20, 30), "LPS"),
+        ("spacings: 1 2 3\naxis mins: 10 20 30\ncenterings: cell cell cell", (1, 2, 3), (10.5, 21, 31.5), "LPS"),
+        (
+            "space: right-anterior-superior\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (10,20,30)",
+            (1, 2, 3),
+            (-10, -20, 30),
+            "RAS",
+        ),
+        (
+            "space: LAS\nspace directions: (1,0,0) (0,2,0) (0,0,3)\nspace origin: (10,20,30)",
+            (1, 2, 3),
+            (10, -20, 30),
+            "LAS",
+        ),
+        ("space dimension: 3\nspace directions: (0,0,1) (1,0,0) (0,-2,0)", (1, 1, 2), (0, 0, 0), "SLA"),
+        (
+            "dimension: 4\nsizes: 1 6 5 4\nspace: LPS\nspace directions: none (1,0,0) (0,2,0) (0,0,3)",
+            (1, 2, 3),
+            (0, 0, 0),
+            "LPS",
+        ),
+        (
+            "dimension: 4\nsizes: 1 6 5 4\nkinds: scalar domain domain domain\nspacings: nan 1 2 3",
+            (1, 2, 3),
+            (0, 0, 0),
+            "LPS",
+        ),
+        ("dimension: 4\nsizes: 6 5 4 1", (1, 1, 1), (0, 0, 0), "LPS"),
+        (
+            "Type: signed short int\n# a comment: here\nmeasurement frame: (1,0,0) (0,1,0) (0,0,1)\nbyte skip: -1",
+            (1, 1, 1),
+            (0, 0, 0),
+            "LPS",
+        ),
+    ],
+)
 def test_nrrd_places(header: str, spacing: object, corner: object, orientation: str, tmp_path: Path) -> None:
     header = header.replace("Type: ", "type: ")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", header))
@@ -243,37 +273,43 @@ def test_nrrd_with_lines_to_skip_and_two_axes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_volume(path).values.ravel(), values)
     path = nrrd(tmp_path / "b.nrrd", "byte skip: -1", b"anything at all" + values.tobytes())
     np.testing.assert_array_equal(read_volume(path).values.ravel(), values)
-    path = nrrd(tmp_path / "c.nrrd", "dimension: 2\nsizes: 12 10\nspace dimension: 2\n"
-                "space directions: (1,0) (0,2)\nspace origin: (3,4)", values.tobytes())
+    path = nrrd(
+        tmp_path / "c.nrrd",
+        "dimension: 2\nsizes: 12 10\nspace dimension: 2\nspace directions: (1,0) (0,2)\nspace origin: (3,4)",
+        values.tobytes(),
+    )
     picture = read_volume(path)
     assert picture.shape == (1, 10, 12)
     assert picture.grid.spacing == (1, 2, 1)
     assert "one slice" in picture.notes[0]
 
 
-@pytest.mark.parametrize(("header", "words"), [
-    ("DimSize = 6 5 -4", "at least 1 voxel"),
-    ("DimSize = 6 5", "3 whole numbers"),
-    ("DimSize = 99999999 99999999 99999999", "more memory than any machine"),
-    ("NDims = 0", "NDims"),
-    ("NDims = 4\nDimSize = 5 4 3 2", "holds 2 moments"),
-    ("NDims = 5\nDimSize = 5 4 3 1 2", "5th: 2"),
-    ("ElementType = MET_STRING", "MET_STRING"),
-    ("ElementNumberOfChannels = 3", "needs 720 bytes"),
-    ("ElementNumberOfChannels = 0", "0 channels"),
-    ("ElementNumberOfChannels = 9999", "9999 channels"),
-    ("BinaryData = False", "something else|too long"),
-    ("BinaryData = perhaps", "True or False"),
-    ("ElementSpacing = 1 0 1", "spacing must be positive"),
-    ("ElementSpacing = 1 inf 1", "spacing must be three finite"),
-    ("Offset = 1 nan 1", "origin must be three finite"),
-    ("TransformMatrix = 0 0 0 0 0 0 0 0 0", "orthonormal"),
-    ("TransformMatrix = 1 0 0 0 1 0", "9 numbers"),
-    ("CompressedData = True", "cannot be read"),
-    ("HeaderSize = -2", "HeaderSize"),
-    ("ElementDataFile = LIST", "need 4 data files of 2 axes"),
-    ("ElementDataFile = slice%03d.raw 1 4 1", "missing"),
-])
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("DimSize = 6 5 -4", "at least 1 voxel"),
+        ("DimSize = 6 5", "3 whole numbers"),
+        ("DimSize = 99999999 99999999 99999999", "more memory than any machine"),
+        ("NDims = 0", "NDims"),
+        ("NDims = 4\nDimSize = 5 4 3 2", "holds 2 moments"),
+        ("NDims = 5\nDimSize = 5 4 3 1 2", "5th: 2"),
+        ("ElementType = MET_STRING", "MET_STRING"),
+        ("ElementNumberOfChannels = 3", "needs 720 bytes"),
+        ("ElementNumberOfChannels = 0", "0 channels"),
+        ("ElementNumberOfChannels = 9999", "9999 channels"),
+        ("BinaryData = False", "something else|too long"),
+        ("BinaryData = perhaps", "True or False"),
+        ("ElementSpacing = 1 0 1", "spacing must be positive"),
+        ("ElementSpacing = 1 inf 1", "spacing must be three finite"),
+        ("Offset = 1 nan 1", "origin must be three finite"),
+        ("TransformMatrix = 0 0 0 0 0 0 0 0 0", "orthonormal"),
+        ("TransformMatrix = 1 0 0 0 1 0", "9 numbers"),
+        ("CompressedData = True", "cannot be read"),
+        ("HeaderSize = -2", "HeaderSize"),
+        ("ElementDataFile = LIST", "need 4 data files of 2 axes"),
+        ("ElementDataFile = slice%03d.raw 1 4 1", "missing"),
+    ],
+)
 def test_metaimage_headers(header: str, words: str, tmp_path: Path) -> None:
     refuse(meta(tmp_path / "a.mha", header), words)
 
@@ -293,32 +329,35 @@ def test_metaimage_odds_and_ends(tmp_path: Path) -> None:
     assert read_volume(meta(tmp_path / "c.mha", "ElementSpacing = 1 1 -2")).grid.orientation == "LPI"
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({0: ("i", (347,))}, "not a NIfTI"),
-    ({344: ("4s", (b"\0\0\0\0",))}, "Analyze"),
-    ({344: ("4s", (b"ni1\0",))}, "pair"),
-    ({40: ("h", (0,))}, "'dim' starts with 0"),
-    ({40: ("h", (9,))}, "'dim' starts with 9"),
-    ({42: ("h", (-6,))}, "at least 1 voxel"),
-    ({44: ("h", (0,))}, "at least 1 voxel"),
-    ({40: ("5h", (4, 6, 5, 2, 2))}, "holds 2 moments"),
-    ({40: ("6h", (5, 6, 5, 1, 2, 2))}, "t: 2, 5th: 2"),
-    ({42: ("h", (7,))}, "280 bytes.*240"),
-    ({70: ("h", (128,))}, "needs 360 bytes"),
-    ({70: ("h", (32,))}, "complex"),
-    ({70: ("h", (3,))}, "'datatype' is 3"),
-    ({108: ("f", (0,))}, "vox_offset"),
-    ({108: ("f", (np.nan,))}, "vox_offset"),
-    ({108: ("f", (1e30,))}, "vox_offset"),
-    ({112: ("2f", (np.inf, 0))}, "scl_slope"),
-    ({112: ("2f", (2, np.nan))}, "scl_inter"),
-    ({280: ("f", (np.nan,))}, "sform"),
-    ({280: ("4f", (0, 0, 0, 0)), 296: ("4f", (0, 0, 0, 0))}, "singular"),
-    ({284: ("f", (0.5,))}, "sheared"),
-    ({254: ("h", (0,)), 80: ("f", (0,))}, "spacing must be positive"),
-    ({254: ("h", (0,)), 80: ("f", (np.nan,))}, "spacing must be three finite"),
-    ({254: ("h", (0,)), 256: ("f", (np.nan,))}, "quaternion"),
-])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({0: ("i", (347,))}, "not a NIfTI"),
+        ({344: ("4s", (b"\0\0\0\0",))}, "Analyze"),
+        ({344: ("4s", (b"ni1\0",))}, "pair"),
+        ({40: ("h", (0,))}, "'dim' starts with 0"),
+        ({40: ("h", (9,))}, "'dim' starts with 9"),
+        ({42: ("h", (-6,))}, "at least 1 voxel"),
+        ({44: ("h", (0,))}, "at least 1 voxel"),
+        ({40: ("5h", (4, 6, 5, 2, 2))}, "holds 2 moments"),
+        ({40: ("6h", (5, 6, 5, 1, 2, 2))}, "t: 2, 5th: 2"),
+        ({42: ("h", (7,))}, "280 bytes.*240"),
+        ({70: ("h", (128,))}, "needs 360 bytes"),
+        ({70: ("h", (32,))}, "complex"),
+        ({70: ("h", (3,))}, "'datatype' is 3"),
+        ({108: ("f", (0,))}, "vox_offset"),
+        ({108: ("f", (np.nan,))}, "vox_offset"),
+        ({108: ("f", (1e30,))}, "vox_offset"),
+        ({112: ("2f", (np.inf, 0))}, "scl_slope"),
+        ({112: ("2f", (2, np.nan))}, "scl_inter"),
+        ({280: ("f", (np.nan,))}, "sform"),
+        ({280: ("4f", (0, 0, 0, 0)), 296: ("4f", (0, 0, 0, 0))}, "singular"),
+        ({284: ("f", (0.5,))}, "sheared"),
+        ({254: ("h", (0,)), 80: ("f", (0,))}, "spacing must be positive"),
+        ({254: ("h", (0,)), 80: ("f", (np.nan,))}, "spacing must be three finite"),
+        ({254: ("h", (0,)), 256: ("f", (np.nan,))}, "quaternion"),
+    ],
+)
 def test_nifti_headers(changes: dict, words: str, tmp_path: Path) -> None:
     refuse(nifti(tmp_path / "a.nii", changes), words)
 
@@ -375,30 +414,33 @@ def test_big_endian_voxels_that_are_not_finite_are_counted(tmp_path: Path) -> No
 # -- VTI -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("old", "new", "words"), [
-    (b"<?xml", b'<!DOCTYPE a [<!ENTITY b "c">]><?xml', "document type"),
-    (b"<VTKFile", b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile', "document type"),
-    (b'type="ImageData"', b'type="PolyData"', "its type is 'PolyData'"),
-    (b"<ImageData", b"<Polydata", "damaged XML|not VTK image data"),
-    (b"0 5 0 4 0 3", b"0 5 0 4 0 2", "180 bytes.*240"),
-    (b'Extent="0 5 0 4 0 3">', b'Extent="0 5 0 4 0 2">', "pieces"),
-    (b'WholeExtent="0 5 0 4 0 3"', b"", "WholeExtent"),
-    (b'Int16"', b'String"', "'String'"),
-    (b'offset="0"', b'offset="1"', ANY),
-    (b"vtkZLibDataCompressor", b"vtkZipDataCompressor", "Zip"),
-    (b"UInt64", b"UInt16", "UInt16"),
-    (b"UInt64", b"UInt32", ANY),
-    (b"LittleEndian", b"BigEndian", ANY),
-    (b"LittleEndian", b"PDP", "byte_order"),
-    (b'Spacing="1.0 2.0 3.0"', b'Spacing="1.0 0.0 3.0"', "spacing must be positive"),
-    (b'Spacing="1.0 2.0 3.0"', b'Spacing="1.0 nan 3.0"', "spacing must be three finite"),
-    (b'Direction="1.0 ', b'Direction="2.0 ', "orthonormal"),
-    (b'Name="values"', b'Name="values" NumberOfComponents="3"', "components"),
-    (b"<PointData", b"<FieldData", "damaged XML"),
-    (b"   _", b"   x", "do not begin with _"),
-    (b"<Piece", b"<a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><Piece", "nesting"),
-    (b"<Piece", b"<a/>" * 10_001 + b"<Piece", "tags"),
-])
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b"<?xml", b'<!DOCTYPE a [<!ENTITY b "c">]><?xml', "document type"),
+        (b"<VTKFile", b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile', "document type"),
+        (b'type="ImageData"', b'type="PolyData"', "its type is 'PolyData'"),
+        (b"<ImageData", b"<Polydata", "damaged XML|not VTK image data"),
+        (b"0 5 0 4 0 3", b"0 5 0 4 0 2", "180 bytes.*240"),
+        (b'Extent="0 5 0 4 0 3">', b'Extent="0 5 0 4 0 2">', "pieces"),
+        (b'WholeExtent="0 5 0 4 0 3"', b"", "WholeExtent"),
+        (b'Int16"', b'String"', "'String'"),
+        (b'offset="0"', b'offset="1"', ANY),
+        (b"vtkZLibDataCompressor", b"vtkZipDataCompressor", "Zip"),
+        (b"UInt64", b"UInt16", "UInt16"),
+        (b"UInt64", b"UInt32", ANY),
+        (b"LittleEndian", b"BigEndian", ANY),
+        (b"LittleEndian", b"PDP", "byte_order"),
+        (b'Spacing="1.0 2.0 3.0"', b'Spacing="1.0 0.0 3.0"', "spacing must be positive"),
+        (b'Spacing="1.0 2.0 3.0"', b'Spacing="1.0 nan 3.0"', "spacing must be three finite"),
+        (b'Direction="1.0 ', b'Direction="2.0 ', "orthonormal"),
+        (b'Name="values"', b'Name="values" NumberOfComponents="3"', "components"),
+        (b"<PointData", b"<FieldData", "damaged XML"),
+        (b"   _", b"   x", "do not begin with _"),
+        (b"<Piece", b"<a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><a><Piece", "nesting"),
+        (b"<Piece", b"<a/>" * 10_001 + b"<Piece", "tags"),
+    ],
+)
 def test_vti_headers(old: bytes, new: bytes, words: str | None, tmp_path: Path) -> None:
     write_volume(made(), tmp_path / "a.vti")
     content = (tmp_path / "a.vti").read_bytes()
@@ -414,9 +456,16 @@ def test_vti_with_wrong_counts_before_the_voxels(tmp_path: Path) -> None:
     write_volume(made(), tmp_path / "a.vti")
     content = (tmp_path / "a.vti").read_bytes()
     start = content.index(b"   _") + 4
-    for counts in ((2**63, 2**20, 240, 50), (1, 2**20, 241, 50), (240, 1, 0, 50), (1, 0, 240, 50), (1, 2**40, 240, 50),
-                   (1, 2**20, 240, 2**60), (1, 2**20, 240, 3)):
-        changed = content[:start] + struct.pack("<4Q", *counts) + content[start + 32:]
+    for counts in (
+        (2**63, 2**20, 240, 50),
+        (1, 2**20, 241, 50),
+        (240, 1, 0, 50),
+        (1, 0, 240, 50),
+        (1, 2**40, 240, 50),
+        (1, 2**20, 240, 2**60),
+        (1, 2**20, 240, 3),
+    ):
+        changed = content[:start] + struct.pack("<4Q", *counts) + content[start + 32 :]
         (tmp_path / "a.vti").write_bytes(changed)
         refuse(tmp_path / "a.vti", ANY)
 
@@ -431,10 +480,28 @@ def detached(path: Path, name: str) -> Path:
     return meta(path, f"ElementDataFile = {name}", b"")
 
 
-@pytest.mark.parametrize("name", [
-    "/etc/hostname", "../secret", "sub/../../secret", "..\\secret", "C:\\secret", "C:secret", "//server/secret",
-    "\\\\server\\secret", "link", "folder/link2", "missing", "folder", "a\0b", ".", "", "pipe", "file:///etc/hostname",
-])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "/etc/hostname",
+        "../secret",
+        "sub/../../secret",
+        "..\\secret",
+        "C:\\secret",
+        "C:secret",
+        "//server/secret",
+        "\\\\server\\secret",
+        "link",
+        "folder/link2",
+        "missing",
+        "folder",
+        "a\0b",
+        ".",
+        "",
+        "pipe",
+        "file:///etc/hostname",
+    ],
+)
 @pytest.mark.parametrize("kind", ["nhdr", "mhd"])
 def test_detached_data_only_from_the_headers_own_folder(name: str, kind: str, tmp_path: Path) -> None:
     own = tmp_path / "own"
@@ -478,23 +545,29 @@ def test_a_pickle_in_disguise_is_never_opened(tmp_path: Path) -> None:
     assert not marker.exists()
 
 
-@pytest.mark.parametrize(("header", "words"), [
-    (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 6)}", None),
-    (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, -6)}", "at least 1"),
-    (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 6, 1)}", "axes|at least|cut|bytes"),
-    (b"{'descr': '<i2', 'fortran_order': False, 'shape': (120,)}", "three axes"),
-    (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 10**99)}", "not that of a NumPy file"),
-    (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 99999999999999999999999999)}", "more memory than any"),
-    (b"{'descr': '<c16', 'fortran_order': False, 'shape': (4, 5, 6)}", "complex"),
-    (b"{'descr': '<U2', 'fortran_order': False, 'shape': (4, 5, 6)}", "text"),
-    (b"{'descr': [('a', '<i2')], 'fortran_order': False, 'shape': (4, 5, 6)}", "structured"),
-    (b"{'descr': '<q9', 'fortran_order': False, 'shape': (4, 5, 6)}", "structured|unknown"),
-    (b"{'descr': '<i2', 'fortran_order': 1, 'shape': (4, 5, 6)}", "damaged"),
-    (b"{'descr': '<i2', 'shape': (4, 5, 6)}", "not that of a NumPy file"),
-    (b"__import__('os').system('true')", "not that of a NumPy file"),
-    (b"(" * 9000, "not that of a NumPy file"),
-    (b"[" * 60000, "not that of a NumPy file"),
-])
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 6)}", None),
+        (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, -6)}", "at least 1"),
+        (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 6, 1)}", "axes|at least|cut|bytes"),
+        (b"{'descr': '<i2', 'fortran_order': False, 'shape': (120,)}", "three axes"),
+        (b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 10**99)}", "not that of a NumPy file"),
+        (
+            b"{'descr': '<i2', 'fortran_order': False, 'shape': (4, 5, 99999999999999999999999999)}",
+            "more memory than any",
+        ),
+        (b"{'descr': '<c16', 'fortran_order': False, 'shape': (4, 5, 6)}", "complex"),
+        (b"{'descr': '<U2', 'fortran_order': False, 'shape': (4, 5, 6)}", "text"),
+        (b"{'descr': [('a', '<i2')], 'fortran_order': False, 'shape': (4, 5, 6)}", "structured"),
+        (b"{'descr': '<q9', 'fortran_order': False, 'shape': (4, 5, 6)}", "structured|unknown"),
+        (b"{'descr': '<i2', 'fortran_order': 1, 'shape': (4, 5, 6)}", "damaged"),
+        (b"{'descr': '<i2', 'shape': (4, 5, 6)}", "not that of a NumPy file"),
+        (b"__import__('os').system('true')", "not that of a NumPy file"),
+        (b"(" * 9000, "not that of a NumPy file"),
+        (b"[" * 60000, "not that of a NumPy file"),
+    ],
+)
 def test_numpy_headers(header: bytes, words: str | None, tmp_path: Path) -> None:
     path = tmp_path / "a.npy"
     path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(240))
@@ -517,34 +590,37 @@ def test_numpy_versions_and_types(tmp_path: Path) -> None:
     refuse(path, "version")
 
 
-@pytest.mark.parametrize(("side", "words"), [
-    (None, "need a file a.raw.json"),
-    ("", "not JSON"),
-    ("[1]", "should look like"),
-    ("[" * 60000, "not JSON"),
-    ('{"shape": [4, 5, 6]', "not JSON"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": [1, NaN, 1]}', "NaN"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": [1, 1e999, 1]}', "finite"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": [1, 1]}', "3 numbers"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": "1 1 1"}', "3 numbers"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "direction": [1, 0, 0]}', "3 x 3 numbers"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "is_labels": "yes"}', "is_labels"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "version": 2}', "newer"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "format": "other"}', "another format"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "offset": -3}', "offset"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "offset": 3}', "240 bytes.*237"),
-    ('{"shape": [4, 5, 6], "dtype": "int16"}', "byte_order"),
-    ('{"shape": [4, 5, 6], "dtype": "O"}', "dtype"),
-    ('{"shape": [4, 5, 6], "dtype": 3}', "dtype"),
-    ('{"shape": [4, 5, 6.5], "dtype": "uint8"}', "shape"),
-    ('{"shape": [4, 5, true], "dtype": "uint8"}', "shape"),
-    ('{"shape": 6, "dtype": "uint8"}', "shape"),
-    ('{"dtype": "uint8"}', "shape"),
-    ('{"shape": [4, 5, 0], "dtype": "uint8"}', "at least 1"),
-    ('{"shape": [2, 4, 5, 6], "dtype": "uint8"}', "t: 2"),
-    ('{"shape": [4, 5, 6], "dtype": "uint8"}', "120 bytes.*240"),
-    ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "x": "' + "y" * 70000 + '"}', "longer than"),
-])
+@pytest.mark.parametrize(
+    ("side", "words"),
+    [
+        (None, "need a file a.raw.json"),
+        ("", "not JSON"),
+        ("[1]", "should look like"),
+        ("[" * 60000, "not JSON"),
+        ('{"shape": [4, 5, 6]', "not JSON"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": [1, NaN, 1]}', "NaN"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": [1, 1e999, 1]}', "finite"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": [1, 1]}', "3 numbers"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "spacing": "1 1 1"}', "3 numbers"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "direction": [1, 0, 0]}', "3 x 3 numbers"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "is_labels": "yes"}', "is_labels"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "version": 2}', "newer"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "format": "other"}', "another format"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "offset": -3}', "offset"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "offset": 3}', "240 bytes.*237"),
+        ('{"shape": [4, 5, 6], "dtype": "int16"}', "byte_order"),
+        ('{"shape": [4, 5, 6], "dtype": "O"}', "dtype"),
+        ('{"shape": [4, 5, 6], "dtype": 3}', "dtype"),
+        ('{"shape": [4, 5, 6.5], "dtype": "uint8"}', "shape"),
+        ('{"shape": [4, 5, true], "dtype": "uint8"}', "shape"),
+        ('{"shape": 6, "dtype": "uint8"}', "shape"),
+        ('{"dtype": "uint8"}', "shape"),
+        ('{"shape": [4, 5, 0], "dtype": "uint8"}', "at least 1"),
+        ('{"shape": [2, 4, 5, 6], "dtype": "uint8"}', "t: 2"),
+        ('{"shape": [4, 5, 6], "dtype": "uint8"}', "120 bytes.*240"),
+        ('{"shape": [4, 5, 6], "dtype": "int16", "byte_order": "little", "x": "' + "y" * 70000 + '"}', "longer than"),
+    ],
+)
 def test_side_files(side: str | None, words: str, tmp_path: Path) -> None:
     (tmp_path / "a.raw").write_bytes(bytes(240))
     if side is not None:

@@ -38,8 +38,9 @@ def test_a_test_holds_every_figure() -> None:
     """By the words with which tests ask for it; volumes are compared exactly, in test files that name the program."""
     sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.glob("test_*.py")))
     asked = set(re.findall(r'agreed\("(\w+)", "([^"]+)", "([^"]+)"\)', sources))
-    stated = {(row.kind, row.format, row.program) for row in table()
-              if row.difference is not None and row.kind != "volumes"}
+    stated = {
+        (row.kind, row.format, row.program) for row in table() if row.difference is not None and row.kind != "volumes"
+    }
     assert asked == stated
     for row in table():
         if row.kind == "volumes" and row.difference is not None:

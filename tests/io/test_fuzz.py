@@ -30,7 +30,7 @@ CASES = 3000 if os.environ.get("HYPOTHESIS_PROFILE") == "nightly" else 150
 SECONDS = 20  # for one file: design limit; all but the largest are read in a few milliseconds
 
 # Several suffixes of DICOM name one and the same reader.
-SUFFIXES = [suffix for name, entry in FORMATS.items() for suffix in entry.suffixes[:1 if name == "dicom" else None]]
+SUFFIXES = [suffix for name, entry in FORMATS.items() for suffix in entry.suffixes[: 1 if name == "dicom" else None]]
 
 CHILD = """
 import faulthandler, random, resource, signal, sys
@@ -135,19 +135,23 @@ print(good)
 """
 
 
-SERIES = ["series.nrrd", "series.nii", "series.nii.gz", "series.mha", "series.png", "series.webp",
-          "series.tif"]
+SERIES = ["series.nrrd", "series.nii", "series.nii.gz", "series.mha", "series.png", "series.webp", "series.tif"]
 
 
 def seeds(folder: Path, suffix: str) -> str:
     """One valid file (with its companions) in an empty folder; returns its name."""
     if suffix == "series.tif":
         tifffile = pytest.importorskip("tifffile")
-        tifffile.imwrite(folder / suffix, np.arange(720, dtype=np.int16).reshape(2, 4, 3, 5, 6), ome=True,
-                         photometric="minisblack", metadata={"axes": "TZCYX"})
+        tifffile.imwrite(
+            folder / suffix,
+            np.arange(720, dtype=np.int16).reshape(2, 4, 3, 5, 6),
+            ome=True,
+            photometric="minisblack",
+            metadata={"axes": "TZCYX"},
+        )
         return suffix
     if suffix in SERIES:
-        colours = np.arange(360, dtype=np.uint8).reshape(4, 5, 6, 3)[:1 if suffix.endswith(("png", "webp")) else None]
+        colours = np.arange(360, dtype=np.uint8).reshape(4, 5, 6, 3)[: 1 if suffix.endswith(("png", "webp")) else None]
         moments = [Channels.from_array(colours, kind="rgb")] * (len(colours) // 2 or 1)
         write_series(moments, folder / suffix, len(moments))
         return suffix
@@ -156,8 +160,13 @@ def seeds(folder: Path, suffix: str) -> str:
     volume = Volume.from_array(values, (1, 2, 3), (4, 5, 6), [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
     if suffix in FORMATS["tiff"].suffixes:
         tifffile = pytest.importorskip("tifffile")
-        tifffile.imwrite(folder / name, values, compression=None if suffix == ".tif" else "zlib", metadata=None,
-                         photometric="minisblack")
+        tifffile.imwrite(
+            folder / name,
+            values,
+            compression=None if suffix == ".tif" else "zlib",
+            metadata=None,
+            photometric="minisblack",
+        )
     elif suffix in FORMATS["image"].suffixes:
         Image.fromarray(values[0].astype(np.uint8)).save(folder / name)
     elif suffix in FORMATS["dicom"].suffixes:
@@ -179,15 +188,41 @@ def _composite() -> SimpleITK.Transform:
     spline = SimpleITK.BSplineTransform(3, 3)
     spline.SetTransformDomainMeshSize([2, 1, 1])
     spline.SetParameters(_NUMBERS.normal(size=len(spline.GetParameters())).tolist())
-    field = SimpleITK.DisplacementFieldTransform(image_of(SimpleITK, DisplacementField(
-        _NUMBERS.normal(size=(*_GRID.shape, 3)), _GRID)))
-    return SimpleITK.CompositeTransform([SimpleITK.ComposeScaleSkewVersor3DTransform(), SimpleITK.Euler3DTransform(),
-                                         spline, field, SimpleITK.AffineTransform(3)])
+    field = SimpleITK.DisplacementFieldTransform(
+        image_of(SimpleITK, DisplacementField(_NUMBERS.normal(size=(*_GRID.shape, 3)), _GRID))
+    )
+    return SimpleITK.CompositeTransform(
+        [
+            SimpleITK.ComposeScaleSkewVersor3DTransform(),
+            SimpleITK.Euler3DTransform(),
+            spline,
+            field,
+            SimpleITK.AffineTransform(3),
+        ]
+    )
 
 
-FORMS = ["jpeg.tif", "jpeg2000.tif", "lerc.tif", "png.tif", "jpegxl.tif", "webp.tif", "zstd.tif",
-         "lzma.tif", "lzw.tif", "bits.tif", "planes.tif", "lossless.dcm", "jpegls.dcm", "frames.dcm", "list.nhdr",
-         "pattern.mhd", "text.nrrd", "hex.nrrd", "axes.zarr"]
+FORMS = [
+    "jpeg.tif",
+    "jpeg2000.tif",
+    "lerc.tif",
+    "png.tif",
+    "jpegxl.tif",
+    "webp.tif",
+    "zstd.tif",
+    "lzma.tif",
+    "lzw.tif",
+    "bits.tif",
+    "planes.tif",
+    "lossless.dcm",
+    "jpegls.dcm",
+    "frames.dcm",
+    "list.nhdr",
+    "pattern.mhd",
+    "text.nrrd",
+    "hex.nrrd",
+    "axes.zarr",
+]
 """Files in other packings and forms than those that are written here."""
 
 
@@ -200,37 +235,61 @@ def form_seeds(folder: Path, name: str) -> str:
     colours = np.stack([values] * 3, axis=-1)
     if name in ("bits.tif", "planes.tif"):
         options = {"bitspersample": 4} if kind == "bits" else {"planarconfig": "separate", "compression": "zlib"}
-        tifffile.imwrite(folder / name, values % 16 if kind == "bits" else np.moveaxis(colours, -1, 1), metadata=None,
-                         photometric="minisblack" if kind == "bits" else "rgb", **options)
+        tifffile.imwrite(
+            folder / name,
+            values % 16 if kind == "bits" else np.moveaxis(colours, -1, 1),
+            metadata=None,
+            photometric="minisblack" if kind == "bits" else "rgb",
+            **options,
+        )
     elif name.endswith(".tif"):
         is_colour = kind in ("jpeg", "webp")
-        tifffile.imwrite(folder / name, colours if is_colour else values, compression=kind, metadata=None,
-                         photometric="rgb" if is_colour else "minisblack")
+        tifffile.imwrite(
+            folder / name,
+            colours if is_colour else values,
+            compression=kind,
+            metadata=None,
+            photometric="rgb" if is_colour else "minisblack",
+        )
     elif name.endswith(".dcm"):
         pydicom = pytest.importorskip("pydicom")
         from dicom_series import write_slice
 
         deep = values[0].astype(np.uint16) * 11
-        coded = {"lossless": ("70", lambda: imagecodecs.jpeg8_encode(deep, lossless=True)),
-                 "jpegls": ("80", lambda: imagecodecs.jpegls_encode(deep)),
-                 "frames": ("90", lambda: imagecodecs.jpeg2k_encode(deep, reversible=True, level=0))}
+        coded = {
+            "lossless": ("70", lambda: imagecodecs.jpeg8_encode(deep, lossless=True)),
+            "jpegls": ("80", lambda: imagecodecs.jpegls_encode(deep)),
+            "frames": ("90", lambda: imagecodecs.jpeg2k_encode(deep, reversible=True, level=0)),
+        }
         syntax, encode = coded[kind]
         count = 3 if kind == "frames" else 1
-        write_slice(folder / name, deep, (1, 2, 3), syntax=f"1.2.840.10008.1.2.4.{syntax}", NumberOfFrames=count,
-                    SliceThickness=2, raw=pydicom.encaps.encapsulate([bytes(encode())] * count))
+        write_slice(
+            folder / name,
+            deep,
+            (1, 2, 3),
+            syntax=f"1.2.840.10008.1.2.4.{syntax}",
+            NumberOfFrames=count,
+            SliceThickness=2,
+            raw=pydicom.encaps.encapsulate([bytes(encode())] * count),
+        )
     elif name.endswith(".zarr"):
         zarr = pytest.importorskip("zarr")
         axes = [{"name": axis, "type": "channel" if axis == "c" else "space"} for axis in "xcyz"]
         scales = [{"type": "scale", "scale": [1, 1, 2, 3]}]
         about = {"axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scales}]}
-        group = zarr.create_group(str(folder / name), zarr_format=3,
-                                  attributes={"ome": {"version": "0.5", "multiscales": [about]}})
+        group = zarr.create_group(
+            str(folder / name), zarr_format=3, attributes={"ome": {"version": "0.5", "multiscales": [about]}}
+        )
         group.create_array("0", shape=(6, 2, 4, 5), chunks=(3, 1, 2, 5), shards=(6, 1, 4, 5), dtype="u1")[...] = 7
     else:
         head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 24 20 2\n"
-        named = {"list": "encoding: raw\ndata file: LIST\ns0.raw\ns1.raw\n", "text": "encoding: ascii\n\n",
-                 "hex": "encoding: hex\n\n", "pattern": "ObjectType = Image\nNDims = 3\nDimSize = 24 20 2\n"
-                 "ElementType = MET_UCHAR\nElementDataFile = s%d.raw 0 1 1\n"}[kind]
+        named = {
+            "list": "encoding: raw\ndata file: LIST\ns0.raw\ns1.raw\n",
+            "text": "encoding: ascii\n\n",
+            "hex": "encoding: hex\n\n",
+            "pattern": "ObjectType = Image\nNDims = 3\nDimSize = 24 20 2\n"
+            "ElementType = MET_UCHAR\nElementDataFile = s%d.raw 0 1 1\n",
+        }[kind]
         data = {"text": " ".join(map(str, values.ravel())), "hex": values.tobytes().hex()}.get(kind, "")
         (folder / name).write_text(("" if kind == "pattern" else head) + named + data, encoding="utf-8")
         for k in range(2 if kind in ("list", "pattern") else 0):
@@ -240,13 +299,16 @@ def form_seeds(folder: Path, name: str) -> str:
 
 def transform_seeds(folder: Path, kind: str) -> str:
     """A transform in an empty folder; returns its name."""
-    suffix = kind[kind.index("."):]
+    suffix = kind[kind.index(".") :]
     name, field = f"a{suffix}", DisplacementField(_NUMBERS.normal(size=(*_GRID.shape, 3)), _GRID)
     if kind.startswith("itk"):
         SimpleITK.WriteTransform(_composite(), str(folder / name))
     elif suffix == ".mat":
-        scipy.io.savemat(folder / name, {"AffineTransform_double_3_3": np.arange(12.0)[:, None],
-                                         "fixed": np.zeros((3, 1))}, format="4")
+        scipy.io.savemat(
+            folder / name,
+            {"AffineTransform_double_3_3": np.arange(12.0)[:, None], "fixed": np.zeros((3, 1))},
+            format="4",
+        )
     elif suffix == ".txt":
         SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / "field.mha"))
         (folder / "first.txt").write_text(
@@ -255,11 +317,14 @@ def transform_seeds(folder: Path, kind: str) -> str:
             '(InitialTransformParameterFileName "NoInitialTransform")\n',
             encoding="utf-8",
         )
-        (folder / name).write_text('(Transform "BSplineTransform")\n(NumberOfParameters 192)\n(TransformParameters '
-                                   f'{" ".join(map(repr, _NUMBERS.normal(size=192).tolist()))})\n(GridSize 4 4 4)\n'
-                                   "(GridOrigin 0 0 0)\n(GridSpacing 9 9 9)\n(GridDirection 1 0 0 0 1 0 0 0 1)\n"
-                                   "(BSplineTransformSplineOrder 3)\n(FixedImageDimension 3)\n"
-                                   '(InitialTransformParameterFileName "first.txt")\n', encoding="utf-8")
+        (folder / name).write_text(
+            '(Transform "BSplineTransform")\n(NumberOfParameters 192)\n(TransformParameters '
+            f"{' '.join(map(repr, _NUMBERS.normal(size=192).tolist()))})\n(GridSize 4 4 4)\n"
+            "(GridOrigin 0 0 0)\n(GridSpacing 9 9 9)\n(GridDirection 1 0 0 0 1 0 0 0 1)\n"
+            "(BSplineTransformSplineOrder 3)\n(FixedImageDimension 3)\n"
+            '(InitialTransformParameterFileName "first.txt")\n',
+            encoding="utf-8",
+        )
     elif suffix in (".nhdr", ".mhd"):  # read with the file beside them, and written in one
         SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / name))
     else:
@@ -286,27 +351,43 @@ def part_seeds(folder: Path, name: str) -> str:
         tifffile.imwrite(folder / name, values, compression="zlib", photometric="minisblack", metadata=None)
     elif name == "two.zarr":
         zarr = pytest.importorskip("zarr")
-        array = zarr.create_array(str(folder / name), shape=values.shape, chunks=(4, 4, 4), dtype=values.dtype,
-                                  zarr_format=2)
+        array = zarr.create_array(
+            str(folder / name), shape=values.shape, chunks=(4, 4, 4), dtype=values.dtype, zarr_format=2
+        )
         array[...] = values
     else:
         write_volume(Volume.from_array(values, (1, 2, 3)), folder / name)
     return name
 
 
-NAMES = {"a.csv": "label,name\n1,femur\n2,tibia\n", "a.tsv": "value\tstructure\n7\taorta\n",
-         "a.ctbl": "# colours\n1 femur 10 20 30 255\n2 tibia 40 50 60 255\n",
-         "a.label": '1 255 0 0 1 1 1 "femur"\n2 0 255 0 1 1 1 "tibia"\n', "a.seg.nrrd": ""}
+NAMES = {
+    "a.csv": "label,name\n1,femur\n2,tibia\n",
+    "a.tsv": "value\tstructure\n7\taorta\n",
+    "a.ctbl": "# colours\n1 femur 10 20 30 255\n2 tibia 40 50 60 255\n",
+    "a.label": '1 255 0 0 1 1 1 "femur"\n2 0 255 0 1 1 1 "tibia"\n',
+    "a.seg.nrrd": "",
+}
 
 
 def name_seeds(folder: Path, name: str) -> str:
     """A table of the names of labels, or a segmentation of 3D Slicer that names them; returns its name."""
     (folder / name).write_text(NAMES[name], encoding="utf-8")
     if not NAMES[name]:
-        segments = "".join(f"Segment{k}_{key}:={value}\n" for k in range(2) for key, value in (
-            ("ID", f"s{k}"), ("Name", f"bone {k}"), ("LabelValue", k + 1), ("Layer", 0), ("Extent", "0 1 0 1 0 1")))
-        (folder / name).write_bytes(f"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n{segments}\n"
-                                    .encode() + bytes([0, 1, 2, 0, 1, 2, 0, 1]))
+        segments = "".join(
+            f"Segment{k}_{key}:={value}\n"
+            for k in range(2)
+            for key, value in (
+                ("ID", f"s{k}"),
+                ("Name", f"bone {k}"),
+                ("LabelValue", k + 1),
+                ("Layer", 0),
+                ("Extent", "0 1 0 1 0 1"),
+            )
+        )
+        (folder / name).write_bytes(
+            f"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n{segments}\n".encode()
+            + bytes([0, 1, 2, 0, 1, 2, 0, 1])
+        )
     return name
 
 
@@ -318,8 +399,19 @@ def landmark_seeds(folder: Path, suffix: str) -> str:
 
 
 def _damage(folder: Path, name: str, kind: str, seed: int, *, may_be_read: bool = False) -> None:
-    command = [sys.executable, "-W", "ignore", "-c", CHILD, str(folder), name, kind, str(seed), str(CASES),
-               str(SECONDS)]
+    command = [
+        sys.executable,
+        "-W",
+        "ignore",
+        "-c",
+        CHILD,
+        str(folder),
+        name,
+        kind,
+        str(seed),
+        str(CASES),
+        str(SECONDS),
+    ]
     child = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     noted = folder / "was.txt"
     last = noted.read_text(encoding="utf-8") if noted.exists() else "before the first case"

@@ -17,12 +17,15 @@ from deformnb.session.inputs import best_view
 GREY = np.random.default_rng(2).integers(0, 255, (12, 17), dtype=np.uint8)
 
 
-@pytest.mark.parametrize(("name", "picture", "wanted"), [
-    ("a.png", Image.fromarray(GREY), GREY),
-    ("b.png", Image.fromarray(GREY.astype(np.uint16) * 257), GREY.astype(np.uint16) * 257),
-    ("c.png", Image.fromarray(np.repeat(GREY[..., None], 3, axis=2)), GREY),
-    ("d.png", Image.fromarray(GREY > 99), np.where(GREY > 99, 255, 0)),
-])
+@pytest.mark.parametrize(
+    ("name", "picture", "wanted"),
+    [
+        ("a.png", Image.fromarray(GREY), GREY),
+        ("b.png", Image.fromarray(GREY.astype(np.uint16) * 257), GREY.astype(np.uint16) * 257),
+        ("c.png", Image.fromarray(np.repeat(GREY[..., None], 3, axis=2)), GREY),
+        ("d.png", Image.fromarray(GREY > 99), np.where(GREY > 99, 255, 0)),
+    ],
+)
 def test_grey_values_are_kept(name: str, picture: Image.Image, wanted: np.ndarray, tmp_path: Path) -> None:
     picture.save(tmp_path / name)
     volume = dn.read_volume(tmp_path / name)
@@ -79,6 +82,6 @@ def test_what_is_no_picture_is_refused(content: bytes, tmp_path: Path) -> None:
         dn.read_volume(tmp_path / "a.png")
     Image.fromarray(GREY).save(tmp_path / "b.png")
     whole = (tmp_path / "b.png").read_bytes()
-    (tmp_path / "b.png").write_bytes(whole[:len(whole) // 2])
+    (tmp_path / "b.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(VolumeFileError, match=r"b\.png"):
         dn.read_volume(tmp_path / "b.png")

@@ -16,8 +16,13 @@ from deformnb.rbf.bspline import BSplineField
 
 RANDOM = np.random.default_rng(11)
 KINDS = [(kind, dim) for kind, row in LINEAR.items() for dim in row.counts]
-ON_GRID = [(f"{kind}_double_{dim}_{dim}{order}", dim) for kind, row in OTHERS.items() if row.is_on_grid
-           for dim in (2, 3) for order in (("", "_1", "_2", "_0") if kind == "BSplineTransform" else ("",))]
+ON_GRID = [
+    (f"{kind}_double_{dim}_{dim}{order}", dim)
+    for kind, row in OTHERS.items()
+    if row.is_on_grid
+    for dim in (2, 3)
+    for order in (("", "_1", "_2", "_0") if kind == "BSplineTransform" else ("",))
+]
 
 
 def text(name: str, parameters: Any, fixed: Any) -> str:
@@ -68,7 +73,7 @@ def test_a_transform_on_a_grid_is_the_map_that_itk_makes_of_it(name: str, dim: i
     path = written(tmp_path / "a.tfm", text(name, RANDOM.normal(size=int(size.prod()) * dim), fixed))
     field, theirs = read_transform(path), sitk.ReadTransform(str(path))
     index = RANDOM.uniform(-1.0 if is_spline else 0.0, size if is_spline else size - 1.0, (300, dim))
-    places = index * np.array(fixed[2 * dim:3 * dim]) @ turned.T + np.array(fixed[dim:2 * dim])
+    places = index * np.array(fixed[2 * dim : 3 * dim]) @ turned.T + np.array(fixed[dim : 2 * dim])
     known = where(theirs, places)
     assert np.abs(places + field.displacement(places) - known).max() < 1e-9
     if is_spline and not name.endswith("_0"):
@@ -98,8 +103,11 @@ def test_a_composite_keeps_its_order_in_every_file(suffix: str, precision: str, 
 
 @pytest.mark.parametrize("kind", ["Euler3DTransform", "AffineTransform", "BSplineTransform"])
 def test_matrices_of_matlab_are_read_in_either_order_of_bytes(kind: str, tmp_path: Path) -> None:
-    made = sitk.BSplineTransform(3, 3) if kind == "BSplineTransform" else getattr(sitk, kind)(
-        *((3,) if kind == "AffineTransform" else ()))
+    made = (
+        sitk.BSplineTransform(3, 3)
+        if kind == "BSplineTransform"
+        else getattr(sitk, kind)(*((3,) if kind == "AffineTransform" else ()))
+    )
     made.SetParameters(RANDOM.uniform(-0.5, 0.5, len(made.GetParameters())).tolist())
     sitk.WriteTransform(made, str(tmp_path / "a.mat"))
     places = RANDOM.uniform(-1, 1, (50, 3))
@@ -110,7 +118,7 @@ def test_matrices_of_matlab_are_read_in_either_order_of_bytes(kind: str, tmp_pat
     while at < len(data):
         head = np.frombuffer(data, "<i4", 5, at)
         count, name = int(head[1] * head[2]), int(head[4])
-        turned += (head + np.array([1000, 0, 0, 0, 0])).astype(">i4").tobytes() + data[at + 20:at + 20 + name]
+        turned += (head + np.array([1000, 0, 0, 0, 0])).astype(">i4").tobytes() + data[at + 20 : at + 20 + name]
         turned += np.frombuffer(data, "<f8", count, at + 20 + name).astype(">f8").tobytes()
         at += 20 + name + 8 * count
     (tmp_path / "b.mat").write_bytes(turned)
@@ -138,33 +146,58 @@ def test_wrong_counts_and_wrong_numbers_are_refused(kind: str, change: str, tmp_
     else:
         words = {"one less": words[:-1], "one more": [*words, "0.5"], "none": []}[change]
     path = tmp_path / "a.tfm"
-    path.write_text(f"#Insight Transform File V1.0\nTransform: {kind}_double_{dim}_{dim}\nParameters: "
-                    f"{' '.join(words)}\nFixedParameters: {' '.join(fixed)}\n", encoding="utf-8")
+    path.write_text(
+        f"#Insight Transform File V1.0\nTransform: {kind}_double_{dim}_{dim}\nParameters: "
+        f"{' '.join(words)}\nFixedParameters: {' '.join(fixed)}\n",
+        encoding="utf-8",
+    )
     with pytest.raises(VolumeFileError, match=r"^a\.tfm: "):
         read_transform(path)
 
 
-@pytest.mark.parametrize(("entries", "words"), [
-    (["AffineTransform_double_3_3", "AffineTransform_double_3_3"], "2 transforms .* does not say"),
-    (["CompositeTransform_double_3_3", "AffineTransform_double_3_3", "CompositeTransform_double_3_3"], "flatten it"),
-    (["CompositeTransform_double_3_3", "AffineTransform_double_3_3", "AffineTransform_double_2_2"], "different dim"),
-    (["AffineTransform_double_2_3"], "2 dimensions to 3"), (["AffineTransform_double_4_4"], "4 dimensions"),
-    (["TimeVaryingVelocityFieldTransform_double_3_3"], "is not read here"), ([], "no transform"),
-    (["BSplineTransform_double_3_3_5"], "order 5"), (["Rigid2DTransform_double_3_3"], "none of 3 dim"),
-], ids=["two", "nested", "mixed", "to another", "four", "unknown", "empty", "order", "plane"])
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        (["AffineTransform_double_3_3", "AffineTransform_double_3_3"], "2 transforms .* does not say"),
+        (
+            ["CompositeTransform_double_3_3", "AffineTransform_double_3_3", "CompositeTransform_double_3_3"],
+            "flatten it",
+        ),
+        (
+            ["CompositeTransform_double_3_3", "AffineTransform_double_3_3", "AffineTransform_double_2_2"],
+            "different dim",
+        ),
+        (["AffineTransform_double_2_3"], "2 dimensions to 3"),
+        (["AffineTransform_double_4_4"], "4 dimensions"),
+        (["TimeVaryingVelocityFieldTransform_double_3_3"], "is not read here"),
+        ([], "no transform"),
+        (["BSplineTransform_double_3_3_5"], "order 5"),
+        (["Rigid2DTransform_double_3_3"], "none of 3 dim"),
+    ],
+    ids=["two", "nested", "mixed", "to another", "four", "unknown", "empty", "order", "plane"],
+)
 def test_lists_that_are_no_one_map_are_refused(entries: list[str], words: str, tmp_path: Path) -> None:
     counts = {"Af": {"2": (6, 2), "3": (12, 3)}}
-    path = written(tmp_path / "a.tfm", *(text(name, *(np.zeros(n) for n in counts.get(name[:2], {}).get(
-        name[-1], (0, 0)))) for name in entries))
+    path = written(
+        tmp_path / "a.tfm",
+        *(text(name, *(np.zeros(n) for n in counts.get(name[:2], {}).get(name[-1], (0, 0)))) for name in entries),
+    )
     with pytest.raises(VolumeFileError, match=words):
         read_transform(path)
 
 
-@pytest.mark.parametrize("lines", ["Transform: {0}\nTransform: {0}\n", "Parameters: 1 2 3\n", "Nonsense: 1\n",
-                                   "Transform: {0}\nParameters: 1 2 3\nParameters: 1 2 3\nFixedParameters:\n",
-                                   "Transform: {0}\nParameters: 1 2 3\n",
-                                   "Transform: {0}\nParameters: 1_0 2 3\nFixedParameters:\n",
-                                   "Transform: {0}\nParameters: 1 2 \u0663\nFixedParameters:\n"])
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "Transform: {0}\nTransform: {0}\n",
+        "Parameters: 1 2 3\n",
+        "Nonsense: 1\n",
+        "Transform: {0}\nParameters: 1 2 3\nParameters: 1 2 3\nFixedParameters:\n",
+        "Transform: {0}\nParameters: 1 2 3\n",
+        "Transform: {0}\nParameters: 1_0 2 3\nFixedParameters:\n",
+        "Transform: {0}\nParameters: 1 2 \u0663\nFixedParameters:\n",
+    ],
+)
 def test_lines_that_itk_would_not_write_are_refused(lines: str, tmp_path: Path) -> None:
     path = written(tmp_path / "a.tfm", lines.format("TranslationTransform_double_3_3"))
     with pytest.raises(VolumeFileError, match=r"^a\.tfm: "):

@@ -17,7 +17,7 @@ _ITK_SNAP = """# IDX   -R-  -G-  -B-  -A--  VIS MSH  LABEL
    96     0  255    0      0.5  1  1    "tibia"
 """
 TABLES = {
-    "columns": ("bones.csv", "Label,Name,Voxels\n0,background,9\n3,?,1\n95,\"femur, left\",12\n96,tibia,7\n97,\n"),
+    "columns": ("bones.csv", 'Label,Name,Voxels\n0,background,9\n3,?,1\n95,"femur, left",12\n96,tibia,7\n97,\n'),
     "semicolons": ("bones.csv", "Structure;Value\nfemur, left;95\ntibia;96\nbackground;0\nnone;x\n"),
     "tabs": ("bones.tsv", "index\tname\n0\tbackground\n95\tfemur, left\n96\ttibia\n"),
     "itk-snap": ("bones.label", _ITK_SNAP),
@@ -41,9 +41,17 @@ def test_a_table_of_something_else_gives_no_names(tmp_path: Path) -> None:
 
 
 SEGMENTS = {
-    "Segment0_ID": "liver", "Segment0_Name": "Liver, left: lobe", "Segment0_LabelValue": "3", "Segment0_Layer": "0",
-    "Segment0_Color": "0.8 0.4 0.3", "Segment0_Extent": "0 9 0 9 0 9", "Segment1_ID": "lost", "Segment1_Name": "lost",
-    "Segment1_LabelValue": "7", "Segment1_Layer": "0", "Segmentation_MasterRepresentation": "Binary labelmap",
+    "Segment0_ID": "liver",
+    "Segment0_Name": "Liver, left: lobe",
+    "Segment0_LabelValue": "3",
+    "Segment0_Layer": "0",
+    "Segment0_Color": "0.8 0.4 0.3",
+    "Segment0_Extent": "0 9 0 9 0 9",
+    "Segment1_ID": "lost",
+    "Segment1_Name": "lost",
+    "Segment1_LabelValue": "7",
+    "Segment1_Layer": "0",
+    "Segmentation_MasterRepresentation": "Binary labelmap",
 }
 
 
@@ -52,8 +60,17 @@ def test_a_segmentation_is_written_back_with_its_names(tmp_path: Path) -> None:
     values = np.zeros((4, 5, 6), np.uint8)  # [x, y, z]
     values[1:3, 2:5, 4] = 3
     source = tmp_path / "a.seg.nrrd"
-    nrrd.write(str(source), values, {"space": "left-posterior-superior", "space directions": np.eye(3),
-                                     "space origin": [0, 0, 0], "kinds": ["domain"] * 3, **SEGMENTS})
+    nrrd.write(
+        str(source),
+        values,
+        {
+            "space": "left-posterior-superior",
+            "space directions": np.eye(3),
+            "space origin": [0, 0, 0],
+            "kinds": ["domain"] * 3,
+            **SEGMENTS,
+        },
+    )
     labels = read_volume(source)
     assert labels.is_labels  # so that none are interpolated
     assert not labels.notes

@@ -20,8 +20,28 @@ from deformnb.warping.points import Landmarks
 PLACES = [(1.5, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.5), (10.0, 11.0, 12.0)]
 FIXED = [(2.5, 2.0, 3.0), (4.0, 6.0, 6.0), (7.0, 8.0, 9.0), (10.0, 12.0, 12.0)]
 
-WORDS = ["NA", "na", "NaN", "nan", "-nan", "inf", "-inf", "Infinity", "-Infinity", "undefined", "null", "None",
-         "missing", "n/a", "N/A", "#N/A", "?", ".", "1.#QNAN", "-1.#IND"]
+WORDS = [
+    "NA",
+    "na",
+    "NaN",
+    "nan",
+    "-nan",
+    "inf",
+    "-inf",
+    "Infinity",
+    "-Infinity",
+    "undefined",
+    "null",
+    "None",
+    "missing",
+    "n/a",
+    "N/A",
+    "#N/A",
+    "?",
+    ".",
+    "1.#QNAN",
+    "-1.#IND",
+]
 """Words of R, Python, Java, Windows' C library, spreadsheets and people."""
 
 Rows = list[tuple[str, str, str]]
@@ -47,6 +67,7 @@ def markups(moving: Rows, _fixed: Rows) -> str:
             return float(word)
         except ValueError:
             return word
+
     points = [{"label": "p", "position": list(map(number, row))} for row in moving]
     return json.dumps({"markups": [{"coordinateSystem": "LPS", "controlPoints": points}]})
 
@@ -57,13 +78,16 @@ def bigwarp_json(moving: Rows, fixed: Rows) -> str:
 
 
 def morphologika(moving: Rows, fixed: Rows) -> str:
-    return (f"[individuals]\n2\n[landmarks]\n{len(moving)}\n[dimensions]\n3\n[names]\na\nb\n[rawpoints]\n'a\n"
-            f"{joined(moving)}'b\n{joined(fixed)}")
+    return (
+        f"[individuals]\n2\n[landmarks]\n{len(moving)}\n[dimensions]\n3\n[names]\na\nb\n[rawpoints]\n'a\n"
+        f"{joined(moving)}'b\n{joined(fixed)}"
+    )
 
 
 def prm(moving: Rows, fixed: Rows) -> str:
     def listed(rows: Rows) -> str:
         return joined(rows, end="\n    ").rstrip()
+
     return f"original control points: {listed(moving)}\n\ndeformed control points: {listed(fixed)}\n"
 
 
@@ -72,8 +96,9 @@ WRITTEN: dict[str, Callable[[Rows, Rows], str]] = {
     "bigwarp json": bigwarp_json,
     "fcsv": lambda moving, _: "# CoordinateSystem = LPS\n" + "".join(f"1,{','.join(row)}\n" for row in moving),
     "table": lambda moving, fixed: table(moving, fixed, ","),
-    "bigwarp": lambda moving, fixed: "".join(f'"p","true",{",".join((*a, *b))}\n'
-                                             for a, b in zip(moving, fixed, strict=True)),
+    "bigwarp": lambda moving, fixed: "".join(
+        f'"p","true",{",".join((*a, *b))}\n' for a, b in zip(moving, fixed, strict=True)
+    ),
     "tab table": lambda moving, fixed: table(moving, fixed, "\t"),
     "points": lambda moving, _: joined(moving),
     "tps": lambda moving, fixed: f"LM3=4\n{joined(moving)}ID=a\nLM3=4\n{joined(fixed)}ID=b\n",
@@ -143,8 +168,10 @@ def test_a_file_of_missing_landmarks_only_says_so(kind: str, tmp_path: Path) -> 
 
 
 def test_landmarks_of_slicer_that_were_never_placed_are_counted(tmp_path: Path) -> None:
-    points = [{"label": "a", "position": [1, 2, 3]},
-              *({"label": "b", "position": [0, 0, 0], "positionStatus": status} for status in ("undefined", "missing"))]
+    points = [
+        {"label": "a", "position": [1, 2, 3]},
+        *({"label": "b", "position": [0, 0, 0], "positionStatus": status} for status in ("undefined", "missing")),
+    ]
     found = read(tmp_path, "markups", json.dumps({"markups": [{"controlPoints": points}]}))
     assert (found.names, found.notes) == (("a",), ("2 landmarks are missing and left out: 2, 3",))
 
@@ -152,16 +179,24 @@ def test_landmarks_of_slicer_that_were_never_placed_are_counted(tmp_path: Path) 
 def test_a_scale_is_empty_positive_or_refused(tmp_path: Path) -> None:
     found = read(tmp_path, "tps", "LM=2\n10 20\n30 40\nIMAGE=\nID=a\nSCALE=\n")
     assert (found.points.tolist(), found.notes) == (
-        [[10.0, 20.0], [30.0, 40.0]], ("the scale is empty: coordinates were taken as they are",))
+        [[10.0, 20.0], [30.0, 40.0]],
+        ("the scale is empty: coordinates were taken as they are",),
+    )
     assert read(tmp_path, "tps", "LM=1\n10 20\nSCALE=0,5\n").points.tolist() == [[5.0, 10.0]]
     for scale in ("0", "-1", "x", "1e999"):
         with pytest.raises(VolumeFileError, match="line 3, the scale"):
             read(tmp_path, "tps", f"LM=1\n10 20\nSCALE={scale}\n")
 
 
-@pytest.mark.parametrize("text", [
-    "name\tx\ty\tz\nnose\t1.5\t2\t3\n", "name;x;y;z\nnose;1,5;2;3\n", 'name, x, y, z\n"nose", "1.5", "2", "3"\n',
-    "name x;y;z\n".replace(" x", ";x") + "nose;1,5;2;3\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "name\tx\ty\tz\nnose\t1.5\t2\t3\n",
+        "name;x;y;z\nnose;1,5;2;3\n",
+        'name, x, y, z\n"nose", "1.5", "2", "3"\n',
+        "name x;y;z\n".replace(" x", ";x") + "nose;1,5;2;3\n",
+    ],
+)
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt", ".points.csv"])
 def test_tables_are_read_under_each_usual_suffix(text: str, suffix: str, tmp_path: Path) -> None:
     (tmp_path / f"a{suffix}").write_text(text, encoding="utf-8")

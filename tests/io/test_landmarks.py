@@ -38,8 +38,11 @@ def test_round_trip(suffix: str, tmp_path: Path) -> None:
 
 def test_pairs_of_bigwarp(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text('"Pt-0","true","1","2","3","4","5","6"\n"Pt-1","false","7","8","9","Infinity","-Infinity","NaN"\n'
-                    '"Pt-2","true","Infinity","Infinity","Infinity","1","1","1"\n', encoding="utf-8")
+    path.write_text(
+        '"Pt-0","true","1","2","3","4","5","6"\n"Pt-1","false","7","8","9","Infinity","-Infinity","NaN"\n'
+        '"Pt-2","true","Infinity","Infinity","Infinity","1","1","1"\n',
+        encoding="utf-8",
+    )
     marks = read_landmarks(path)
     assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
     assert marks.notes == ("1 landmark is missing and left out: 3", "1 landmark is without a fixed place: 2")
@@ -52,13 +55,21 @@ def test_pairs_of_bigwarp(tmp_path: Path) -> None:
         Landmarks([[1, 2, 3]]).control_points()
 
 
-BIGWARP = ('{"type": "BigWarpLandmarks", "numDimensions": 3, "movingPoints": [[1, 2, 3], [7, 8, 9], [Infinity, 0, 0]],'
-           ' "fixedPoints": [[4, 5, 6], [Infinity, Infinity, Infinity], [1, 1, 1]], '
-           '"active": [true, false, true], "names": ["Pt-0", "Pt-1", "Pt-2"]}')
+BIGWARP = (
+    '{"type": "BigWarpLandmarks", "numDimensions": 3, "movingPoints": [[1, 2, 3], [7, 8, 9], [Infinity, 0, 0]],'
+    ' "fixedPoints": [[4, 5, 6], [Infinity, Infinity, Infinity], [1, 1, 1]], '
+    '"active": [true, false, true], "names": ["Pt-0", "Pt-1", "Pt-2"]}'
+)
 
 
-@pytest.mark.parametrize("text", [BIGWARP, f'{{"type": "Thin Plate Spline", "landmarks": {BIGWARP}}}',
-                                  f'{{"Sources": [], "Transform": {{"landmarks": {BIGWARP}}}}}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        BIGWARP,
+        f'{{"type": "Thin Plate Spline", "landmarks": {BIGWARP}}}',
+        f'{{"Sources": [], "Transform": {{"landmarks": {BIGWARP}}}}}',
+    ],
+)
 @pytest.mark.parametrize("name", ["a.json", "a.bigwarp.json"])
 def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
     """By hand, after LandmarkTableModel.toJson of BigWarp 9: alone, in a transform and in a project."""
@@ -66,8 +77,10 @@ def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
     assert is_landmarks(tmp_path / name)
     marks = read_landmarks(tmp_path / name)
     assert marks.points.tolist() == [[1, 2, 3], [7, 8, 9]]
-    assert (marks.names, marks.notes) == (("Pt-0", "Pt-1"), (
-        "1 landmark is missing and left out: 3", "1 landmark is without a fixed place: 2"))
+    assert (marks.names, marks.notes) == (
+        ("Pt-0", "Pt-1"),
+        ("1 landmark is missing and left out: 3", "1 landmark is without a fixed place: 2"),
+    )
     pairs = marks.control_points()
     assert (pairs.source.tolist(), pairs.target.tolist()) == ([[1, 2, 3]], [[4, 5, 6]])
 
@@ -86,12 +99,16 @@ def test_slicers_markups_are_known_by_what_is_in_them_and_state_their_unit(tmp_p
         read_landmarks(tmp_path / "a.json")
 
 
-@pytest.mark.parametrize(("system", "wanted"), [("RAS", [-1, -2, 3]), ("0", [-1, -2, 3]), ("LPS", [1, 2, 3]),
-                                                ("1", [1, 2, 3])])
+@pytest.mark.parametrize(
+    ("system", "wanted"), [("RAS", [-1, -2, 3]), ("0", [-1, -2, 3]), ("LPS", [1, 2, 3]), ("1", [1, 2, 3])]
+)
 def test_ras_and_lps(system: str, wanted: list[float], tmp_path: Path) -> None:
-    (tmp_path / "a.fcsv").write_text(f"# Markups fiducial file version = 4.11\n# CoordinateSystem = {system}\n"
-                                     "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
-                                     "n_1,1,2,3,0,0,0,1,1,1,0,nose,,\n", encoding="utf-8")
+    (tmp_path / "a.fcsv").write_text(
+        f"# Markups fiducial file version = 4.11\n# CoordinateSystem = {system}\n"
+        "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
+        "n_1,1,2,3,0,0,0,1,1,1,0,nose,,\n",
+        encoding="utf-8",
+    )
     assert read_landmarks(tmp_path / "a.fcsv").points.tolist() == [wanted]
     point = {"label": "nose", "position": [1, 2, 3], "positionStatus": "defined"}
     missing = {"label": "ear", "positionStatus": "undefined"}
@@ -105,20 +122,29 @@ def test_ras_and_lps(system: str, wanted: list[float], tmp_path: Path) -> None:
 MARKUP = '{"markups": [{"coordinateSystem": "LPS", "controlPoints": [%s]}]}'
 
 
-@pytest.mark.parametrize(("name", "text", "match"), [
-    ("a.csv", "", "no landmark"), ("a.csv", "a,b,c\n", "line 1 names no columns"),
-    ("a.csv", "p,true,1,2,3,4,5,6\np,true,1,2,3,4\n", "line 2 has 6 columns"),
-    ("a.csv", "p,yes,1,2,3,4,5,6\n", "line 1, column 2: 'yes'"),
-    ("a.csv", "p,true,1,2,x,4,5,6\n", "line 1, column 5: 'x'"),
-    ("a.fcsv", "", "no landmark"), ("a.fcsv", "# CoordinateSystem = XYZ\n1,1,2,3\n", "neither LPS nor RAS"),
-    ("a.fcsv", "1,1,2,inf\n", "all 1 are missing"), ("a.fcsv", "1,1,2\n", "line 1, column 4: nothing"),
-    ("a.mrk.json", "{", "cannot be read"), ("a.mrk.json", "[]", "with a list markups"),
-    ("a.mrk.json", '{"markups": [3]}', "no list controlPoints"), ("a.mrk.json", MARKUP % "3", "not an object"),
-    ("a.mrk.json", MARKUP % '{"position": [1, 2]}', "landmark 1 has no position"),
-    ("a.mrk.json", MARKUP % '{"position": [1, 2, NaN]}', "all 1 are missing"),
-    ("a.mrk.json", MARKUP % "", "no landmark"),
-    ("a.mrk.json", "[" * 100000, "cannot be read"), ("a.odt", "", "no kind of landmark file"),
-])
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("a.csv", "", "no landmark"),
+        ("a.csv", "a,b,c\n", "line 1 names no columns"),
+        ("a.csv", "p,true,1,2,3,4,5,6\np,true,1,2,3,4\n", "line 2 has 6 columns"),
+        ("a.csv", "p,yes,1,2,3,4,5,6\n", "line 1, column 2: 'yes'"),
+        ("a.csv", "p,true,1,2,x,4,5,6\n", "line 1, column 5: 'x'"),
+        ("a.fcsv", "", "no landmark"),
+        ("a.fcsv", "# CoordinateSystem = XYZ\n1,1,2,3\n", "neither LPS nor RAS"),
+        ("a.fcsv", "1,1,2,inf\n", "all 1 are missing"),
+        ("a.fcsv", "1,1,2\n", "line 1, column 4: nothing"),
+        ("a.mrk.json", "{", "cannot be read"),
+        ("a.mrk.json", "[]", "with a list markups"),
+        ("a.mrk.json", '{"markups": [3]}', "no list controlPoints"),
+        ("a.mrk.json", MARKUP % "3", "not an object"),
+        ("a.mrk.json", MARKUP % '{"position": [1, 2]}', "landmark 1 has no position"),
+        ("a.mrk.json", MARKUP % '{"position": [1, 2, NaN]}', "all 1 are missing"),
+        ("a.mrk.json", MARKUP % "", "no landmark"),
+        ("a.mrk.json", "[" * 100000, "cannot be read"),
+        ("a.odt", "", "no kind of landmark file"),
+    ],
+)
 def test_mistakes_are_one_sentence(name: str, text: str, match: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(VolumeFileError, match=match) as caught:
@@ -127,11 +153,16 @@ def test_mistakes_are_one_sentence(name: str, text: str, match: str, tmp_path: P
     assert str(caught.value).isprintable()
 
 
-@pytest.mark.parametrize(("arguments", "match"), [
-    ({"points": [[0, 0, np.inf]]}, "landmark 0 is not finite"), ({"points": [[0]]}, "shape"),
-    ({"points": ["a"]}, "numbers"), ({"points": [[0, 0, 0]], "names": ("a", "b")}, "1 landmarks need as many names"),
-    ({"points": [[0, 0, 0]], "fixed": [[0, 0]]}, "fixed places"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"points": [[0, 0, np.inf]]}, "landmark 0 is not finite"),
+        ({"points": [[0]]}, "shape"),
+        ({"points": ["a"]}, "numbers"),
+        ({"points": [[0, 0, 0]], "names": ("a", "b")}, "1 landmarks need as many names"),
+        ({"points": [[0, 0, 0]], "fixed": [[0, 0]]}, "fixed places"),
+    ],
+)
 def test_what_are_no_landmarks(arguments: dict[str, Any], match: str) -> None:
     with pytest.raises(DeformError, match=match):
         Landmarks(**arguments)
@@ -146,8 +177,10 @@ def test_flat_landmarks_go_into_bigwarps_file_only(tmp_path: Path) -> None:
 
 
 def test_landmarks_follow_a_deformation() -> None:
-    points = ControlPoints.from_arrays([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [5, 5, 5]],
-                                       [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [7, 5, 6]])
+    points = ControlPoints.from_arrays(
+        [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [5, 5, 5]],
+        [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [7, 5, 6]],
+    )
     field = Deformation.in_space(points, kernel="thin_plate").field(Grid((4, 4, 4)))
     moved = warp_landmarks(Landmarks([[5, 5, 5], [10, 0, 0]], ("a", "b")), field)
     assert_close(moved.points, [[7, 5, 6], [10, 0, 0]], atol=1e-4)
@@ -174,15 +207,19 @@ def test_two_lists_are_paired_by_name_or_order_and_the_rest_is_named() -> None:
     fixed = Landmarks([[5, 5, 5], [6, 6, 6]], ("c", "b"))
     points, left, others = ControlPoints.from_landmarks(moving, fixed)
     assert (points.names, points.source.tolist(), points.target.tolist()) == (
-        ("b", "c"), [[1, 0, 0], [2, 0, 0]], [[6, 6, 6], [5, 5, 5]])
+        ("b", "c"),
+        [[1, 0, 0], [2, 0, 0]],
+        [[6, 6, 6], [5, 5, 5]],
+    )
     assert (points.active.tolist(), left, others) == ([False, True], ("a",), ())
     by_order = ControlPoints.from_landmarks(moving, Landmarks([[9, 9, 9]] * 4), pair="order")
-    assert (by_order.points.names, by_order.left_moving, by_order.left_fixed) == (
-        ("a", "b", "c"), (), ("landmark 4",))
-    for other, pair, words in ((Landmarks([[0, 0, 0]]), "name", "landmark 1 has no name"),
-                               (Landmarks([[0, 0, 0]] * 2, ("a", "a")), "name", "more than once"),
-                               (Landmarks([[0, 0]], ("a",)), "name", "coordinates"),
-                               (fixed, "nearest", 'by "name"')):
+    assert (by_order.points.names, by_order.left_moving, by_order.left_fixed) == (("a", "b", "c"), (), ("landmark 4",))
+    for other, pair, words in (
+        (Landmarks([[0, 0, 0]]), "name", "landmark 1 has no name"),
+        (Landmarks([[0, 0, 0]] * 2, ("a", "a")), "name", "more than once"),
+        (Landmarks([[0, 0]], ("a",)), "name", "coordinates"),
+        (fixed, "nearest", 'by "name"'),
+    ):
         with pytest.raises(DeformError, match=words):
             ControlPoints.from_landmarks(moving, other, pair=pair)
 

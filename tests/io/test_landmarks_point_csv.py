@@ -17,10 +17,12 @@ def two(dim: int = 2) -> ControlPoints:
 
 
 def test_a_row_with_a_known_id_changes_that_point_and_others_are_added() -> None:
-    text = ("id,name,active,locked,source_a,source_b,target_a,target_b,weight,radius\n"
-            '1,"a ""nose"", long",false,TRUE,1.5,2.5,3.5,4.5,2,9\n'
-            "99,new,,,5,6,7,8,,\n"
-            ",alone,yes,no,1,1,,,,\n")
+    text = (
+        "id,name,active,locked,source_a,source_b,target_a,target_b,weight,radius\n"
+        '1,"a ""nose"", long",false,TRUE,1.5,2.5,3.5,4.5,2,9\n'
+        "99,new,,,5,6,7,8,,\n"
+        ",alone,yes,no,1,1,,,,\n"
+    )
     read = points_from_csv(text, two())
     points = read.points
     assert (read.changed, read.added) == ((1,), (7, 8))
@@ -58,19 +60,31 @@ def test_rows_of_bigwarp_and_pairs_of_places_in_space() -> None:
     assert_array_equal(points_from_csv("1,2,3,4,5,6", ControlPoints.empty(3)).points.target, [[4, 5, 6]])
 
 
-@pytest.mark.parametrize(("text", "words"), [
-    ("", "empty"), (" \n ,\n", "empty"), ("1,nan", "row 1 must be a number, got 'nan'"), ("1,x", "got 'x'"),
-    ("1,inf", "got 'inf'"), ("1,2\n1,2,3", "row 2 has 3 columns"), ("a,b,c", "row 1 has 3 columns"),
-    ("source_a,source_b\n1,2,3", "row 2 has 3 columns"),
-    ("source_a,source_b\n1,", "the source of row 2 must be a number"),
-    ("id,source_a,source_b\n-1,1,2", "no whole number"), ("id,source_a,source_b\n1.5,1,2", "no whole number"),
-    ("id,source_a,source_b\n55,,", "needs a place|no place|has no source"),
-    ("source_a,source_b,active\n1,2,maybe", "neither true nor false"),
-    ("source_a,source_b,weight\n1,2,-3", "weights must be positive"),
-    ("source_a,source_b,radius\n1,2,0", "positive length"), ("source_x,source_y,source_z\n1,2,3", "a and b"),
-    ('"' + "x" * 200_000, "no table"), ("1" * (LONGEST_TEXT + 1), "at most"), ("1e400,2", "must be a number"),
-    ("1e20,2", "below 1e15"),
-])
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        (" \n ,\n", "empty"),
+        ("1,nan", "row 1 must be a number, got 'nan'"),
+        ("1,x", "got 'x'"),
+        ("1,inf", "got 'inf'"),
+        ("1,2\n1,2,3", "row 2 has 3 columns"),
+        ("a,b,c", "row 1 has 3 columns"),
+        ("source_a,source_b\n1,2,3", "row 2 has 3 columns"),
+        ("source_a,source_b\n1,", "the source of row 2 must be a number"),
+        ("id,source_a,source_b\n-1,1,2", "no whole number"),
+        ("id,source_a,source_b\n1.5,1,2", "no whole number"),
+        ("id,source_a,source_b\n55,,", "needs a place|no place|has no source"),
+        ("source_a,source_b,active\n1,2,maybe", "neither true nor false"),
+        ("source_a,source_b,weight\n1,2,-3", "weights must be positive"),
+        ("source_a,source_b,radius\n1,2,0", "positive length"),
+        ("source_x,source_y,source_z\n1,2,3", "a and b"),
+        ('"' + "x" * 200_000, "no table"),
+        ("1" * (LONGEST_TEXT + 1), "at most"),
+        ("1e400,2", "must be a number"),
+        ("1e20,2", "below 1e15"),
+    ],
+)
 def test_what_is_wrong_is_said(text: str, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         points_from_csv(text, two())

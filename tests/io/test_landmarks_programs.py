@@ -29,11 +29,13 @@ PROGRAMS = [
 
 
 @pytest.mark.parametrize(("ours", "theirs", "limit"), PROGRAMS)
-def test_a_program_has_read_what_is_written_and_wrote_the_same(ours: str, theirs: str, limit: float,
-                                                               tmp_path: Path) -> None:
+def test_a_program_has_read_what_is_written_and_wrote_the_same(
+    ours: str, theirs: str, limit: float, tmp_path: Path
+) -> None:
     write_landmarks(LANDMARKS, tmp_path / ours)
     assert (tmp_path / ours).read_text(encoding="utf-8") == (FILES / ours).read_text(encoding="utf-8"), (
-        "what is written has changed: let the program read it again")
+        "what is written has changed: let the program read it again"
+    )
     found = read_landmarks(FILES / theirs)
     assert np.abs(found.points - LANDMARKS.points).max() <= limit
     if found.fixed is not None:

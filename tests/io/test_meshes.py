@@ -77,13 +77,18 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
     assert area.sum() == pytest.approx(1 + 2)
 
 
-@pytest.mark.parametrize(("text", "faces"), [
-    ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1/1 2/2 3//3\n", [[0, 1, 2]]),
-    ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n", [[0, 1, 2]]),
-    ("# by hand\no thing\nmtllib a.mtl\nv 0 0 0 1\nv 1 0 0 # here\nv 0 1 0\nvn 0 0 1\ns off\nf 1 2 \\\n 3\n",
-     [[0, 1, 2]]),
-    ("v 0 0 0\r\nv 1 0 0\r\nv 0 1 0\r\nl 1 2\r\nf 3 2 1\r\nf 1 2\r\n", [[2, 1, 0]]),
-])
+@pytest.mark.parametrize(
+    ("text", "faces"),
+    [
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1/1 2/2 3//3\n", [[0, 1, 2]]),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\n", [[0, 1, 2]]),
+        (
+            "# by hand\no thing\nmtllib a.mtl\nv 0 0 0 1\nv 1 0 0 # here\nv 0 1 0\nvn 0 0 1\ns off\nf 1 2 \\\n 3\n",
+            [[0, 1, 2]],
+        ),
+        ("v 0 0 0\r\nv 1 0 0\r\nv 0 1 0\r\nl 1 2\r\nf 3 2 1\r\nf 1 2\r\n", [[2, 1, 0]]),
+    ],
+)
 def test_forms_of_obj(text: str, faces: list[list[int]], tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text(text, newline="", encoding="utf-8")
@@ -92,10 +97,12 @@ def test_forms_of_obj(text: str, faces: list[list[int]], tmp_path: Path) -> None
 
 def test_forms_of_ply(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
-    head = ("ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\nproperty float x\nproperty float y\n"
-            "property float z\nproperty uchar red\nelement face 2\nproperty uchar flags\n"
-            "property list uchar int vertex_index\nelement edge 1\nproperty int vertex1\nproperty int vertex2\n"
-            "end_header\n")
+    head = (
+        "ply\nformat ascii 1.0\ncomment by hand\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nproperty uchar red\nelement face 2\nproperty uchar flags\n"
+        "property list uchar int vertex_index\nelement edge 1\nproperty int vertex1\nproperty int vertex2\n"
+        "end_header\n"
+    )
     path.write_text(head + "0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n9 4 0 1 2 3\n9 3 2 1 0\n0 1\n", encoding="utf-8")
     mesh = read_mesh(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -106,8 +113,10 @@ def test_forms_of_ply(tmp_path: Path) -> None:
 def test_binary_ply_with_polygons_of_several_sizes(order: str, tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     kind = "big" if order == ">" else "little"
-    head = (f"ply\nformat binary_{kind}_endian 1.0\nelement vertex 4\nproperty double x\nproperty double y\n"
-            "property double z\nelement face 2\nproperty list uchar uint vertex_indices\nend_header\n")
+    head = (
+        f"ply\nformat binary_{kind}_endian 1.0\nelement vertex 4\nproperty double x\nproperty double y\n"
+        "property double z\nelement face 2\nproperty list uchar uint vertex_indices\nend_header\n"
+    )
     data = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], order + "f8").tobytes()
     for face in ([2, 1, 0], [0, 1, 2, 3]):
         data += bytes([len(face)]) + np.array(face, order + "u4").tobytes()
@@ -118,41 +127,53 @@ def test_binary_ply_with_polygons_of_several_sizes(order: str, tmp_path: Path) -
         read_mesh(path)
 
 
-STL = (b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
-       b"endsolid a\n")
-PLY = (b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-       b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+STL = (
+    b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    b"endsolid a\n"
+)
+PLY = (
+    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+)
 
 
-@pytest.mark.parametrize(("name", "data", "match"), [
-    ("a.ply", b"", "a.ply: this is no PLY file"), ("a.stl", b"", "a.stl: this is no STL file"),
-    ("a.obj", b"", "a.obj: there are no faces"), ("a.vtp", b"", "a.vtp: this is no VTP file"),
-    ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 3"), "a face has a corner that is not among the 3"),
-    ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 -1"), "a face has a corner"),
-    ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 1.5"), "not a whole number"),
-    ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1"), "cut short"),
-    ("a.ply", PLY.replace(b"1 0 0", b"1 0 oops"), "something else than numbers"),
-    ("a.ply", PLY.replace(b"1 0 0", b"1 0 nan"), "not finite"),
-    ("a.ply", PLY.replace(b"vertex 3", b"vertex 999999999999"), "more than the file has room for"),
-    ("a.ply", PLY.replace(b"element face 1", b"element fase 1"), "no element face"),
-    ("a.ply", PLY.replace(b"float z", b"float w"), "no x, y and z"),
-    ("a.ply", PLY.replace(b"float z", b"float y"), "two of one name"),
-    ("a.ply", PLY.replace(b"format ascii", b"format rot13"), "not understood"),
-    ("a.ply", PLY.replace(b"format ascii 1.0\n", b""), "no line format"),
-    ("a.ply", PLY.replace(b"vertex_indices", b"corners"), "no list vertex_indices"),
-    ("a.stl", STL[:-20], "does not end"), ("a.stl", STL.replace(b"1 0 0", b"1 0 x"), "is no number"),
-    ("a.stl", STL.replace(b"vertex 1 0 0", b""), "not three vertices"),
-    ("a.stl", STL.replace(b"1 0 0", b"1 0 inf"), "not a finite number"),
-    ("a.obj", b"v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "a line v does not hold three numbers"),
-    ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "a corner that is not among the 3"),
-    ("a.obj", b"v 0 0 0\nf 1 1 -9\n", "a corner that is not among"), ("a.obj", b"v 0 0 0\nf 1 0 1\n", "corner '0'"),
-    ("a.obj", b"\0\1\2", "not text"),
-    ("a.vtp", b"<?xml?><VTKFile type='ImageData'></VTKFile>", "no VTP file"),
-    ("a.vtp", b"<?xml version='1.0'?><VTKFile type='PolyData'>", "VTP file|no faces"),
-    ("a.docx", b"x", "no kind of surface file; known are .ply, .stl, .obj, .vtp"),
-])
-def test_damaged_files_are_refused_in_one_sentence(name: str, data: bytes, match: str, tmp_path: Path,
-                                                   capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("name", "data", "match"),
+    [
+        ("a.ply", b"", "a.ply: this is no PLY file"),
+        ("a.stl", b"", "a.stl: this is no STL file"),
+        ("a.obj", b"", "a.obj: there are no faces"),
+        ("a.vtp", b"", "a.vtp: this is no VTP file"),
+        ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 3"), "a face has a corner that is not among the 3"),
+        ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 -1"), "a face has a corner"),
+        ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1 1.5"), "not a whole number"),
+        ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1"), "cut short"),
+        ("a.ply", PLY.replace(b"1 0 0", b"1 0 oops"), "something else than numbers"),
+        ("a.ply", PLY.replace(b"1 0 0", b"1 0 nan"), "not finite"),
+        ("a.ply", PLY.replace(b"vertex 3", b"vertex 999999999999"), "more than the file has room for"),
+        ("a.ply", PLY.replace(b"element face 1", b"element fase 1"), "no element face"),
+        ("a.ply", PLY.replace(b"float z", b"float w"), "no x, y and z"),
+        ("a.ply", PLY.replace(b"float z", b"float y"), "two of one name"),
+        ("a.ply", PLY.replace(b"format ascii", b"format rot13"), "not understood"),
+        ("a.ply", PLY.replace(b"format ascii 1.0\n", b""), "no line format"),
+        ("a.ply", PLY.replace(b"vertex_indices", b"corners"), "no list vertex_indices"),
+        ("a.stl", STL[:-20], "does not end"),
+        ("a.stl", STL.replace(b"1 0 0", b"1 0 x"), "is no number"),
+        ("a.stl", STL.replace(b"vertex 1 0 0", b""), "not three vertices"),
+        ("a.stl", STL.replace(b"1 0 0", b"1 0 inf"), "not a finite number"),
+        ("a.obj", b"v 0 0 0\nv 1 0\nv 0 1 0\nf 1 2 3\n", "a line v does not hold three numbers"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "a corner that is not among the 3"),
+        ("a.obj", b"v 0 0 0\nf 1 1 -9\n", "a corner that is not among"),
+        ("a.obj", b"v 0 0 0\nf 1 0 1\n", "corner '0'"),
+        ("a.obj", b"\0\1\2", "not text"),
+        ("a.vtp", b"<?xml?><VTKFile type='ImageData'></VTKFile>", "no VTP file"),
+        ("a.vtp", b"<?xml version='1.0'?><VTKFile type='PolyData'>", "VTP file|no faces"),
+        ("a.docx", b"x", "no kind of surface file; known are .ply, .stl, .obj, .vtp"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_sentence(
+    name: str, data: bytes, match: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / name).write_bytes(data)
     with pytest.raises(VolumeFileError, match=match) as caught:
         read_mesh(tmp_path / name)
@@ -219,8 +240,12 @@ print("all")
 
 @pytest.mark.sampled(4)
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
-@pytest.mark.parametrize(("kind", "binary"), [  # an OBJ file of others does not say where it ends
-    (kind, binary) for kind in sorted(MESH_FORMATS) for binary in (True, False) if binary or kind != "obj"])
+@pytest.mark.parametrize(
+    ("kind", "binary"),
+    [  # an OBJ file of others does not say where it ends
+        (kind, binary) for kind in sorted(MESH_FORMATS) for binary in (True, False) if binary or kind != "obj"
+    ],
+)
 def test_any_damage_is_an_error_or_a_mesh(kind: str, binary: bool, ball: Mesh, tmp_path: Path) -> None:
     path, cases = tmp_path / f"bad.{kind}", 3000 if os.environ.get("HYPOTHESIS_PROFILE") == "nightly" else 300
     if binary:
@@ -245,8 +270,12 @@ def test_the_horse_is_read_as_vtk_reads_it(real_data: Callable[[str], Path]) -> 
     np.testing.assert_array_equal(mesh.faces, seen.regular_faces)
 
 
-COMPRESSORS = {"": "None", "vtkZLibDataCompressor": "ZLib", "vtkLZMADataCompressor": "LZMA",
-               "vtkLZ4DataCompressor": "LZ4"}
+COMPRESSORS = {
+    "": "None",
+    "vtkZLibDataCompressor": "ZLib",
+    "vtkLZMADataCompressor": "LZMA",
+    "vtkLZ4DataCompressor": "LZ4",
+}
 
 
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended"])
@@ -300,31 +329,50 @@ def test_strips_polygons_and_pieces_of_a_vtp(tmp_path: Path) -> None:
     path = tmp_path / "a.vtp"
     path.write_text(VTP, encoding="utf-8")
     mesh = read_mesh(path)
-    assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 5], [1, 0, 5], [1, 1, 5],
-                                    [0, 1, 5]]
+    assert mesh.points.tolist() == [
+        [0, 0, 0],
+        [1, 0, 0],
+        [0, 1, 0],
+        [1, 1, 0],
+        [0, 0, 5],
+        [1, 0, 5],
+        [1, 1, 5],
+        [0, 1, 5],
+    ]
     assert mesh.faces[:2].tolist() == [[0, 1, 2], [1, 3, 2]]
     assert mesh.faces[-1].tolist() == [6, 5, 4]
     assert len(mesh.faces) == 5
 
 
-@pytest.mark.parametrize(("old", "new", "match"), [
-    ("0 1 2 3</", "0 1 2 4</", "not among the 4"), ("0 1 2 3</", "0 1 2 -1</", "not among the 4"),
-    ("0 1 2 3</", "0 1 2</", "has fewer"), ("0 1 2 3</", "0 1 2 3 4</", "has more"),
-    ("0 1 2 3</", "0 1 2 x</", "something else"), ("4 7", "7 4", "do not grow"), ("4 7", "4 999999999999", "memory"),
-    ("4 7", "4 -7", "do not grow"), ("0 1 2 3 2 1 0", "0 1 2 3 2 1 256", "something else"),
-    ('NumberOfPolys="2"', 'NumberOfPolys="-2"', "NumberOfPolys is -2"),
-    ('NumberOfPolys="2"', 'NumberOfPolys="9999999999999999"', "memory"),
-    ('NumberOfPoints="4" NumberOfPolys', f'NumberOfPoints="{10**12}" NumberOfPolys', "memory"),
-    ('NumberOfPoints="4" NumberOfPolys', 'NumberOfPoints="two" NumberOfPolys', "whole number"),
-    ('"Float64" NumberOfComponents="3"', '"Float64" NumberOfComponents="2"', "no places of three numbers"),
-    ('"offsets" format="ascii">4 7', '"ends" format="ascii">4 7', "without their offsets"),
-    ("0 0 5", "0 0 nan", "not finite|not a finite"), ("0 0 5", f"0 0 {'5' * 70}", "something else"),
-    ('"Float64"', '"String"', "type 'String' is not supported"), ("LittleEndian", "PDP", "byte_order 'PDP'"),
-    ('format="ascii">4 7', 'format="appended" offset="0">4 7', "no appended"),
-    ('version="1.0" byte_order', 'compressor="vtkZip" byte_order', "compressor vtkZip"),
-    ('<?xml version="1.0"?>', '<!DOCTYPE a [<!ENTITY b "c">]>', "document type"), ("</PolyData>", "", "damaged XML"),
-    ("<Piece", "<Peace", "damaged XML"),
-])
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("0 1 2 3</", "0 1 2 4</", "not among the 4"),
+        ("0 1 2 3</", "0 1 2 -1</", "not among the 4"),
+        ("0 1 2 3</", "0 1 2</", "has fewer"),
+        ("0 1 2 3</", "0 1 2 3 4</", "has more"),
+        ("0 1 2 3</", "0 1 2 x</", "something else"),
+        ("4 7", "7 4", "do not grow"),
+        ("4 7", "4 999999999999", "memory"),
+        ("4 7", "4 -7", "do not grow"),
+        ("0 1 2 3 2 1 0", "0 1 2 3 2 1 256", "something else"),
+        ('NumberOfPolys="2"', 'NumberOfPolys="-2"', "NumberOfPolys is -2"),
+        ('NumberOfPolys="2"', 'NumberOfPolys="9999999999999999"', "memory"),
+        ('NumberOfPoints="4" NumberOfPolys', f'NumberOfPoints="{10**12}" NumberOfPolys', "memory"),
+        ('NumberOfPoints="4" NumberOfPolys', 'NumberOfPoints="two" NumberOfPolys', "whole number"),
+        ('"Float64" NumberOfComponents="3"', '"Float64" NumberOfComponents="2"', "no places of three numbers"),
+        ('"offsets" format="ascii">4 7', '"ends" format="ascii">4 7', "without their offsets"),
+        ("0 0 5", "0 0 nan", "not finite|not a finite"),
+        ("0 0 5", f"0 0 {'5' * 70}", "something else"),
+        ('"Float64"', '"String"', "type 'String' is not supported"),
+        ("LittleEndian", "PDP", "byte_order 'PDP'"),
+        ('format="ascii">4 7', 'format="appended" offset="0">4 7', "no appended"),
+        ('version="1.0" byte_order', 'compressor="vtkZip" byte_order', "compressor vtkZip"),
+        ('<?xml version="1.0"?>', '<!DOCTYPE a [<!ENTITY b "c">]>', "document type"),
+        ("</PolyData>", "", "damaged XML"),
+        ("<Piece", "<Peace", "damaged XML"),
+    ],
+)
 def test_damage_of_a_vtp_is_named(old: str, new: str, match: str, tmp_path: Path) -> None:
     assert old in VTP
     (tmp_path / "a.vtp").write_text(VTP.replace(old, new), encoding="utf-8")

@@ -66,7 +66,7 @@ def with_number(value: Any, place: int, number: float) -> Any:
     if isinstance(value, str):
         found = list(_NUMBER.finditer(value))[place]
         whole = number == number and number == int(number)
-        return value[:found.start()] + (str(int(number)) if whole else str(number)) + value[found.end():]
+        return value[: found.start()] + (str(int(number)) if whole else str(number)) + value[found.end() :]
     if isinstance(value, list | tuple):
         flat = np.array(value, dtype=object).ravel()
         kind = int if isinstance(flat[place], int) and number == number else float
@@ -122,23 +122,48 @@ def write_npy(folder: Path, fields: dict[str, Any]) -> Path:
 
 
 def write_vti(folder: Path, fields: dict[str, Any]) -> Path:
-    of = {name: " ".join(f'{key.partition(".")[2]}="{value}"' for key, value in fields.items()
-                         if key.startswith(f"{name}.") and value is not None)
-          for name in ("VTKFile", "ImageData", "Piece", "PointData", "DataArray")}
+    of = {
+        name: " ".join(
+            f'{key.partition(".")[2]}="{value}"'
+            for key, value in fields.items()
+            if key.startswith(f"{name}.") and value is not None
+        )
+        for name in ("VTKFile", "ImageData", "Piece", "PointData", "DataArray")
+    }
     text = " ".join(map(str, VALUES.ravel()))
     (folder / "a.vti").write_text(
-        f'<VTKFile {of["VTKFile"]}><ImageData {of["ImageData"]}><Piece {of["Piece"]}><PointData {of["PointData"]}>'
-        f'<DataArray {of["DataArray"]}>{text}</DataArray></PointData></Piece></ImageData></VTKFile>', encoding="utf-8")
+        f"<VTKFile {of['VTKFile']}><ImageData {of['ImageData']}><Piece {of['Piece']}><PointData {of['PointData']}>"
+        f"<DataArray {of['DataArray']}>{text}</DataArray></PointData></Piece></ImageData></VTKFile>",
+        encoding="utf-8",
+    )
     return folder / "a.vti"
 
 
 NIFTI: dict[str, tuple[str, int]] = {
-    "dim": ("8h", 40), "intent_p": ("3f", 56), "intent_code": ("h", 68), "datatype": ("h", 70), "bitpix": ("h", 72),
-    "slice_start": ("h", 74), "pixdim": ("8f", 76), "vox_offset": ("f", 108), "scl_slope": ("f", 112),
-    "scl_inter": ("f", 116), "slice_end": ("h", 120), "slice_code": ("B", 122), "xyzt_units": ("B", 123),
-    "cal": ("2f", 124), "slice_duration": ("f", 132), "toffset": ("f", 136), "qform_code": ("h", 252),
-    "sform_code": ("h", 254), "quatern": ("3f", 256), "qoffset": ("3f", 268), "srow_x": ("4f", 280),
-    "srow_y": ("4f", 296), "srow_z": ("4f", 312)}
+    "dim": ("8h", 40),
+    "intent_p": ("3f", 56),
+    "intent_code": ("h", 68),
+    "datatype": ("h", 70),
+    "bitpix": ("h", 72),
+    "slice_start": ("h", 74),
+    "pixdim": ("8f", 76),
+    "vox_offset": ("f", 108),
+    "scl_slope": ("f", 112),
+    "scl_inter": ("f", 116),
+    "slice_end": ("h", 120),
+    "slice_code": ("B", 122),
+    "xyzt_units": ("B", 123),
+    "cal": ("2f", 124),
+    "slice_duration": ("f", 132),
+    "toffset": ("f", 136),
+    "qform_code": ("h", 252),
+    "sform_code": ("h", 254),
+    "quatern": ("3f", 256),
+    "qoffset": ("3f", 268),
+    "srow_x": ("4f", 280),
+    "srow_y": ("4f", 296),
+    "srow_z": ("4f", 312),
+}
 
 
 def write_nifti(folder: Path, fields: dict[str, Any]) -> Path:
@@ -154,10 +179,24 @@ def write_nifti(folder: Path, fields: dict[str, Any]) -> Path:
     return folder / "a.nii"
 
 
-TAGS = {"width": (256, 3), "height": (257, 3), "bits": (258, 3), "compression": (259, 3), "photometric": (262, 3),
-        "fill order": (266, 3), "offsets": (273, 4), "samples": (277, 3), "rows": (278, 3), "counts": (279, 4),
-        "x resolution": (282, 5), "y resolution": (283, 5), "planar": (284, 3), "resolution unit": (296, 3),
-        "predictor": (317, 3), "sample format": (339, 3)}
+TAGS = {
+    "width": (256, 3),
+    "height": (257, 3),
+    "bits": (258, 3),
+    "compression": (259, 3),
+    "photometric": (262, 3),
+    "fill order": (266, 3),
+    "offsets": (273, 4),
+    "samples": (277, 3),
+    "rows": (278, 3),
+    "counts": (279, 4),
+    "x resolution": (282, 5),
+    "y resolution": (283, 5),
+    "planar": (284, 3),
+    "resolution unit": (296, 3),
+    "predictor": (317, 3),
+    "sample format": (339, 3),
+}
 PIXELS = np.random.default_rng(1).integers(-3000, 3000, (5, 6)).astype("<i2")
 
 
@@ -176,8 +215,14 @@ def write_tags(folder: Path, fields: dict[str, Any]) -> Path:
         place = struct.pack("<I", end + len(extra)) if len(data) > 4 else data.ljust(4, b"\0")
         entries += struct.pack("<HHI", tag, kind, count) + place
         extra += data if len(data) > 4 else b""
-    (folder / "a.tif").write_bytes(struct.pack("<2sHI", b"II", 42, start) + PIXELS.tobytes() + struct.pack(
-        "<H", len(present)) + entries + bytes(4) + extra)
+    (folder / "a.tif").write_bytes(
+        struct.pack("<2sHI", b"II", 42, start)
+        + PIXELS.tobytes()
+        + struct.pack("<H", len(present))
+        + entries
+        + bytes(4)
+        + extra
+    )
     return folder / "a.tif"
 
 
@@ -186,8 +231,15 @@ def tags_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def described(folder: Path, text: str) -> Path:
-    tifffile.imwrite(folder / "a.tif", VALUES, photometric="minisblack", description=text, metadata=None,
-                     resolution=(2.0, 4.0), resolutionunit=1)
+    tifffile.imwrite(
+        folder / "a.tif",
+        VALUES,
+        photometric="minisblack",
+        description=text,
+        metadata=None,
+        resolution=(2.0, 4.0),
+        resolutionunit=1,
+    )
     return folder / "a.tif"
 
 
@@ -197,8 +249,11 @@ def write_imagej(folder: Path, fields: dict[str, Any]) -> Path:
 
 def write_ome(folder: Path, fields: dict[str, Any]) -> Path:
     pixels = text_header(fields, '{}="{}" ')
-    return described(folder, '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06">'
-                             f'<Image ID="Image:0"><Pixels ID="Pixels:0" {pixels}><TiffData/></Pixels></Image></OME>')
+    return described(
+        folder,
+        '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06">'
+        f'<Image ID="Image:0"><Pixels ID="Pixels:0" {pixels}><TiffData/></Pixels></Image></OME>',
+    )
 
 
 def write_shaped(folder: Path, fields: dict[str, Any]) -> Path:
@@ -214,8 +269,11 @@ def write_ome_zarr(folder: Path, fields: dict[str, Any]) -> Path:
     moved = [{"type": name, name: of[name]} for name in ("scale", "translation") if name in of]
     whole = [{"type": "scale", "scale": of["whole"]}] if "whole" in of else []
     axes = [{"name": name, "type": "space", **({"unit": of["unit"]} if "unit" in of else {})} for name in of["axes"]]
-    about = {"axes": axes, "coordinateTransformations": whole,
-             "datasets": [{"path": "0", "coordinateTransformations": moved}]}
+    about = {
+        "axes": axes,
+        "coordinateTransformations": whole,
+        "datasets": [{"path": "0", "coordinateTransformations": moved}],
+    }
     group = zarr.create_group(str(path), zarr_format=2, attributes={"multiscales": [{"version": "0.4", **about}]})
     group.create_array("0", shape=VALUES.shape, dtype=VALUES.dtype, chunks=(2, 5, 6))[...] = VALUES
     held = json.loads((path / "0" / ".zarray").read_text(encoding="utf-8"))
@@ -233,8 +291,13 @@ def write_dicom(folder: Path, fields: dict[str, Any]) -> Path:
     inner = folder / "series"
     inner.mkdir(exist_ok=True)
     for k in range(3):
-        write_slice(inner / f"{k}.dcm", VALUES[k], (1, 2, 3 + 2.5 * k), ImageOrientationPatient=[1, 0, 0, 0, 1, 0],
-                    uid=f"1.2.3.{k}")
+        write_slice(
+            inner / f"{k}.dcm",
+            VALUES[k],
+            (1, 2, 3 + 2.5 * k),
+            ImageOrientationPatient=[1, 0, 0, 0, 1, 0],
+            uid=f"1.2.3.{k}",
+        )
     data = pydicom.dcmread(inner / "1.dcm")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -279,7 +342,7 @@ def side_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
     else:
         order = ">" if about["byte_order"] == "big" else "<"
         dtype = np.dtype(about["dtype"]).newbyteorder(order)
-        values = np.frombuffer(path.read_bytes()[about.get("offset", 0):], dtype).reshape(about["shape"])
+        values = np.frombuffer(path.read_bytes()[about.get("offset", 0) :], dtype).reshape(about["shape"])
     return placed(values, about.get("spacing", (1, 1, 1)), about.get("origin", (0, 0, 0)), about.get("direction"))
 
 
@@ -291,8 +354,10 @@ def vti_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
     types = {"Int8": "i1", "UInt8": "u1", "Int16": "i2", "UInt16": "u2", "Int32": "i4", "Float32": "f4"}
     shape = [high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True)][::-1]
     values = np.array(array.text.split(), dtype=float).astype(types[array.get("type")]).reshape(shape)
-    spacing, origin = ([float(word) for word in image.get(name, missing).split()]
-                       for name, missing in (("Spacing", "1 1 1"), ("Origin", "0 0 0")))
+    spacing, origin = (
+        [float(word) for word in image.get(name, missing).split()]
+        for name, missing in (("Spacing", "1 1 1"), ("Origin", "0 0 0"))
+    )
     direction = np.reshape([float(word) for word in image.get("Direction", "1 0 0 0 1 0 0 0 1").split()], (3, 3))
     return placed(values, spacing, origin + direction @ (np.multiply(spacing, extent[::2])), direction)
 
@@ -307,82 +372,282 @@ def nrrd_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 NIFTI_FIELDS = {
-    "dim": (3, 6, 5, 4, 1, 1, 1, 1), "intent_p": (0.0, 0.0, 0.0), "intent_code": 0, "datatype": 4, "bitpix": 16,
-    "slice_start": 0, "pixdim": (1.0, 1.5, 2.0, 2.5, 0.0, 0.0, 0.0, 0.0), "vox_offset": 352.0, "scl_slope": 2.0,
-    "scl_inter": 3.0, "slice_end": 0, "slice_code": 0, "xyzt_units": 2, "cal": (0.0, 0.0), "slice_duration": 0.0,
-    "toffset": 0.0, "qform_code": 1, "sform_code": 0, "quatern": (0.5, 0.0, 0.0), "qoffset": (4.0, 5.0, 6.0),
-    "srow_x": (0.0,) * 4, "srow_y": (0.0,) * 4, "srow_z": (0.0,) * 4}
-SFORM = {**NIFTI_FIELDS, "sform_code": 2, "qform_code": 0, "srow_x": (1.5, 0.0, 0.0, 7.0),
-         "srow_y": (0.0, 2.0, 0.0, 8.0), "srow_z": (0.0, 0.0, 2.5, 9.0)}
+    "dim": (3, 6, 5, 4, 1, 1, 1, 1),
+    "intent_p": (0.0, 0.0, 0.0),
+    "intent_code": 0,
+    "datatype": 4,
+    "bitpix": 16,
+    "slice_start": 0,
+    "pixdim": (1.0, 1.5, 2.0, 2.5, 0.0, 0.0, 0.0, 0.0),
+    "vox_offset": 352.0,
+    "scl_slope": 2.0,
+    "scl_inter": 3.0,
+    "slice_end": 0,
+    "slice_code": 0,
+    "xyzt_units": 2,
+    "cal": (0.0, 0.0),
+    "slice_duration": 0.0,
+    "toffset": 0.0,
+    "qform_code": 1,
+    "sform_code": 0,
+    "quatern": (0.5, 0.0, 0.0),
+    "qoffset": (4.0, 5.0, 6.0),
+    "srow_x": (0.0,) * 4,
+    "srow_y": (0.0,) * 4,
+    "srow_z": (0.0,) * 4,
+}
+SFORM = {
+    **NIFTI_FIELDS,
+    "sform_code": 2,
+    "qform_code": 0,
+    "srow_x": (1.5, 0.0, 0.0, 7.0),
+    "srow_y": (0.0, 2.0, 0.0, 8.0),
+    "srow_z": (0.0, 0.0, 2.5, 9.0),
+}
 _CHANGES = ("negate", "zero", "contradict", "huge", "nan")
 # Fields of time, of display and of statistics; the code says which space it is; sizes and lengths of axes beyond
 # dim[0], and a fourth axis of one voxel.
-_NIFTI_SILENT = ("intent_p", "slice_start", "slice_end", "slice_code", "cal", "slice_duration", "toffset",
-                 "intent_code", ("qform_code", "contradict 0"), ("sform_code", "contradict 0"), ("dim", "contradict 0"),
-                 *(("dim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES),
-                 *(("pixdim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES))
+_NIFTI_SILENT = (
+    "intent_p",
+    "slice_start",
+    "slice_end",
+    "slice_code",
+    "cal",
+    "slice_duration",
+    "toffset",
+    "intent_code",
+    ("qform_code", "contradict 0"),
+    ("sform_code", "contradict 0"),
+    ("dim", "contradict 0"),
+    *(("dim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES),
+    *(("pixdim", f"{how} {k}") for k in range(4, 8) for how in _CHANGES),
+)
 _NO_QFORM = ("quatern", "qoffset", *(("pixdim", f"{how} 0") for how in _CHANGES))
 
 KINDS: dict[str, Kind] = {
-    "nifti": Kind(NIFTI_FIELDS, write_nifti, ("xyzt_units",),
-                  (*_NIFTI_SILENT, "srow_x", "srow_y", "srow_z"), nifti_peer),
+    "nifti": Kind(
+        NIFTI_FIELDS, write_nifti, ("xyzt_units",), (*_NIFTI_SILENT, "srow_x", "srow_y", "srow_z"), nifti_peer
+    ),
     "nifti sform": Kind(SFORM, write_nifti, ("xyzt_units",), (*_NIFTI_SILENT, *_NO_QFORM), nifti_peer),
-    "nrrd": Kind({"type": "short", "dimension": "3", "space": "left-posterior-superior", "sizes": "6 5 4",
-                  "space directions": "(1.5,0,0) (0,2,0) (0,0,2.5)", "kinds": "domain domain domain",
-                  "endian": "little", "encoding": "raw", "space origin": "(4,5,6)"}, write_nrrd,
-                 ("space", "kinds"), (("space", "drop"),), itk_peer),
-    "nrrd spacings": Kind({"type": "short", "dimension": "3", "sizes": "6 5 4", "spacings": "1.5 2 2.5",
-                           "axis mins": "4 5 6", "centers": "node node node", "endian": "little", "encoding": "raw"},
-                          write_nrrd, (), (("centers", "drop"),), nrrd_peer),
-    "metaimage": Kind({"ObjectType": "Image", "NDims": "3", "BinaryData": "True", "BinaryDataByteOrderMSB": "False",
-                       "CompressedData": "False", "TransformMatrix": "0 1 0 1 0 0 0 0 -1", "Offset": "4 5 6",
-                       "CenterOfRotation": "0 0 0", "ElementSpacing": "1.5 2 2.5", "DimSize": "6 5 4",
-                       "ElementNumberOfChannels": "1", "ElementType": "MET_SHORT"}, write_meta,
-                      ("BinaryData", "BinaryDataByteOrderMSB", "CompressedData", "CenterOfRotation",
-                       "ElementNumberOfChannels", "ObjectType"), ("CenterOfRotation",), itk_peer),
-    "vti": Kind({"VTKFile.type": "ImageData", "VTKFile.version": "1.0", "VTKFile.byte_order": "LittleEndian",
-                 "ImageData.WholeExtent": "0 5 0 4 0 3", "ImageData.Origin": "4 5 6", "ImageData.Spacing": "1.5 2 2.5",
-                 "ImageData.Direction": "0 1 0 1 0 0 0 0 -1", "Piece.Extent": "0 5 0 4 0 3",
-                 "PointData.Scalars": "density", "DataArray.type": "Int16", "DataArray.Name": "density",
-                 "DataArray.NumberOfComponents": "1", "DataArray.format": "ascii"}, write_vti,
-                ("VTKFile.byte_order", "DataArray.NumberOfComponents", "PointData.Scalars"),
-                ("VTKFile.version", ("PointData.Scalars", "drop"), ("DataArray.Name", "drop")), vti_peer),
-    "raw": Kind({"format": "deformnb volume", "version": 1, "shape": [4, 5, 6], "dtype": "int16",
-                 "byte_order": "little", "offset": 0, "spacing": [1.5, 2.0, 2.5], "origin": [4.0, 5.0, 6.0],
-                 "direction": [[0, 1, 0], [1, 0, 0], [0, 0, -1]], "is_labels": False}, write_raw,
-                ("format", "version", "offset", "is_labels"), (), side_peer),
-    "numpy": Kind({"format": "deformnb volume", "version": 1, "shape": [4, 5, 6], "dtype": "int16",
-                   "byte_order": "little", "spacing": [1.5, 2.0, 2.5], "origin": [4.0, 5.0, 6.0],
-                   "direction": [[0, 1, 0], [1, 0, 0], [0, 0, -1]], "is_labels": False}, write_npy,
-                  ("format", "version", "shape", "dtype", "byte_order", "is_labels"), (), side_peer),
+    "nrrd": Kind(
+        {
+            "type": "short",
+            "dimension": "3",
+            "space": "left-posterior-superior",
+            "sizes": "6 5 4",
+            "space directions": "(1.5,0,0) (0,2,0) (0,0,2.5)",
+            "kinds": "domain domain domain",
+            "endian": "little",
+            "encoding": "raw",
+            "space origin": "(4,5,6)",
+        },
+        write_nrrd,
+        ("space", "kinds"),
+        (("space", "drop"),),
+        itk_peer,
+    ),
+    "nrrd spacings": Kind(
+        {
+            "type": "short",
+            "dimension": "3",
+            "sizes": "6 5 4",
+            "spacings": "1.5 2 2.5",
+            "axis mins": "4 5 6",
+            "centers": "node node node",
+            "endian": "little",
+            "encoding": "raw",
+        },
+        write_nrrd,
+        (),
+        (("centers", "drop"),),
+        nrrd_peer,
+    ),
+    "metaimage": Kind(
+        {
+            "ObjectType": "Image",
+            "NDims": "3",
+            "BinaryData": "True",
+            "BinaryDataByteOrderMSB": "False",
+            "CompressedData": "False",
+            "TransformMatrix": "0 1 0 1 0 0 0 0 -1",
+            "Offset": "4 5 6",
+            "CenterOfRotation": "0 0 0",
+            "ElementSpacing": "1.5 2 2.5",
+            "DimSize": "6 5 4",
+            "ElementNumberOfChannels": "1",
+            "ElementType": "MET_SHORT",
+        },
+        write_meta,
+        (
+            "BinaryData",
+            "BinaryDataByteOrderMSB",
+            "CompressedData",
+            "CenterOfRotation",
+            "ElementNumberOfChannels",
+            "ObjectType",
+        ),
+        ("CenterOfRotation",),
+        itk_peer,
+    ),
+    "vti": Kind(
+        {
+            "VTKFile.type": "ImageData",
+            "VTKFile.version": "1.0",
+            "VTKFile.byte_order": "LittleEndian",
+            "ImageData.WholeExtent": "0 5 0 4 0 3",
+            "ImageData.Origin": "4 5 6",
+            "ImageData.Spacing": "1.5 2 2.5",
+            "ImageData.Direction": "0 1 0 1 0 0 0 0 -1",
+            "Piece.Extent": "0 5 0 4 0 3",
+            "PointData.Scalars": "density",
+            "DataArray.type": "Int16",
+            "DataArray.Name": "density",
+            "DataArray.NumberOfComponents": "1",
+            "DataArray.format": "ascii",
+        },
+        write_vti,
+        ("VTKFile.byte_order", "DataArray.NumberOfComponents", "PointData.Scalars"),
+        ("VTKFile.version", ("PointData.Scalars", "drop"), ("DataArray.Name", "drop")),
+        vti_peer,
+    ),
+    "raw": Kind(
+        {
+            "format": "deformnb volume",
+            "version": 1,
+            "shape": [4, 5, 6],
+            "dtype": "int16",
+            "byte_order": "little",
+            "offset": 0,
+            "spacing": [1.5, 2.0, 2.5],
+            "origin": [4.0, 5.0, 6.0],
+            "direction": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+            "is_labels": False,
+        },
+        write_raw,
+        ("format", "version", "offset", "is_labels"),
+        (),
+        side_peer,
+    ),
+    "numpy": Kind(
+        {
+            "format": "deformnb volume",
+            "version": 1,
+            "shape": [4, 5, 6],
+            "dtype": "int16",
+            "byte_order": "little",
+            "spacing": [1.5, 2.0, 2.5],
+            "origin": [4.0, 5.0, 6.0],
+            "direction": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+            "is_labels": False,
+        },
+        write_npy,
+        ("format", "version", "shape", "dtype", "byte_order", "is_labels"),
+        (),
+        side_peer,
+    ),
 }
 
 KINDS |= {
-    "tiff": Kind({"width": [6], "height": [5], "bits": [16], "compression": [1], "photometric": [1],
-                  "fill order": [1], "offsets": [8, 44], "samples": [1], "rows": [3], "counts": [36, 24],
-                  "x resolution": [3, 1], "y resolution": [4, 1], "planar": [1], "resolution unit": [2],
-                  "predictor": [1], "sample format": [2]}, write_tags,
-                 ("compression", "photometric", "fill order", "samples", "planar", "predictor"),
-                 (("planar", "contradict 0"),), tags_peer),
-    "imagej": Kind({"images": "4", "slices": "4", "unit": "micron", "spacing": "2.5", "channels": "1", "frames": "1"},
-                   write_imagej, ("images", "slices", "channels", "frames")),
-    "ome": Kind({"DimensionOrder": "XYZCT", "Type": "int16", "SizeX": "6", "SizeY": "5", "SizeZ": "4", "SizeC": "1",
-                 "SizeT": "1", "PhysicalSizeX": "1.5", "PhysicalSizeY": "2.0", "PhysicalSizeZ": "2.5",
-                 "PhysicalSizeXUnit": "mm", "PhysicalSizeYUnit": "mm", "PhysicalSizeZUnit": "mm"}, write_ome,
-                ("DimensionOrder", "Type", "SizeX", "SizeY", "SizeZ", "SizeC", "SizeT")),
-    "tifffile": Kind({"shape": [4, 5, 6], "axes": "ZYX", "spacing": 2.5, "unit": "mm"}, write_shaped,
-                     ("axes", "shape"), (("axes", "word"),)),
-    "zarr": Kind({"axes": ["z", "y", "x"], "unit": "millimeter", "scale": [2.5, 2.0, 1.5],
-                  "translation": [6.0, 5.0, 4.0], "whole": [1.0, 2.0, 1.0], "shape": [4, 5, 6], "chunks": [2, 5, 6],
-                  "dtype": "<i2", "order": "C", "fill_value": 0}, write_ome_zarr, ("fill_value",),
-                 ("fill_value",)),
-    "dicom": Kind({"Rows": 5, "Columns": 6, "SamplesPerPixel": 1, "PhotometricInterpretation": "MONOCHROME2",
-                   "BitsAllocated": 16, "BitsStored": 16, "HighBit": 15, "PixelRepresentation": 1,
-                   "PixelSpacing": [1.25, 0.5], "ImageOrientationPatient": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-                   "ImagePositionPatient": [1.0, 2.0, 5.5], "RescaleSlope": 1.0, "RescaleIntercept": 0.0,
-                   "NumberOfFrames": 1, "SeriesInstanceUID": "1.2.826.0.1.3680043.8.498.1"}, write_dicom,
-                  ("SamplesPerPixel", "PhotometricInterpretation", "HighBit", "BitsStored", "RescaleSlope",
-                   "RescaleIntercept", "NumberOfFrames")),
+    "tiff": Kind(
+        {
+            "width": [6],
+            "height": [5],
+            "bits": [16],
+            "compression": [1],
+            "photometric": [1],
+            "fill order": [1],
+            "offsets": [8, 44],
+            "samples": [1],
+            "rows": [3],
+            "counts": [36, 24],
+            "x resolution": [3, 1],
+            "y resolution": [4, 1],
+            "planar": [1],
+            "resolution unit": [2],
+            "predictor": [1],
+            "sample format": [2],
+        },
+        write_tags,
+        ("compression", "photometric", "fill order", "samples", "planar", "predictor"),
+        (("planar", "contradict 0"),),
+        tags_peer,
+    ),
+    "imagej": Kind(
+        {"images": "4", "slices": "4", "unit": "micron", "spacing": "2.5", "channels": "1", "frames": "1"},
+        write_imagej,
+        ("images", "slices", "channels", "frames"),
+    ),
+    "ome": Kind(
+        {
+            "DimensionOrder": "XYZCT",
+            "Type": "int16",
+            "SizeX": "6",
+            "SizeY": "5",
+            "SizeZ": "4",
+            "SizeC": "1",
+            "SizeT": "1",
+            "PhysicalSizeX": "1.5",
+            "PhysicalSizeY": "2.0",
+            "PhysicalSizeZ": "2.5",
+            "PhysicalSizeXUnit": "mm",
+            "PhysicalSizeYUnit": "mm",
+            "PhysicalSizeZUnit": "mm",
+        },
+        write_ome,
+        ("DimensionOrder", "Type", "SizeX", "SizeY", "SizeZ", "SizeC", "SizeT"),
+    ),
+    "tifffile": Kind(
+        {"shape": [4, 5, 6], "axes": "ZYX", "spacing": 2.5, "unit": "mm"},
+        write_shaped,
+        ("axes", "shape"),
+        (("axes", "word"),),
+    ),
+    "zarr": Kind(
+        {
+            "axes": ["z", "y", "x"],
+            "unit": "millimeter",
+            "scale": [2.5, 2.0, 1.5],
+            "translation": [6.0, 5.0, 4.0],
+            "whole": [1.0, 2.0, 1.0],
+            "shape": [4, 5, 6],
+            "chunks": [2, 5, 6],
+            "dtype": "<i2",
+            "order": "C",
+            "fill_value": 0,
+        },
+        write_ome_zarr,
+        ("fill_value",),
+        ("fill_value",),
+    ),
+    "dicom": Kind(
+        {
+            "Rows": 5,
+            "Columns": 6,
+            "SamplesPerPixel": 1,
+            "PhotometricInterpretation": "MONOCHROME2",
+            "BitsAllocated": 16,
+            "BitsStored": 16,
+            "HighBit": 15,
+            "PixelRepresentation": 1,
+            "PixelSpacing": [1.25, 0.5],
+            "ImageOrientationPatient": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+            "ImagePositionPatient": [1.0, 2.0, 5.5],
+            "RescaleSlope": 1.0,
+            "RescaleIntercept": 0.0,
+            "NumberOfFrames": 1,
+            "SeriesInstanceUID": "1.2.826.0.1.3680043.8.498.1",
+        },
+        write_dicom,
+        (
+            "SamplesPerPixel",
+            "PhotometricInterpretation",
+            "HighBit",
+            "BitsStored",
+            "RescaleSlope",
+            "RescaleIntercept",
+            "NumberOfFrames",
+        ),
+    ),
 }
 
 
@@ -390,8 +655,13 @@ def found_in(path: Path) -> tuple[Any, tuple[str, ...]]:
     """All that is read of a file, as something that can be compared, and the notes."""
     series = open_series(path, max_bytes=2**26)
     moments = [channels.values for channels in series]
-    state = (repr(series.grid), series.layout, series.dtype, [np.asarray(one).tobytes() for one in moments],
-             [volume.is_labels for channels in series for volume in channels])
+    state = (
+        repr(series.grid),
+        series.layout,
+        series.dtype,
+        [np.asarray(one).tobytes() for one in moments],
+        [volume.is_labels for channels in series for volume in channels],
+    )
     return (state, moments, series.grid), series.notes
 
 
@@ -426,13 +696,18 @@ def _compare_with_peer(kind: Kind, path: Path, moments: list[np.ndarray], grid: 
     np.testing.assert_allclose(grid.affine, affine, rtol=1e-5, atol=1e-5)
 
 
-CASES = [(kind, name, how) for kind, one in KINDS.items() for name, value in one.fields.items()
-         for how, _ in mutations(value)]
+CASES = [
+    (kind, name, how)
+    for kind, one in KINDS.items()
+    for name, value in one.fields.items()
+    for how, _ in mutations(value)
+]
 
 
 @pytest.mark.parametrize(("kind", "name", "how"), CASES)
-def test_no_field_is_made_up_or_dropped_in_silence(kind: str, name: str, how: str, tmp_path: Path,
-                                                   record_property: Callable[[str, object], None]) -> None:
+def test_no_field_is_made_up_or_dropped_in_silence(
+    kind: str, name: str, how: str, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
     one = KINDS[kind]
     change = dict(mutations(one.fields[name]))[how]
     found = outcome(one, tmp_path, name, change)
@@ -444,5 +719,7 @@ def test_no_field_is_made_up_or_dropped_in_silence(kind: str, name: str, how: st
 
 def table(folder: Path) -> Counter[tuple[str, str]]:
     """The number of outcomes of each format, for people: ``python -c "import test_metadata_mutations"``."""
-    return Counter((kind, outcome(KINDS[kind], folder, name, dict(mutations(KINDS[kind].fields[name]))[how]))
-                   for kind, name, how in CASES)
+    return Counter(
+        (kind, outcome(KINDS[kind], folder, name, dict(mutations(KINDS[kind].fields[name]))[how]))
+        for kind, name, how in CASES
+    )

@@ -69,21 +69,42 @@ def test_zarr_and_numpy_read_the_same_map(grid: Grid, tmp_path: Path) -> None:
         write_transform(AFFINE, tmp_path / "b.zarr", grid, overwrite=True)
 
 
-@pytest.mark.parametrize(("given", "matrix", "offset"), [
-    ({"type": "identity"}, np.eye(3), [0, 0, 0]),
-    ({"type": "translation", "translation": [3, 2, 1]}, np.eye(3), [1, 2, 3]),
-    ({"type": "scale", "scale": [4, 3, 2]}, np.diag([2, 3, 4]), [0, 0, 0]),
-    ({"type": "rotation", "rotation": [[1, 0, 0], [0, 0, 1], [0, -1, 0]]}, [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-     [0, 0, 0]),
-    ({"type": "bijection", "forward": {"type": "scale", "scale": [1, 1, 5]}, "inverse": {"type": "identity"}},
-     np.diag([5, 1, 1]), [0, 0, 0]),
-    ({"type": "sequence", "transformations": [{"type": "scale", "scale": [1, 1, 5]},
-                                              {"type": "translation", "translation": [0, 0, 1]}]},
-     np.diag([5, 1, 1]), [1, 0, 0]),
-])
+@pytest.mark.parametrize(
+    ("given", "matrix", "offset"),
+    [
+        ({"type": "identity"}, np.eye(3), [0, 0, 0]),
+        ({"type": "translation", "translation": [3, 2, 1]}, np.eye(3), [1, 2, 3]),
+        ({"type": "scale", "scale": [4, 3, 2]}, np.diag([2, 3, 4]), [0, 0, 0]),
+        (
+            {"type": "rotation", "rotation": [[1, 0, 0], [0, 0, 1], [0, -1, 0]]},
+            [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
+            [0, 0, 0],
+        ),
+        (
+            {"type": "bijection", "forward": {"type": "scale", "scale": [1, 1, 5]}, "inverse": {"type": "identity"}},
+            np.diag([5, 1, 1]),
+            [0, 0, 0],
+        ),
+        (
+            {
+                "type": "sequence",
+                "transformations": [
+                    {"type": "scale", "scale": [1, 1, 5]},
+                    {"type": "translation", "translation": [0, 0, 1]},
+                ],
+            },
+            np.diag([5, 1, 1]),
+            [1, 0, 0],
+        ),
+    ],
+)
 def test_linear_transformations(given: dict[str, Any], matrix: Any, offset: Any, tmp_path: Path) -> None:
-    _scene(tmp_path / "a.zarr", lambda scene: scene["coordinateTransformations"].__setitem__(
-        0, {"input": {"name": "LPS"}, "output": {"name": "LPS"}, **given}))
+    _scene(
+        tmp_path / "a.zarr",
+        lambda scene: scene["coordinateTransformations"].__setitem__(
+            0, {"input": {"name": "LPS"}, "output": {"name": "LPS"}, **given}
+        ),
+    )
     points = RANDOM.normal(size=(5, 3))
     found = points + read_transform(tmp_path / "a.zarr").displacement(points)
     assert np.abs(found - (points @ np.transpose(matrix) + offset)).max() < 1e-12
@@ -107,18 +128,28 @@ def test_coordinates_are_displacements_from_their_nodes(tmp_path: Path) -> None:
     assert np.abs(np.asarray(found.values) - FIELD.values).max() < 1e-5
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (lambda scene: scene["coordinateTransformations"].append({"type": "identity", "name": "b"}), "hold 2: backward, b"),
-    (lambda scene: scene["coordinateTransformations"].clear(), "hold 0"),
-    (lambda scene: scene["coordinateTransformations"][0].update(type="byDimension"), "byDimension is not read"),
-    (lambda scene: scene["coordinateTransformations"][0].update(path="../../x/0"), "leads out"),
-    (lambda scene: scene["coordinateTransformations"][0].update(path="x/0"), "no image lists"),
-    (lambda scene: scene["coordinateTransformations"][0].update(interpolation="cubic"), "only linear"),
-    (lambda scene: scene["coordinateSystems"][0]["axes"][0].update(name="t"), "three axes"),
-    (lambda scene: scene["coordinateSystems"][0]["axes"][0].update(orientation={"value": "superior-to-inferior"}),
-     "LPS"),
-    (lambda scene: scene["coordinateTransformations"][0].update(type="scale", scale=[1, "x", 1]), "finite numbers"),
-])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda scene: scene["coordinateTransformations"].append({"type": "identity", "name": "b"}),
+            "hold 2: backward, b",
+        ),
+        (lambda scene: scene["coordinateTransformations"].clear(), "hold 0"),
+        (lambda scene: scene["coordinateTransformations"][0].update(type="byDimension"), "byDimension is not read"),
+        (lambda scene: scene["coordinateTransformations"][0].update(path="../../x/0"), "leads out"),
+        (lambda scene: scene["coordinateTransformations"][0].update(path="x/0"), "no image lists"),
+        (lambda scene: scene["coordinateTransformations"][0].update(interpolation="cubic"), "only linear"),
+        (lambda scene: scene["coordinateSystems"][0]["axes"][0].update(name="t"), "three axes"),
+        (
+            lambda scene: scene["coordinateSystems"][0]["axes"][0].update(
+                orientation={"value": "superior-to-inferior"}
+            ),
+            "LPS",
+        ),
+        (lambda scene: scene["coordinateTransformations"][0].update(type="scale", scale=[1, "x", 1]), "finite numbers"),
+    ],
+)
 def test_what_is_not_read_is_named(change: Callable[[dict[str, Any]], Any], words: str, tmp_path: Path) -> None:
     _scene(tmp_path / "a.zarr", change)
     with pytest.raises(VolumeFileError, match=words):
@@ -129,9 +160,11 @@ def test_an_array_that_no_memory_holds_is_refused_by_its_metadata(tmp_path: Path
     write_transform(FIELD, tmp_path / "a.zarr", PLAIN)
     file = next((tmp_path / "a.zarr").glob("coordinateTransformations/*/0/zarr.json"))
     data = json.loads(file.read_text(encoding="utf-8"))
-    for key, value, words in (("shape", [3, 10**6, 10**6, 10**6], "memory"),
-                              ("shape", [2, 5, 6, 7], "three components"),
-                              ("data_type", "int7", "no Zarr array")):
+    for key, value, words in (
+        ("shape", [3, 10**6, 10**6, 10**6], "memory"),
+        ("shape", [2, 5, 6, 7], "three components"),
+        ("data_type", "int7", "no Zarr array"),
+    ):
         file.write_text(json.dumps({**data, key: value}), encoding="utf-8")
         with pytest.raises(VolumeFileError, match=words):
             read_transform(tmp_path / "a.zarr")

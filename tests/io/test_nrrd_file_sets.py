@@ -16,9 +16,14 @@ from deformnb.io import open_series, read_volume
 
 VALUES = np.random.default_rng(0).integers(-3000, 3000, (4, 5, 6)).astype("<i2")
 NRRD = "NRRD0004\ntype: int16\ndimension: 3\nsizes: 6 5 4\nspacings: 1 1 2\nendian: little\n"
-META = ("ObjectType = Image\nNDims = 3\nDimSize = 6 5 4\nElementType = MET_SHORT\nElementSpacing = 1 1 2\n")
-PACK = {"raw": bytes, "gzip": gzip.compress, "bzip2": bz2.compress, "hex": lambda data: data.hex(" ", 7).encode(),
-        "ascii": lambda data: ", ".join(map(str, np.frombuffer(data, "<i2"))).encode()}
+META = "ObjectType = Image\nNDims = 3\nDimSize = 6 5 4\nElementType = MET_SHORT\nElementSpacing = 1 1 2\n"
+PACK = {
+    "raw": bytes,
+    "gzip": gzip.compress,
+    "bzip2": bz2.compress,
+    "hex": lambda data: data.hex(" ", 7).encode(),
+    "ascii": lambda data: ", ".join(map(str, np.frombuffer(data, "<i2"))).encode(),
+}
 
 
 def refuse(path: Path, words: str) -> None:
@@ -33,9 +38,13 @@ def files(folder: Path, encoding: str = "raw", skipped: bytes = b"") -> None:
 
 
 FOUR = "s1.raw\ns2.raw\ns3.raw\ns4.raw\n"
-LISTS = {"list": f"LIST\n{FOUR}", "list of pictures": f"LIST 2\n{FOUR}",
-         "list crlf": "LIST\r\ns1.raw\r\ns2.raw\r\ns3.raw\r\ns4.raw\r\n", "pattern": "s%d.raw 1 4 1\n",
-         "pattern of pictures": "s%d.raw 1 4 1 2\n"}
+LISTS = {
+    "list": f"LIST\n{FOUR}",
+    "list of pictures": f"LIST 2\n{FOUR}",
+    "list crlf": "LIST\r\ns1.raw\r\ns2.raw\r\ns3.raw\r\ns4.raw\r\n",
+    "pattern": "s%d.raw 1 4 1\n",
+    "pattern of pictures": "s%d.raw 1 4 1 2\n",
+}
 
 
 @pytest.mark.parametrize("named", LISTS)
@@ -75,21 +84,28 @@ def test_moments_in_several_files(tmp_path: Path) -> None:
     np.testing.assert_array_equal(moments, VALUES)
 
 
-@pytest.mark.parametrize(("files_of", "words"), [
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\n", "need 4 data files of 2 axes, and it names 3"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\ns4.raw\ns5.raw\n", "need 4 data files of 2 axes, and it names 5"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\ns3.raw\n", "names a file twice"),
-    ("LIST\n", "has 0 names"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\n../s4.raw\n", "not in the header's own folder"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\nnone.raw\n", "missing"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\nshort.raw\n", "60 bytes.*59"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\nlong.raw\n", "60 bytes.*61"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\npipe.raw\n", "not a plain file"),
-    ("LIST\ns1.raw\ns2.raw\ns3.raw\nfolder.raw\n", "not a plain file"),
-    ("s%d.raw 1 4 0\n", "are 0; 1 to"), ("s%d.raw 1 999999999 1\n", "are 999999999; 1 to"), ("s%d.raw\n", "pattern"),
-    ("s%s.raw 1 4 1\n", "pattern"), ("s%d%d.raw 1 4 1\n", "pattern"), ("s%9999d.raw 1 4 1\n", "pattern"),
-    ("s%d.raw 1 4 1 9\n", "9 axes"),
-])
+@pytest.mark.parametrize(
+    ("files_of", "words"),
+    [
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\n", "need 4 data files of 2 axes, and it names 3"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\ns4.raw\ns5.raw\n", "need 4 data files of 2 axes, and it names 5"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\ns3.raw\n", "names a file twice"),
+        ("LIST\n", "has 0 names"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\n../s4.raw\n", "not in the header's own folder"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\nnone.raw\n", "missing"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\nshort.raw\n", "60 bytes.*59"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\nlong.raw\n", "60 bytes.*61"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\npipe.raw\n", "not a plain file"),
+        ("LIST\ns1.raw\ns2.raw\ns3.raw\nfolder.raw\n", "not a plain file"),
+        ("s%d.raw 1 4 0\n", "are 0; 1 to"),
+        ("s%d.raw 1 999999999 1\n", "are 999999999; 1 to"),
+        ("s%d.raw\n", "pattern"),
+        ("s%s.raw 1 4 1\n", "pattern"),
+        ("s%d%d.raw 1 4 1\n", "pattern"),
+        ("s%9999d.raw 1 4 1\n", "pattern"),
+        ("s%d.raw 1 4 1 9\n", "9 axes"),
+    ],
+)
 @pytest.mark.parametrize("kind", ["nhdr", "mhd"])
 def test_sets_that_are_none(kind: str, files_of: str, words: str, tmp_path: Path) -> None:
     files(tmp_path)
@@ -124,13 +140,22 @@ def test_metaimage_of_packed_files_and_of_text(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_volume(tmp_path / "a.mha").values, VALUES)
 
 
-@pytest.mark.parametrize(("encoding", "data", "words"), [
-    ("ascii", "1 " * 119, "holds 238"), ("ascii", "1 " * 121, "holds more"),
-    ("ascii", "1 " * 119 + "x", "something else"),
-    ("ascii", "1 " * 119 + "40000", "something else"), ("ascii", "1 " * 119 + "1.5", "something else"),
-    ("ascii", "1" * 300, "too long"), ("hex", "00" * 239, "holds 239"), ("hex", "00" * 241, "holds more"),
-    ("hex", "00" * 239 + "0", "one digit"), ("hex", "00" * 239 + "xy", "."), ("hex", "", "holds 0"),
-])
+@pytest.mark.parametrize(
+    ("encoding", "data", "words"),
+    [
+        ("ascii", "1 " * 119, "holds 238"),
+        ("ascii", "1 " * 121, "holds more"),
+        ("ascii", "1 " * 119 + "x", "something else"),
+        ("ascii", "1 " * 119 + "40000", "something else"),
+        ("ascii", "1 " * 119 + "1.5", "something else"),
+        ("ascii", "1" * 300, "too long"),
+        ("hex", "00" * 239, "holds 239"),
+        ("hex", "00" * 241, "holds more"),
+        ("hex", "00" * 239 + "0", "one digit"),
+        ("hex", "00" * 239 + "xy", "."),
+        ("hex", "", "holds 0"),
+    ],
+)
 def test_text_that_is_no_voxels(encoding: str, data: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "a.nrrd").write_text(f"{NRRD}encoding: {encoding}\n\n{data}", encoding="utf-8")
     refuse(tmp_path / "a.nrrd", words)
@@ -139,6 +164,8 @@ def test_text_that_is_no_voxels(encoding: str, data: str, words: str, tmp_path: 
 def test_floats_and_bytes_as_text(tmp_path: Path) -> None:
     values = np.array([0.1, -1e300, 5e-324, 3.0]).reshape(1, 2, 2)
     for encoding, text in (("ascii", " ".join(map(repr, values.ravel().tolist()))), ("hex", values.tobytes().hex())):
-        (tmp_path / "a.nrrd").write_text(f"NRRD0004\ntype: double\ndimension: 3\nsizes: 2 2 1\nendian: little\n"
-                                         f"encoding: {encoding}\n\n{text}\n", encoding="utf-8")
+        (tmp_path / "a.nrrd").write_text(
+            f"NRRD0004\ntype: double\ndimension: 3\nsizes: 2 2 1\nendian: little\nencoding: {encoding}\n\n{text}\n",
+            encoding="utf-8",
+        )
         np.testing.assert_array_equal(read_volume(tmp_path / "a.nrrd").values, values)

@@ -26,22 +26,42 @@ KINDS = {"t": "time", "c": "channel", "z": "space", "y": "space", "x": "space"}
 
 def about(axes: str, *, whole: Any = None, **changes: Any) -> dict[str, Any]:
     """The metadata of a pyramid of one level."""
-    scales = [{"type": "scale", "scale": [SPACING[axis] for axis in axes]},
-              {"type": "translation", "translation": [10.0 * SPACING[axis] for axis in axes]}]
-    return {"axes": [{"name": axis, "type": KINDS[axis], **({"unit": "millimeter"} if KINDS[axis] == "space" else {})}
-                     for axis in axes],
-            "datasets": [{"path": "0", "coordinateTransformations": scales}],
-            **({"coordinateTransformations": whole} if whole else {}), **changes}
+    scales = [
+        {"type": "scale", "scale": [SPACING[axis] for axis in axes]},
+        {"type": "translation", "translation": [10.0 * SPACING[axis] for axis in axes]},
+    ]
+    return {
+        "axes": [
+            {"name": axis, "type": KINDS[axis], **({"unit": "millimeter"} if KINDS[axis] == "space" else {})}
+            for axis in axes
+        ],
+        "datasets": [{"path": "0", "coordinateTransformations": scales}],
+        **({"coordinateTransformations": whole} if whole else {}),
+        **changes,
+    }
 
 
-def store(path: Path, axes: str, *, version: str = "0.5", meta: dict[str, Any] | None = None, values: Any = None,
-          **options: Any) -> np.ndarray:
+def store(
+    path: Path,
+    axes: str,
+    *,
+    version: str = "0.5",
+    meta: dict[str, Any] | None = None,
+    values: Any = None,
+    **options: Any,
+) -> np.ndarray:
     """A pyramid with axes in this order; returns its voxels."""
-    values = np.random.default_rng(1).integers(0, 250, [SIZES[axis] for axis in axes]).astype(np.uint8) if (
-        values is None) else values
+    values = (
+        np.random.default_rng(1).integers(0, 250, [SIZES[axis] for axis in axes]).astype(np.uint8)
+        if (values is None)
+        else values
+    )
     scales = [about(axes) if meta is None else meta]
-    attributes = {"ome": {"version": "0.5", "multiscales": scales}} if version == "0.5" else {
-        "multiscales": [{"version": version, **scales[0]}]}
+    attributes = (
+        {"ome": {"version": "0.5", "multiscales": scales}}
+        if version == "0.5"
+        else {"multiscales": [{"version": version, **scales[0]}]}
+    )
     number = 3 if version == "0.5" else 2
     group = zarr.create_group(str(path), zarr_format=number, attributes=attributes)
     options = {"chunks": tuple(min(4, n) for n in values.shape), **options}
@@ -108,12 +128,19 @@ def test_transformations_of_the_pyramid_follow_those_of_the_level(tmp_path: Path
     assert read.grid.origin == (10 * 10 + 3, 20 * 2 + 2, 30 * 2 + 1)
 
 
-@pytest.mark.parametrize("options", [
-    {"chunks": (2, 4, 5), "shards": (6, 8, 10)}, {"compressors": [zarr.codecs.GzipCodec()]}, {"compressors": None},
-    {"compressors": [zarr.codecs.ZstdCodec()]}, {"compressors": [zarr.codecs.BloscCodec()]},
-    {"chunk_key_encoding": {"name": "v2", "separator": "."}},
-    {"chunk_key_encoding": {"name": "default", "separator": "."}},
-], ids=["shards", "gzip", "plain", "zstd", "blosc", "names of version 2", "names of version 3"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"chunks": (2, 4, 5), "shards": (6, 8, 10)},
+        {"compressors": [zarr.codecs.GzipCodec()]},
+        {"compressors": None},
+        {"compressors": [zarr.codecs.ZstdCodec()]},
+        {"compressors": [zarr.codecs.BloscCodec()]},
+        {"chunk_key_encoding": {"name": "v2", "separator": "."}},
+        {"chunk_key_encoding": {"name": "default", "separator": "."}},
+    ],
+    ids=["shards", "gzip", "plain", "zstd", "blosc", "names of version 2", "names of version 3"],
+)
 def test_shards_codecs_and_names_of_chunks(options: dict[str, Any], tmp_path: Path) -> None:
     store(tmp_path / "a.zarr", "zyx", values=VALUES, **options)
     read = read_volume(tmp_path / "a.zarr")
@@ -138,8 +165,13 @@ def test_old_versions_without_axes_or_with_names_alone(tmp_path: Path) -> None:
     for version, axes in (("0.1", None), ("0.3", ["t", "c", "z", "y", "x"])):
         meta = about("tczyx")
         del meta["axes"]
-        store(tmp_path / version, "tczyx", version=version, values=VALUES[None, None],
-              meta={**meta, **({"axes": axes} if axes else {})})
+        store(
+            tmp_path / version,
+            "tczyx",
+            version=version,
+            values=VALUES[None, None],
+            meta={**meta, **({"axes": axes} if axes else {})},
+        )
         assert read_volume(tmp_path / version).grid.spacing == (1, 2, 3)
     meta = {**about("zyx"), "datasets": [{"path": "0"}]}
     store(tmp_path / "bare", "zyx", version="0.3", values=VALUES, meta=meta)
@@ -157,11 +189,12 @@ def test_sets_of_images_are_named(tmp_path: Path) -> None:
     assert "the image 0 of the set was read" in read.notes
     store(path / "1", "zyx", version="0.4", values=VALUES)
     for name, attributes, words in (
-            ("set.zarr", None, "a set of 2 images .0, 1.; name one, such as set.zarr/0"),
-            ("plate.zarr", {"plate": {"wells": [{"path": "B/3"}]}}, "plate of 1 wells.*plate.zarr/B/3/0"),
-            ("well.zarr", {"well": {"images": [{"path": "0"}, {"path": "1"}]}}, "well of 2 images.*well.zarr/0"),
-            ("labels.zarr", {"labels": ["cells", "dots"]}, "labels cells, dots; name one, such as labels.zarr/cells"),
-            ("none.zarr", {}, "no multiscales")):
+        ("set.zarr", None, "a set of 2 images .0, 1.; name one, such as set.zarr/0"),
+        ("plate.zarr", {"plate": {"wells": [{"path": "B/3"}]}}, "plate of 1 wells.*plate.zarr/B/3/0"),
+        ("well.zarr", {"well": {"images": [{"path": "0"}, {"path": "1"}]}}, "well of 2 images.*well.zarr/0"),
+        ("labels.zarr", {"labels": ["cells", "dots"]}, "labels cells, dots; name one, such as labels.zarr/cells"),
+        ("none.zarr", {}, "no multiscales"),
+    ):
         if attributes is not None:
             zarr.create_group(str(tmp_path / name), zarr_format=2, attributes=attributes)
         with pytest.raises(DeformError, match=words):
@@ -172,8 +205,12 @@ def test_sets_of_images_are_named(tmp_path: Path) -> None:
 def test_what_ngff_zarr_writes(tmp_path: Path) -> None:
     ngff = pytest.importorskip("ngff_zarr")
     values = np.random.default_rng(2).integers(0, 250, (32, 40, 48)).astype(np.uint16)
-    image = ngff.to_ngff_image(values, dims=("z", "y", "x"), scale={"z": 3.0, "y": 2.0, "x": 1.0},
-                               translation={"z": 30.0, "y": 20.0, "x": 10.0})
+    image = ngff.to_ngff_image(
+        values,
+        dims=("z", "y", "x"),
+        scale={"z": 3.0, "y": 2.0, "x": 1.0},
+        translation={"z": 30.0, "y": 20.0, "x": 10.0},
+    )
     scales = ngff.to_multiscales(image, scale_factors=[2], chunks=16)
     for version in ("0.4", "0.5"):
         ngff.to_ngff_zarr(str(tmp_path / version), scales, version=version)
@@ -245,21 +282,29 @@ def test_pipes_and_folders_are_not_waited_for(what: str, tmp_path: Path) -> None
             open_volume(tmp_path / "a.zarr").read((slice(0, 4),) * 3)
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"axes": [{"name": "z", "type": "time"}, {"name": "y"}, {"name": "x"}]}, "axes should be z, y, x in space"),
-    ({"axes": [{"name": "y"}, {"name": "y"}, {"name": "x"}]}, "axes should be"),
-    ({"axes": [{"name": "a", "type": "space"}, {"name": "y"}, {"name": "x"}]}, "axes should be"),
-    ({"axes": [{"name": "q"}, {"name": "y"}, {"name": "x"}]}, "has q: 6"),
-    ({"axes": [{"name": "y"}, {"name": "x"}]}, "3 axes and its metadata name 2"),
-    ({"axes": None}, "axes should be 2 to 5"),
-    ({"datasets": [{"path": "../0"}]}, "not in its own folder"),
-    ({"datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, 1]}]}]}, "3 numbers"),
-    ({"datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1]}]}]}, "spacing"),
-    ({"datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, "2", 1]}]}]},
-     "3 numbers"),
-    ({"datasets": [{"path": "0", "coordinateTransformations": [{"type": "affine"}]}]}, "affine"),
-    ({"datasets": []}, "1 to 32"),
-])
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"axes": [{"name": "z", "type": "time"}, {"name": "y"}, {"name": "x"}]}, "axes should be z, y, x in space"),
+        ({"axes": [{"name": "y"}, {"name": "y"}, {"name": "x"}]}, "axes should be"),
+        ({"axes": [{"name": "a", "type": "space"}, {"name": "y"}, {"name": "x"}]}, "axes should be"),
+        ({"axes": [{"name": "q"}, {"name": "y"}, {"name": "x"}]}, "has q: 6"),
+        ({"axes": [{"name": "y"}, {"name": "x"}]}, "3 axes and its metadata name 2"),
+        ({"axes": None}, "axes should be 2 to 5"),
+        ({"datasets": [{"path": "../0"}]}, "not in its own folder"),
+        ({"datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, 1]}]}]}, "3 numbers"),
+        (
+            {"datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, 0, 1]}]}]},
+            "spacing",
+        ),
+        (
+            {"datasets": [{"path": "0", "coordinateTransformations": [{"type": "scale", "scale": [1, "2", 1]}]}]},
+            "3 numbers",
+        ),
+        ({"datasets": [{"path": "0", "coordinateTransformations": [{"type": "affine"}]}]}, "affine"),
+        ({"datasets": []}, "1 to 32"),
+    ],
+)
 def test_metadata_that_are_none(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
     store(tmp_path / "a.zarr", "zyx", values=VALUES, meta={**about("zyx"), **changes})
     with pytest.raises(DeformError, match=words):

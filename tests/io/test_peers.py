@@ -30,7 +30,8 @@ _SMOOTH = gaussian_filter(RANDOM.normal(size=GRID.shape), 2)
 VOLUME = Volume((255 * (_SMOOTH - _SMOOTH.min()) / np.ptp(_SMOOTH)).astype(np.float32), GRID)
 AFFINE = Affine(np.eye(3) + RANDOM.uniform(-0.04, 0.04, (3, 3)), np.array([0.5, -0.8, 0.3]))
 BEND = DisplacementField(
-    np.stack([gaussian_filter(RANDOM.normal(size=GRID.shape), 4) * 60 for _ in range(3)], axis=-1), GRID)
+    np.stack([gaussian_filter(RANDOM.normal(size=GRID.shape), 4) * 60 for _ in range(3)], axis=-1), GRID
+)
 
 pytestmark = pytest.mark.nightly
 
@@ -42,8 +43,14 @@ def _need(package: str) -> None:
 
 def _run(program: str, folder: Path, package: str) -> None:
     _need(package)
-    child = subprocess.run([sys.executable, peer_programs.__file__, program, str(folder)], capture_output=True,
-                           text=True, timeout=550, check=False, cwd=folder)  # transformix writes into it
+    child = subprocess.run(
+        [sys.executable, peer_programs.__file__, program, str(folder)],
+        capture_output=True,
+        text=True,
+        timeout=550,
+        check=False,
+        cwd=folder,
+    )  # transformix writes into it
     assert child.returncode == 0, child.stdout[-2000:] + child.stderr[-2000:]
 
 
@@ -70,9 +77,13 @@ def _written(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
 
 def test_itk_applies_what_is_written(tmp_path: Path) -> None:
     dn.write_volume(VOLUME, tmp_path / "volume.nrrd")
-    limits = {"tfm": agreed("transforms", "itk text", "ITK"), "h5": agreed("transforms", "itk hdf5", "ITK"),
-              "nrrd": agreed("transforms", "nrrd", "ITK"), "nii.gz": agreed("transforms", "nifti", "ITK"),
-              "mha": agreed("transforms", "metaimage", "ITK")}
+    limits = {
+        "tfm": agreed("transforms", "itk text", "ITK"),
+        "h5": agreed("transforms", "itk hdf5", "ITK"),
+        "nrrd": agreed("transforms", "nrrd", "ITK"),
+        "nii.gz": agreed("transforms", "nifti", "ITK"),
+        "mha": agreed("transforms", "metaimage", "ITK"),
+    }
     known = _written(tmp_path, *limits)
     _run("itk_resample", tmp_path, "itk")
     for suffix, limit in limits.items():
@@ -94,16 +105,21 @@ def test_kernel_transforms_of_itk_are_the_same_maps_here(tmp_path: Path) -> None
 
 def test_ants_applies_what_is_written_and_the_other_way_round(tmp_path: Path) -> None:
     dn.write_volume(VOLUME, tmp_path / "volume.nii.gz")
-    limits = {"nii.gz": agreed("transforms", "nifti", "ANTs"), "h5": agreed("transforms", "itk hdf5", "ANTs"),
-              "tfm": agreed("transforms", "itk text", "ANTs")}
+    limits = {
+        "nii.gz": agreed("transforms", "nifti", "ANTs"),
+        "h5": agreed("transforms", "itk hdf5", "ANTs"),
+        "tfm": agreed("transforms", "itk text", "ANTs"),
+    }
     known = _written(tmp_path, *limits)
     for name, value in (("matrix", AFFINE.matrix), ("offset", AFFINE.offset), ("vectors", BEND.values)):
         np.save(tmp_path / f"{name}.npy", value)
     _run("ants_resample", tmp_path, "ants")
     for suffix, limit in limits.items():
         assert _difference(known[suffix], np.load(tmp_path / f"transform.{suffix}.npy")) < limit, suffix
-    for name, limit in (("theirs.mat", agreed("transforms", "ants matrix", "ANTs")),
-                        ("theirs.nii.gz", limits["nii.gz"])):
+    for name, limit in (
+        ("theirs.mat", agreed("transforms", "ants matrix", "ANTs")),
+        ("theirs.nii.gz", limits["nii.gz"]),
+    ):
         warped = _warped(read_transform(tmp_path / name))
         assert _difference(warped, np.load(tmp_path / f"{name}.npy")) < limit, name
 
@@ -218,4 +234,3 @@ def test_morphops_reads_the_same_specimens(tmp_path: Path, dim: int) -> None:
     assert len(titles) == 2
     for found, known in zip(specimens, (marks, marks[::-1]), strict=True):
         assert np.abs(found - known).max() < agreed("landmarks", "nts", "morphops, written only")
-

@@ -18,8 +18,12 @@ from deformnb.io import FORMATS, describe_file, read_volume, write_volume
 from deformnb.volume.volume import DTYPES
 
 WRITABLE = [s for kind, entry in FORMATS.items() if entry.write and kind != "image" for s in entry.suffixes]
-FILES = [s for kind, entry in FORMATS.items()
-         if entry.write and kind != "image" and not entry.folder_marks for s in entry.suffixes]
+FILES = [
+    s
+    for kind, entry in FORMATS.items()
+    if entry.write and kind != "image" and not entry.folder_marks
+    for s in entry.suffixes
+]
 
 # NIfTI-1 stores places as float32; the others store what is needed to get the same float64 back, but for one product
 # and quotient of spacing and direction.
@@ -35,8 +39,13 @@ def rotation(seed: int, mirrored: bool) -> list[list[float]]:
     return q.tolist()
 
 
-def make(dtype: str = "int16", shape: tuple[int, int, int] = (3, 4, 5), seed: int = 1, mirrored: bool = False,
-         is_labels: bool = False) -> Volume:
+def make(
+    dtype: str = "int16",
+    shape: tuple[int, int, int] = (3, 4, 5),
+    seed: int = 1,
+    mirrored: bool = False,
+    is_labels: bool = False,
+) -> Volume:
     generator = np.random.default_rng(seed)
     if dtype == "bool":
         values = generator.integers(0, 2, shape).astype(bool)
@@ -55,8 +64,9 @@ def assert_same(read: Volume, written: Volume, suffix: str) -> None:
     np.testing.assert_array_equal(read.values, written.values)
     assert read.grid.shape == written.grid.shape
     size = np.abs(written.grid.corners()).max()
-    np.testing.assert_allclose(read.grid.corners(), written.grid.corners(), rtol=0,
-                               atol=TOLERANCE.get(suffix, 1e-14) * size)
+    np.testing.assert_allclose(
+        read.grid.corners(), written.grid.corners(), rtol=0, atol=TOLERANCE.get(suffix, 1e-14) * size
+    )
     np.testing.assert_allclose(read.grid.spacing, written.grid.spacing, rtol=TOLERANCE.get(suffix, 1e-14))
     assert read.is_labels == written.is_labels
 
@@ -111,8 +121,9 @@ def test_arrays_in_any_memory_order_are_written_alike(suffix: str, tmp_path: Pat
     for number, values in enumerate((np.asfortranarray(frozen), frozen, frozen[::-1, :, ::-1][::-1, :, ::-1])):
         write_volume(Volume(values, grid, "made"), tmp_path / f"{number}{suffix}")
         # equal volumes give equal bytes: no time, no name, no memory order in the file
-        assert (tmp_path / f"{number}{suffix}").read_bytes().replace(f"{number}{suffix}".encode(),
-                                                                      suffix.encode()) == plain
+        assert (tmp_path / f"{number}{suffix}").read_bytes().replace(
+            f"{number}{suffix}".encode(), suffix.encode()
+        ) == plain
 
 
 @pytest.mark.parametrize("suffix", WRITABLE)
@@ -178,8 +189,11 @@ def test_simpleitk_reads_the_same_places(suffix: str, dtype: str, mirrored: bool
     image = sitk.ReadImage(str(path))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image), volume.values)
     for index in ((0, 0, 0), (4, 3, 2), (0, 3, 1)):
-        np.testing.assert_allclose(image.TransformIndexToPhysicalPoint(index), volume.grid.index_to_point(index),
-                                   atol=1e-5 if suffix.startswith(".nii") else 1e-11)
+        np.testing.assert_allclose(
+            image.TransformIndexToPhysicalPoint(index),
+            volume.grid.index_to_point(index),
+            atol=1e-5 if suffix.startswith(".nii") else 1e-11,
+        )
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -192,8 +206,9 @@ def test_nibabel_reads_the_same_places_from_sform_and_qform(suffix: str, mirrore
     np.testing.assert_array_equal(np.asanyarray(image.dataobj), volume.values.T)
     left, posterior, superior = volume.grid.index_to_point([4, 2, 1])
     for affine in (image.get_sform(), image.get_qform()):
-        np.testing.assert_allclose(nibabel.affines.apply_affine(affine, [4, 2, 1]), [-left, -posterior, superior],
-                                   atol=1e-5)
+        np.testing.assert_allclose(
+            nibabel.affines.apply_affine(affine, [4, 2, 1]), [-left, -posterior, superior], atol=1e-5
+        )
     assert image.header.get_xyzt_units()[0] == "unknown"
     assert image.header.get_intent()[0] == "label"
 
@@ -202,11 +217,11 @@ def test_nibabel_reads_the_same_places_from_sform_and_qform(suffix: str, mirrore
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_vtk_reads_the_same_places(dtype: str, mirrored: bool, tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista")
-    volume = Volume(make(dtype, mirrored=mirrored).values, make(dtype, mirrored=mirrored).grid, "a <b> & \"c\"")
+    volume = Volume(make(dtype, mirrored=mirrored).values, make(dtype, mirrored=mirrored).grid, 'a <b> & "c"')
     write_volume(volume, tmp_path / "a.vti")
     image = pyvista.read(tmp_path / "a.vti")
     read = Volume.from_pyvista(image)
-    assert image.point_data.keys() == ["a <b> & \"c\""]
+    assert image.point_data.keys() == ['a <b> & "c"']
     np.testing.assert_array_equal(read.values, volume.values)
     np.testing.assert_allclose(image.GetPoint(59), volume.grid.index_to_point([4, 3, 2]), atol=1e-11)
 
@@ -255,13 +270,16 @@ def test_simpleitk_reads_and_writes_the_same_raw_voxels(tmp_path: Path) -> None:
     (tmp_path / "ours.mhd").write_text(
         f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nTransformMatrix = {axes}\n"
         f"Offset = {origin}\nElementSpacing = {spacing}\nDimSize = {size}\nElementType = MET_SHORT\n"
-        "ElementDataFile = ours.raw\n", encoding="utf-8")
+        "ElementDataFile = ours.raw\n",
+        encoding="utf-8",
+    )
     image = sitk.ReadImage(str(tmp_path / "ours.mhd"))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image), volume.values)
     assert_same(Volume.from_sitk(image), replace(volume, name=""), ".raw")
     sitk.WriteImage(image, str(tmp_path / "theirs.mhd"))
-    (tmp_path / "theirs.raw.json").write_text(json.dumps({key: value for key, value in text.items() if key != "crc32"}),
-                                              encoding="utf-8")
+    (tmp_path / "theirs.raw.json").write_text(
+        json.dumps({key: value for key, value in text.items() if key != "crc32"}), encoding="utf-8"
+    )
     assert_same(read_volume(tmp_path / "theirs.raw"), volume, ".raw")
 
 
@@ -271,13 +289,18 @@ def test_files_of_pynrrd(suffix: str, encoding: str, tmp_path: Path) -> None:
     nrrd = pytest.importorskip("nrrd")
     grid = make().grid
     values = np.arange(60, dtype=np.int16).reshape(3, 4, 5)
-    header = {"encoding": encoding, "space": "right-anterior-superior", "space directions": grid.matrix.T,
-              "space origin": np.array(grid.origin)}
+    header = {
+        "encoding": encoding,
+        "space": "right-anterior-superior",
+        "space directions": grid.matrix.T,
+        "space origin": np.array(grid.origin),
+    }
     nrrd.write(str(tmp_path / f"a{suffix}"), values.T, header)
     read = read_volume(tmp_path / f"a{suffix}")
     np.testing.assert_array_equal(read.values, values)
-    np.testing.assert_allclose(read.grid.index_to_point([4, 3, 2]), grid.index_to_point([4, 3, 2]) * [-1, -1, 1],
-                               atol=1e-11)
+    np.testing.assert_allclose(
+        read.grid.index_to_point([4, 3, 2]), grid.index_to_point([4, 3, 2]) * [-1, -1, 1], atol=1e-11
+    )
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -295,8 +318,9 @@ def test_files_of_nibabel(kind: str, codes: tuple[int, int], order: str, mirrore
     image.set_sform(affine, codes[1] or 1, update_affine=False)
     image.to_filename(tmp_path / "a.nii")
     data = bytearray((tmp_path / "a.nii").read_bytes())  # nibabel itself never writes two codes of zero
-    struct.pack_into(order + "hh" if kind == "Nifti1Image" else order + "ii", data,
-                     252 if kind == "Nifti1Image" else 344, *codes)
+    struct.pack_into(
+        order + "hh" if kind == "Nifti1Image" else order + "ii", data, 252 if kind == "Nifti1Image" else 344, *codes
+    )
     (tmp_path / "a.nii").write_bytes(data)
     read = read_volume(tmp_path / "a.nii")
     np.testing.assert_array_equal(read.values, values)
@@ -370,8 +394,17 @@ def test_the_carp_and_its_spacing(real_data) -> None:
     np.testing.assert_array_equal(true.values, carp.values)
 
 
-@pytest.mark.parametrize("name", ["carp.nii.gz", "abdomen_ct.nii.gz", "knee_labels.nrrd", "abdomen_labels.nrrd",
-                                  "knee_mr_bent.nrrd", "lobster.nrrd"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "carp.nii.gz",
+        "abdomen_ct.nii.gz",
+        "knee_labels.nrrd",
+        "abdomen_labels.nrrd",
+        "knee_mr_bent.nrrd",
+        "lobster.nrrd",
+    ],
+)
 def test_real_files_as_simpleitk_reads_them(name: str, real_data) -> None:
     sitk = pytest.importorskip("SimpleITK")
     image = sitk.ReadImage(str(real_data(name)))
@@ -380,6 +413,7 @@ def test_real_files_as_simpleitk_reads_them(name: str, real_data) -> None:
     last = np.array(image.GetSize()) - 1
     for index in (np.zeros(3, int), last):
         # coordinates up to 300 mm of float32 headers
-        np.testing.assert_allclose(read.grid.index_to_point(index),
-                                   image.TransformIndexToPhysicalPoint(index.tolist()), atol=1e-4)
+        np.testing.assert_allclose(
+            read.grid.index_to_point(index), image.TransformIndexToPhysicalPoint(index.tolist()), atol=1e-4
+        )
     assert read.dtype == sitk.GetArrayViewFromImage(image).dtype

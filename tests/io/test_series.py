@@ -24,8 +24,12 @@ NAMES = {"channels": ("nuclei", "actin"), "rgb": ("red", "green", "blue"), "rgba
 
 def made(kind: str, channels: int, moments: int, dtype: str = "uint8") -> list[Channels]:
     rng = np.random.default_rng(5)
-    return [Channels.from_array(rng.integers(0, 200, (3, 4, 5, channels)).astype(dtype), GRID,
-                                NAMES[kind][:channels], kind=kind) for _ in range(moments)]
+    return [
+        Channels.from_array(
+            rng.integers(0, 200, (3, 4, 5, channels)).astype(dtype), GRID, NAMES[kind][:channels], kind=kind
+        )
+        for _ in range(moments)
+    ]
 
 
 def stacked(series: list[Channels]) -> NDArray[np.uint8]:
@@ -142,6 +146,7 @@ def test_one_moment_at_a_time_is_in_memory(tmp_path: Path) -> None:
             made_before.append(weakref.ref(channels))
             yield channels
             del channels
+
     write_series(moments(), tmp_path / "a.nrrd", 6)
     assert len(made_before) == 6
     with pytest.raises(DeformError, match=r"one moment of it needs 60 bytes.*limit is 50 bytes"):
@@ -162,6 +167,7 @@ def test_moments_must_be_alike_and_writing_can_be_cancelled(tmp_path: Path) -> N
 
     def stop(share: float) -> None:
         raise Cancelled(f"at {share}")
+
     with pytest.raises(Cancelled):
         write_series(made("channels", 1, 3), tmp_path / "a.nrrd", 3, progress=stop)
     assert list(tmp_path.iterdir()) == []
@@ -181,17 +187,21 @@ def test_a_photograph_keeps_its_colours(suffix: str, tmp_path: Path) -> None:
     assert np.abs(grey.values.astype(int) - photo.brightness().values).max() <= (6 if suffix == ".jpg" else 1)
 
 
-@pytest.mark.parametrize(("values", "kind", "name", "said"), [
-    (np.zeros((2, 4, 5, 3), np.uint8), "rgb", "a.png", "one slice"),
-    (np.zeros((4, 5, 3), np.uint16), "rgb", "a.png", "8 bits"),
-    (np.zeros((4, 5, 4), np.uint8), "rgba", "a.jpg", "no transparency"),
-    (np.zeros((4, 5, 2), np.uint8), "channels", "a.png", "parts of a colour"),
-    (np.zeros((4, 5, 3), np.uint8), "rgb", "a.vti", r"written to \.nrrd"),
-    (np.zeros((4, 5, 3), np.uint8), "rgb", "a.nhdr", r"written to \.nrrd"),
-    (np.zeros((4, 5, 3), np.float32), "rgb", "a.nii", "are bytes"),
-])
-def test_what_a_format_cannot_hold_is_refused(values: NDArray[np.uint8], kind: str, name: str, said: str,
-                                              tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("values", "kind", "name", "said"),
+    [
+        (np.zeros((2, 4, 5, 3), np.uint8), "rgb", "a.png", "one slice"),
+        (np.zeros((4, 5, 3), np.uint16), "rgb", "a.png", "8 bits"),
+        (np.zeros((4, 5, 4), np.uint8), "rgba", "a.jpg", "no transparency"),
+        (np.zeros((4, 5, 2), np.uint8), "channels", "a.png", "parts of a colour"),
+        (np.zeros((4, 5, 3), np.uint8), "rgb", "a.vti", r"written to \.nrrd"),
+        (np.zeros((4, 5, 3), np.uint8), "rgb", "a.nhdr", r"written to \.nrrd"),
+        (np.zeros((4, 5, 3), np.float32), "rgb", "a.nii", "are bytes"),
+    ],
+)
+def test_what_a_format_cannot_hold_is_refused(
+    values: NDArray[np.uint8], kind: str, name: str, said: str, tmp_path: Path
+) -> None:
     with pytest.raises(DeformError, match=said):
         write_channels(Channels.from_array(values, kind=kind), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
@@ -202,7 +212,7 @@ def test_a_damaged_description_of_channels_is_left_out(tmp_path: Path) -> None:
     write_channels(made("channels", 2, 1)[0], path)
     data = path.read_bytes()
     for wrong in (b'{"kind": "rgb", "names": 4}', b"[" * 900, b'{"kind": "rgb", "names": [], "colours": [[1]]}'):
-        path.write_bytes(data.replace(data[data.index(b"{"):data.index(b"}") + 1], wrong))
+        path.write_bytes(data.replace(data[data.index(b"{") : data.index(b"}") + 1], wrong))
         assert read_channels(path).names == ("channel 1", "channel 2")
 
 

@@ -126,8 +126,9 @@ def test_what_other_programs_make_of_it_is_read(suffix: str, place: str, tmp_pat
 
 
 @pytest.mark.parametrize("suffix", PAIRS)
-def test_a_header_that_cannot_be_written_leaves_the_pair_of_before(suffix: str, tmp_path: Path,
-                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_header_that_cannot_be_written_leaves_the_pair_of_before(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / f"a{suffix}"
 
     def refused(self: Path, target: Path) -> Path:
@@ -196,8 +197,9 @@ class Disk:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="other systems cannot flush a folder")
-def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(tmp_path: Path,
-                                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     disk = Disk(tmp_path, monkeypatch)
     with atomic.atomic_write(tmp_path / "a.txt") as file:
         file.write(b"whole")
@@ -206,16 +208,23 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(tmp_
 
 @pytest.mark.skipif(os.name != "posix", reason="other systems cannot flush a folder")
 @pytest.mark.parametrize("suffix", PAIRS)
-def test_voxels_and_their_name_are_on_the_disk_before_the_header(suffix: str, tmp_path: Path,
-                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_voxels_and_their_name_are_on_the_disk_before_the_header(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / f"a{suffix}"
     write_volume(made(1), path)
     old = data_of(path)
     disk = Disk(tmp_path, monkeypatch)
     removed: list[int] = []
     unlink = Path.unlink
-    monkeypatch.setattr(Path, "unlink", lambda self, missing_ok=False: (
-        removed.append(len(disk.events)) if self == old else None, unlink(self, missing_ok=missing_ok))[1])
+    monkeypatch.setattr(
+        Path,
+        "unlink",
+        lambda self, missing_ok=False: (
+            removed.append(len(disk.events)) if self == old else None,
+            unlink(self, missing_ok=missing_ok),
+        )[1],
+    )
     write_volume(made(), path)
     steps = [("renamed", data_of(path).name, 0), ("folder", "", 0), ("renamed", path.name, 0), ("folder", "", 0)]
     assert disk.events[:4] == steps

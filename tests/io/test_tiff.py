@@ -59,15 +59,29 @@ def test_strips_tiles_and_packing(compression: str | None, predictor: bool, layo
         pytest.importorskip("imagecodecs")
     if predictor and compression in (None, "packbits"):
         pytest.skip("a predictor only goes with deflate and LZW")
-    tifffile.imwrite(tmp_path / "a.tiff", STACK, compression=compression, predictor=predictor, metadata=None,
-                     photometric="minisblack", byteorder=">", **layout)
+    tifffile.imwrite(
+        tmp_path / "a.tiff",
+        STACK,
+        compression=compression,
+        predictor=predictor,
+        metadata=None,
+        photometric="minisblack",
+        byteorder=">",
+        **layout,
+    )
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tiff").values, STACK)
 
 
 def test_stacks_of_imagej(tmp_path: Path) -> None:
     path = tmp_path / "a.tif"
-    tifffile.imwrite(path, STACK, imagej=True, byteorder=">", resolution=(2.0, 4.0),
-                     metadata={"axes": "ZYX", "spacing": 3, "unit": "um"})
+    tifffile.imwrite(
+        path,
+        STACK,
+        imagej=True,
+        byteorder=">",
+        resolution=(2.0, 4.0),
+        metadata={"axes": "ZYX", "spacing": 3, "unit": "um"},
+    )
     read = read_volume(path)
     assert read.grid.spacing == (0.5, 0.25, 3.0)
     assert (read.grid.unit, read.notes) == ("\u00b5m", ())
@@ -80,7 +94,7 @@ def test_stacks_of_imagej(tmp_path: Path) -> None:
     struct.pack_into(">I", alone, first + 2 + 12 * count, 0)
     path.write_bytes(bytes(alone))
     np.testing.assert_array_equal(read_volume(path).values, STACK)
-    path.write_bytes(bytes(alone[:STACK.nbytes // 2]))
+    path.write_bytes(bytes(alone[: STACK.nbytes // 2]))
     refuse(path, "cut short|5 slices")
     short = bytearray(whole)
     second = struct.unpack_from(">I", whole, first + 2 + 12 * count)[0]
@@ -114,10 +128,12 @@ def test_a_pipe_or_a_folder_in_the_place_of_a_slice_is_refused(tmp_path: Path) -
 
 def test_ome_names_of_other_files_are_not_followed(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "secret.tif", STACK[:1])
-    text = ('<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
-            '<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint16" SizeX="47" SizeY="33" SizeZ="2" SizeC="1" '
-            'SizeT="1"><TiffData IFD="0" FirstZ="1"><UUID FileName="secret.tif">urn:uuid:1</UUID></TiffData></Pixels>'
-            "</Image></OME>")
+    text = (
+        '<?xml version="1.0"?><OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0">'
+        '<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint16" SizeX="47" SizeY="33" SizeZ="2" SizeC="1" '
+        'SizeT="1"><TiffData IFD="0" FirstZ="1"><UUID FileName="secret.tif">urn:uuid:1</UUID></TiffData></Pixels>'
+        "</Image></OME>"
+    )
     tifffile.imwrite(tmp_path / "a.tif", STACK[3], description=text, metadata=None)
     refuse(tmp_path / "a.tif", "claims 2 slices .* one part of a set of files")
 
@@ -137,12 +153,15 @@ def test_a_folder_of_slices_in_natural_order(tmp_path: Path) -> None:
     refuse(tmp_path, "5 pages")
 
 
-@pytest.mark.parametrize(("values", "options", "words"), [
-    (np.zeros((33, 47), np.complex64), {}, "bits|format"),
-    (np.zeros((33, 47, 4), np.uint8), {"photometric": "separated"}, "colours"),
-    (np.zeros((33, 47, 3), np.uint8), {"photometric": "cielab"}, "colours"),
-    (np.zeros((8, 33, 47), np.uint8), {"volumetric": True, "tile": (16, 16, 16)}, "volumes by themselves"),
-])
+@pytest.mark.parametrize(
+    ("values", "options", "words"),
+    [
+        (np.zeros((33, 47), np.complex64), {}, "bits|format"),
+        (np.zeros((33, 47, 4), np.uint8), {"photometric": "separated"}, "colours"),
+        (np.zeros((33, 47, 3), np.uint8), {"photometric": "cielab"}, "colours"),
+        (np.zeros((8, 33, 47), np.uint8), {"volumetric": True, "tile": (16, 16, 16)}, "volumes by themselves"),
+    ],
+)
 def test_pixels_that_are_no_voxels(values: np.ndarray, options: dict, words: str, tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", values, **options)
     refuse(tmp_path / "a.tif", words)
@@ -182,8 +201,9 @@ def test_a_strip_that_unpacks_to_more_is_not_unpacked(tmp_path: Path) -> None:
 
     path = tmp_path / "a.tif"
     bomb = zlib.compress(bytes(2**26))
-    tifffile.imwrite(path, iter([bomb]), shape=(33, 47), dtype=np.uint16, compression="zlib", metadata=None,
-                     rowsperstrip=33)
+    tifffile.imwrite(
+        path, iter([bomb]), shape=(33, 47), dtype=np.uint16, compression="zlib", metadata=None, rowsperstrip=33
+    )
     tracemalloc.start()
     refuse(path, "or more")
     assert tracemalloc.get_traced_memory()[1] < 2**20
@@ -194,8 +214,15 @@ def test_lzw_and_packbits_bombs(tmp_path: Path) -> None:
     imagecodecs = pytest.importorskip("imagecodecs")
     for name, encode in (("lzw", imagecodecs.lzw_encode), ("packbits", imagecodecs.packbits_encode)):
         for size in (33 * 47 * 2 - 1, 33 * 47 * 2 + 1, 2**16):
-            tifffile.imwrite(tmp_path / "a.tif", iter([bytes(encode(bytes(size)))]), shape=(33, 47), dtype=np.uint16,
-                             compression=name, metadata=None, rowsperstrip=33)
+            tifffile.imwrite(
+                tmp_path / "a.tif",
+                iter([bytes(encode(bytes(size)))]),
+                shape=(33, 47),
+                dtype=np.uint16,
+                compression=name,
+                metadata=None,
+                rowsperstrip=33,
+            )
             refuse(tmp_path / "a.tif", "should have 3102 bytes")
 
 
@@ -216,16 +243,25 @@ def field_place(data: bytes, tag: int) -> int:
 
 
 @pytest.mark.parametrize(("tag", "name"), [(339, "sample format"), (317, "predictor"), (282, "resolution")])
-@pytest.mark.parametrize(("part", "number", "words"), [(2, 200, "field {} has the unknown type 200"),
-                                                       (4, 0, "lacks the field {}")])
-def test_a_damaged_field_does_not_count_as_absent(tag: int, name: str, part: int, number: int, words: str,
-                                                  tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("part", "number", "words"), [(2, 200, "field {} has the unknown type 200"), (4, 0, "lacks the field {}")]
+)
+def test_a_damaged_field_does_not_count_as_absent(
+    tag: int, name: str, part: int, number: int, words: str, tmp_path: Path
+) -> None:
     if (name, part) == ("resolution", 4):
         pytest.skip("a resolution without a value is one of 1, as ImageJ writes where it knows none")
     pytest.importorskip("imagecodecs")
     path = tmp_path / "a.tif"
-    tifffile.imwrite(path, STACK[0].astype(np.int16) - 100, byteorder="<", compression="zlib", predictor=True,
-                     metadata=None, resolution=(2.0, 4.0))
+    tifffile.imwrite(
+        path,
+        STACK[0].astype(np.int16) - 100,
+        byteorder="<",
+        compression="zlib",
+        predictor=True,
+        metadata=None,
+        resolution=(2.0, 4.0),
+    )
     data = bytearray(path.read_bytes())
     struct.pack_into("<H", data, field_place(data, tag) + part, number)
     path.write_bytes(bytes(data))
@@ -302,8 +338,15 @@ def test_a_tile_far_larger_than_its_picture_counts_as_memory(predictor: bool, tm
     if predictor:
         pytest.importorskip("imagecodecs")
     path, side = tmp_path / "a.tif", 4096
-    tifffile.imwrite(path, np.zeros((64, 64), np.uint16), tile=(side, side), compression="zlib", predictor=predictor,
-                     metadata=None, photometric="minisblack")
+    tifffile.imwrite(
+        path,
+        np.zeros((64, 64), np.uint16),
+        tile=(side, side),
+        compression="zlib",
+        predictor=predictor,
+        metadata=None,
+        photometric="minisblack",
+    )
     assert path.stat().st_size < side**2 / 10
     tracemalloc.start()
     with pytest.raises(VolumeFileError, match="MiB of memory but the limit is 20"):
@@ -315,10 +358,15 @@ def test_a_tile_far_larger_than_its_picture_counts_as_memory(predictor: bool, tm
     tracemalloc.stop()
 
 
-@pytest.mark.parametrize("options", [
-    {"ome": True, "photometric": "minisblack", "metadata": {"axes": "TZCYX"}}, {"imagej": True},
-    {"ome": True, "photometric": "minisblack", "metadata": {"axes": "TZCYX"}, "compression": "zlib"},
-], ids=["ome", "imagej", "ome packed"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"ome": True, "photometric": "minisblack", "metadata": {"axes": "TZCYX"}},
+        {"imagej": True},
+        {"ome": True, "photometric": "minisblack", "metadata": {"axes": "TZCYX"}, "compression": "zlib"},
+    ],
+    ids=["ome", "imagej", "ome packed"],
+)
 def test_channels_and_moments_in_the_order_of_the_file(options: dict[str, Any], tmp_path: Path) -> None:
     values = np.arange(2 * 4 * 3 * 5 * 7, dtype=np.uint16).reshape(2, 4, 3, 5, 7)  # [t, z, c, y, x]
     tifffile.imwrite(tmp_path / "a.tif", values, **options)
@@ -329,8 +377,12 @@ def test_channels_and_moments_in_the_order_of_the_file(options: dict[str, Any], 
 def test_the_other_order_of_ome_and_its_names_and_colours(tmp_path: Path) -> None:
     values = np.arange(2 * 3 * 4 * 5 * 7, dtype=np.uint16).reshape(2, 3, 4, 5, 7)  # [c, t, z, y, x]
     names = ["DAPI", "a & b"]
-    tifffile.imwrite(tmp_path / "a.ome.tif", values, photometric="minisblack", metadata={
-        "axes": "CTZYX", "Channel": {"Name": names, "Color": [-16776961, 16711935]}, "TimeIncrement": 0.5})
+    tifffile.imwrite(
+        tmp_path / "a.ome.tif",
+        values,
+        photometric="minisblack",
+        metadata={"axes": "CTZYX", "Channel": {"Name": names, "Color": [-16776961, 16711935]}, "TimeIncrement": 0.5},
+    )
     series = open_series(tmp_path / "a.ome.tif")
     assert series.layout.duration == 0.5
     moments = list(series)
@@ -339,8 +391,9 @@ def test_the_other_order_of_ome_and_its_names_and_colours(tmp_path: Path) -> Non
     assert np.array_equal(np.stack([channels.values for channels in moments]), np.moveaxis(values, 0, -1))
 
 
-@pytest.mark.parametrize("options", [{}, {"compression": "zlib", "predictor": True}, {"tile": (16, 16)}],
-                         ids=["plain", "predicted", "tiled"])
+@pytest.mark.parametrize(
+    "options", [{}, {"compression": "zlib", "predictor": True}, {"tile": (16, 16)}], ids=["plain", "predicted", "tiled"]
+)
 @pytest.mark.parametrize("parts", [3, 4])
 def test_a_photograph_as_tiff_in_colour_and_grey(parts: int, options: dict[str, Any], tmp_path: Path) -> None:
     values = np.random.default_rng(0).integers(0, 255, (33, 47, parts)).astype(np.uint8)
@@ -354,23 +407,40 @@ def test_a_photograph_as_tiff_in_colour_and_grey(parts: int, options: dict[str, 
 
 
 def test_channels_that_do_not_divide_the_pages_are_refused(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "b.tif", np.zeros((5, 33, 47), np.uint8), photometric="minisblack", metadata=None,
-                     description="ImageJ=1.53\nimages=5\nchannels=2\n")
+    tifffile.imwrite(
+        tmp_path / "b.tif",
+        np.zeros((5, 33, 47), np.uint8),
+        photometric="minisblack",
+        metadata=None,
+        description="ImageJ=1.53\nimages=5\nchannels=2\n",
+    )
     with pytest.raises(VolumeFileError, match="5 images, but 2 channels of 1 slices"):
         read_channels(tmp_path / "b.tif")
 
 
-@pytest.mark.parametrize(("shape", "axes", "t", "c"), [
-    ((5, 33, 47), None, 1, 1), ((5, 33, 47), "QYX", 1, 1), ((5, 33, 47), "ZYX", 1, 1), ((5, 33, 47), "CYX", 1, 5),
-    ((5, 33, 47), "TYX", 5, 1), ((2, 5, 33, 47), "TZYX", 2, 1), ((2, 5, 33, 47), "ZCYX", 1, 5),
-    ((2, 3, 5, 33, 47), "TZCYX", 2, 5), ((2, 3, 5, 33, 47), "CTZYX", 3, 2), ((1, 5, 1, 33, 47), None, 1, 1),
-])
+@pytest.mark.parametrize(
+    ("shape", "axes", "t", "c"),
+    [
+        ((5, 33, 47), None, 1, 1),
+        ((5, 33, 47), "QYX", 1, 1),
+        ((5, 33, 47), "ZYX", 1, 1),
+        ((5, 33, 47), "CYX", 1, 5),
+        ((5, 33, 47), "TYX", 5, 1),
+        ((2, 5, 33, 47), "TZYX", 2, 1),
+        ((2, 5, 33, 47), "ZCYX", 1, 5),
+        ((2, 3, 5, 33, 47), "TZCYX", 2, 5),
+        ((2, 3, 5, 33, 47), "CTZYX", 3, 2),
+        ((1, 5, 1, 33, 47), None, 1, 1),
+    ],
+)
 @pytest.mark.parametrize("one_page", [False, True])
-def test_arrays_of_tifffile_in_many_pages_or_one(shape: tuple[int, ...], axes: str | None, t: int, c: int,
-                                                 one_page: bool, tmp_path: Path) -> None:
+def test_arrays_of_tifffile_in_many_pages_or_one(
+    shape: tuple[int, ...], axes: str | None, t: int, c: int, one_page: bool, tmp_path: Path
+) -> None:
     values = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
-    tifffile.imwrite(tmp_path / "a.tif", values, photometric="minisblack", truncate=one_page,
-                     metadata={"axes": axes} if axes else {})
+    tifffile.imwrite(
+        tmp_path / "a.tif", values, photometric="minisblack", truncate=one_page, metadata={"axes": axes} if axes else {}
+    )
     series = open_series(tmp_path / "a.tif")
     assert (series.layout.frames, series.layout.channels) == (t, c)
     found = np.array([[channel.values for channel in moment] for moment in series])
@@ -412,7 +482,9 @@ def test_ome_tiff_is_read_by_other_programs_as_it_was_written(tmp_path: Path) ->
     assert [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"] == ["0.5", "1.25", "3.0"]
     assert {pixels.get(f"PhysicalSize{axis}Unit") for axis in "XYZ"} == {"mm"}
     assert [(one.get("Name"), one.get("Color")) for one in pixels.iterfind("{*}Channel")] == [
-        ('"nuclei" & <DNA>', str(0x0000FFFF)), ("actin", str(0xFF3300FF - 2**32))]
+        ('"nuclei" & <DNA>', str(0x0000FFFF)),
+        ("actin", str(0xFF3300FF - 2**32)),
+    ]
     read = read_channels(path)
     assert (read.names, read.colours, read.grid) == (stained.names, stained.colours, grid)
     np.testing.assert_array_equal(read.values, values)

@@ -28,11 +28,18 @@ FINE = DEEP / np.float32(7)
 
 # compression, with the pictures that it holds
 CODECS: dict[str, tuple[np.ndarray, ...]] = {
-    "none": (GREY, DEEP, SIGNED, FINE, COLOURS), "deflate": (GREY, DEEP, SIGNED, FINE, COLOURS),
-    "lzw": (GREY, DEEP, FINE, COLOURS), "packbits": (GREY, COLOURS), "zstd": (GREY, DEEP, FINE, COLOURS),
-    "lzma": (GREY, DEEP, FINE, COLOURS), "jpeg": (GREY, COLOURS), "jpeg2000": (GREY, DEEP, COLOURS),
-    "lerc": (GREY, DEEP, FINE), "png": (GREY, DEEP, COLOURS),
-    "jpegxl": (GREY, DEEP, COLOURS), "webp": (COLOURS,),
+    "none": (GREY, DEEP, SIGNED, FINE, COLOURS),
+    "deflate": (GREY, DEEP, SIGNED, FINE, COLOURS),
+    "lzw": (GREY, DEEP, FINE, COLOURS),
+    "packbits": (GREY, COLOURS),
+    "zstd": (GREY, DEEP, FINE, COLOURS),
+    "lzma": (GREY, DEEP, FINE, COLOURS),
+    "jpeg": (GREY, COLOURS),
+    "jpeg2000": (GREY, DEEP, COLOURS),
+    "lerc": (GREY, DEEP, FINE),
+    "png": (GREY, DEEP, COLOURS),
+    "jpegxl": (GREY, DEEP, COLOURS),
+    "webp": (COLOURS,),
 }
 PARTS: dict[str, dict[str, Any]] = {"strips": {"rowsperstrip": 16}, "tiles": {"tile": (16, 32)}}
 
@@ -55,38 +62,71 @@ def compare(path: Path) -> None:
 @pytest.mark.parametrize(("codec", "values"), [(codec, values) for codec, all_ in CODECS.items() for values in all_])
 def test_every_packing_is_read_as_tifffile_reads_it(codec: str, values: np.ndarray, parts: str, tmp_path: Path) -> None:
     is_colour = values.ndim == 4
-    tifffile.imwrite(tmp_path / "a.tif", values, compression=None if codec == "none" else codec, metadata=None,
-                     photometric="rgb" if is_colour else "minisblack", **PARTS[parts])
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        values,
+        compression=None if codec == "none" else codec,
+        metadata=None,
+        photometric="rgb" if is_colour else "minisblack",
+        **PARTS[parts],
+    )
     compare(tmp_path / "a.tif")
 
 
 @pytest.mark.parametrize("parts", PARTS)
 @pytest.mark.parametrize("codec", [None, "zlib", "lzw", "png"])
 def test_parts_of_pages_are_those_of_the_whole(codec: str | None, parts: str, tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", DEEP, compression=codec, metadata=None, photometric="minisblack",
-                     **PARTS[parts])
+    tifffile.imwrite(
+        tmp_path / "a.tif", DEEP, compression=codec, metadata=None, photometric="minisblack", **PARTS[parts]
+    )
     source = pickle.loads(pickle.dumps(open_volume(tmp_path / "a.tif")))  # as it is sent to another process
     whole, row, column = slice(0, 3), slice(39, 40), slice(47, 48)
-    for part in ((whole,) * 3, (slice(1, 2), slice(15, 17), slice(31, 48)), (whole, row, slice(0, 48)),
-                 (slice(2, 3), slice(0, 40), column), (slice(0, 0), slice(3, 4), slice(5, 9))):
+    for part in (
+        (whole,) * 3,
+        (slice(1, 2), slice(15, 17), slice(31, 48)),
+        (whole, row, slice(0, 48)),
+        (slice(2, 3), slice(0, 40), column),
+        (slice(0, 0), slice(3, 4), slice(5, 9)),
+    ):
         np.testing.assert_array_equal(source.read(part), DEEP[part])
 
 
 @pytest.mark.parametrize("order", "<>")
 @pytest.mark.parametrize("codec", ["deflate", "lzw", "zstd", "lzma"])
-@pytest.mark.parametrize("values", [GREY, DEEP, SIGNED, FINE, FINE.astype("f2"), FINE.astype("f8"), COLOURS],
-                         ids=lambda values: f"{values.dtype} {values.ndim}")
+@pytest.mark.parametrize(
+    "values",
+    [GREY, DEEP, SIGNED, FINE, FINE.astype("f2"), FINE.astype("f8"), COLOURS],
+    ids=lambda values: f"{values.dtype} {values.ndim}",
+)
 def test_predictors_are_undone(values: np.ndarray, codec: str, order: str, tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", values, compression=codec, predictor=True, byteorder=order, metadata=None,
-                     photometric="rgb" if values.ndim == 4 else "minisblack", tile=(16, 32))
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        values,
+        compression=codec,
+        predictor=True,
+        byteorder=order,
+        metadata=None,
+        photometric="rgb" if values.ndim == 4 else "minisblack",
+        tile=(16, 32),
+    )
     compare(tmp_path / "a.tif")
 
 
 def test_differences_of_floats_are_those_of_their_bits(tmp_path: Path) -> None:
     values = CHANCE.normal(size=(9, 13)).astype(np.float32)
     data = imagecodecs.zlib_encode(imagecodecs.delta_encode(values, axis=-1).tobytes())
-    fields = [(256, 3, 1, 13), (257, 3, 1, 9), (258, 3, 1, 32), (259, 3, 1, 8), (262, 3, 1, 1), (273, 4, 1, 8),
-              (278, 3, 1, 9), (279, 4, 1, len(data)), (317, 3, 1, 2), (339, 3, 1, 3)]
+    fields = [
+        (256, 3, 1, 13),
+        (257, 3, 1, 9),
+        (258, 3, 1, 32),
+        (259, 3, 1, 8),
+        (262, 3, 1, 1),
+        (273, 4, 1, 8),
+        (278, 3, 1, 9),
+        (279, 4, 1, len(data)),
+        (317, 3, 1, 2),
+        (339, 3, 1, 3),
+    ]
     (tmp_path / "a.tif").write_bytes(ifd(fields, data))
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tif").values[0], values)
     compare(tmp_path / "a.tif")
@@ -95,8 +135,15 @@ def test_differences_of_floats_are_those_of_their_bits(tmp_path: Path) -> None:
 @pytest.mark.parametrize("codec", [None, "zlib", "jpeg"])
 def test_planes_of_colours(codec: str | None, tmp_path: Path) -> None:
     planes = np.moveaxis(COLOURS, -1, 1)
-    tifffile.imwrite(tmp_path / "a.tif", planes, photometric="rgb", planarconfig="separate", compression=codec,
-                     metadata=None, rowsperstrip=16)
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        planes,
+        photometric="rgb",
+        planarconfig="separate",
+        compression=codec,
+        metadata=None,
+        rowsperstrip=16,
+    )
     compare(tmp_path / "a.tif")
     assert codec == "jpeg" or np.array_equal(read_channels(tmp_path / "a.tif").values, COLOURS)
 
@@ -117,8 +164,16 @@ def test_numbers_of_few_bits(bits: int, packed: bool, tmp_path: Path) -> None:
     rows = [np.packbits([int(bit) for number in row for bit in f"{number:0{bits}b}"]) for row in values]
     data = np.concatenate(rows).tobytes()
     data = imagecodecs.lzw_encode(data) if packed else data
-    fields = [(256, 3, 1, 13), (257, 3, 1, 9), (258, 3, 1, bits), (259, 3, 1, 5 if packed else 1), (262, 3, 1, 1),
-              (273, 4, 1, 8), (278, 3, 1, 9), (279, 4, 1, len(data))]
+    fields = [
+        (256, 3, 1, 13),
+        (257, 3, 1, 9),
+        (258, 3, 1, bits),
+        (259, 3, 1, 5 if packed else 1),
+        (262, 3, 1, 1),
+        (273, 4, 1, 8),
+        (278, 3, 1, 9),
+        (279, 4, 1, len(data)),
+    ]
     (tmp_path / "a.tif").write_bytes(ifd(fields, data))
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tif").values[0], values)
     compare(tmp_path / "a.tif")
@@ -136,12 +191,28 @@ def ifd(fields: list[tuple[int, int, int, int]], data: bytes) -> bytes:
 def test_order_of_bits_and_halves_of_floats(reversed_bits: bool, tmp_path: Path) -> None:
     values = CHANCE.integers(0, 255, (9, 13)).astype(np.uint8)
     data = imagecodecs.bitorder_decode(values.tobytes()) if reversed_bits else values.tobytes()
-    fields = [(256, 3, 1, 13), (257, 3, 1, 9), (258, 3, 1, 8), (262, 3, 1, 1), (266, 3, 1, 1 + reversed_bits),
-              (273, 4, 1, 8), (278, 3, 1, 9), (279, 4, 1, len(data))]
+    fields = [
+        (256, 3, 1, 13),
+        (257, 3, 1, 9),
+        (258, 3, 1, 8),
+        (262, 3, 1, 1),
+        (266, 3, 1, 1 + reversed_bits),
+        (273, 4, 1, 8),
+        (278, 3, 1, 9),
+        (279, 4, 1, len(data)),
+    ]
     (tmp_path / "a.tif").write_bytes(ifd(fields, data))
     np.testing.assert_array_equal(read_volume(tmp_path / "a.tif").values[0], values)
-    fields = [(256, 3, 1, 3), (257, 3, 1, 1), (258, 3, 1, 24), (262, 3, 1, 1), (273, 4, 1, 8), (278, 3, 1, 1),
-              (279, 4, 1, 9), (339, 3, 1, 3)]
+    fields = [
+        (256, 3, 1, 3),
+        (257, 3, 1, 1),
+        (258, 3, 1, 24),
+        (262, 3, 1, 1),
+        (273, 4, 1, 8),
+        (278, 3, 1, 1),
+        (279, 4, 1, 9),
+        (339, 3, 1, 3),
+    ]
     data = b"".join(imagecodecs.float24_encode(np.array([n], np.float32), byteorder="<") for n in (1.5, -2.25, 1024))
     (tmp_path / "b.tif").write_bytes(ifd(fields, data))
     assert read_volume(tmp_path / "b.tif").values.ravel().tolist() == [1.5, -2.25, 1024]
@@ -172,16 +243,28 @@ def test_previews_and_masks_are_no_slices(tmp_path: Path) -> None:
     assert "3 pages that are smaller copies or masks of others were left out" in read.notes
 
 
-BOMBS = {"zstd": imagecodecs.zstd_encode, "lzma": imagecodecs.lzma_encode, "deflate": imagecodecs.zlib_encode,
-         "lzw": imagecodecs.lzw_encode, "packbits": imagecodecs.packbits_encode}
+BOMBS = {
+    "zstd": imagecodecs.zstd_encode,
+    "lzma": imagecodecs.lzma_encode,
+    "deflate": imagecodecs.zlib_encode,
+    "lzw": imagecodecs.lzw_encode,
+    "packbits": imagecodecs.packbits_encode,
+}
 
 
 @pytest.mark.parametrize("codec", BOMBS)
 @pytest.mark.parametrize("size", [40 * 48 - 1, 40 * 48 + 1, 2**26])
 def test_bytes_of_another_number_are_refused_and_not_unpacked(codec: str, size: int, tmp_path: Path) -> None:
     bomb = bytes(BOMBS[codec](bytes(size)))
-    tifffile.imwrite(tmp_path / "a.tif", iter([bomb]), shape=(40, 48), dtype=np.uint8, compression=codec, metadata=None,
-                     rowsperstrip=40)
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        iter([bomb]),
+        shape=(40, 48),
+        dtype=np.uint8,
+        compression=codec,
+        metadata=None,
+        rowsperstrip=40,
+    )
     tracemalloc.start()
     with pytest.raises(VolumeFileError, match=r"should have 1920 bytes but .*(has|unpacked)"):
         read_volume(tmp_path / "a.tif")

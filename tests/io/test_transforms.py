@@ -34,8 +34,12 @@ AFFINE = Affine(np.eye(3) + RANDOM.uniform(-0.04, 0.04, (3, 3)), np.array([0.5, 
 
 def _bend(scale: float = 1.0) -> AbstractField:
     at = GRID.index_to_point([[2, 2, 2], [18, 3, 4], [4, 14, 5], [9, 8, 11], [16, 13, 6]])
-    return dn.fit_rbf(dn.ControlPoints.from_arrays(at, at + scale * np.array([[1, 0, 2], [0, -1, 1], [2, 1, 0],
-                                                                              [-1, 2, -1], [0, 0, 2]])), support=30.0)
+    return dn.fit_rbf(
+        dn.ControlPoints.from_arrays(
+            at, at + scale * np.array([[1, 0, 2], [0, -1, 1], [2, 1, 0], [-1, 2, -1], [0, 0, 2]])
+        ),
+        support=30.0,
+    )
 
 
 def _resampled(transform: Any) -> np.ndarray:
@@ -50,9 +54,13 @@ def _itk(path: Path) -> Any:
     return sitk.DisplacementFieldTransform(sitk.ReadImage(str(path), sitk.sitkVectorFloat64))
 
 
-LIMITS = {".tfm": agreed("transforms", "itk text", "SimpleITK"), ".h5": agreed("transforms", "itk hdf5", "SimpleITK"),
-          ".nrrd": agreed("transforms", "nrrd", "SimpleITK"), ".nii.gz": agreed("transforms", "nifti", "SimpleITK"),
-          ".mha": agreed("transforms", "metaimage", "SimpleITK")}
+LIMITS = {
+    ".tfm": agreed("transforms", "itk text", "SimpleITK"),
+    ".h5": agreed("transforms", "itk hdf5", "SimpleITK"),
+    ".nrrd": agreed("transforms", "nrrd", "SimpleITK"),
+    ".nii.gz": agreed("transforms", "nifti", "SimpleITK"),
+    ".mha": agreed("transforms", "metaimage", "SimpleITK"),
+}
 
 
 @pytest.mark.parametrize("suffix", LIMITS)
@@ -157,12 +165,18 @@ def test_vectors_of_nifti_are_lps_and_displacement_vectors_ras(intent: int, sign
 
 ELASTIX = {
     "TranslationTransform": ([1.0, -2.0, 3.0], lambda c: sitk.TranslationTransform(3, (1.0, -2.0, 3.0))),
-    "EulerTransform": ([0.1, 0.2, -0.3, 1.0, 2.0, 3.0],
-                       lambda c: sitk.Euler3DTransform(c, 0.1, 0.2, -0.3, (1.0, 2.0, 3.0))),
-    "SimilarityTransform": ([0.0, 0.0, float(np.sin(0.2)), 4.0, 5.0, 6.0, 1.2],
-                            lambda c: sitk.Similarity3DTransform(1.2, (0.0, 0.0, 1.0), 0.4, (4.0, 5.0, 6.0), c)),
-    "AffineTransform": ([*AFFINE.matrix.ravel().tolist(), 1.0, 2.0, 3.0],
-                        lambda c: sitk.AffineTransform(AFFINE.matrix.ravel().tolist(), (1.0, 2.0, 3.0), c)),
+    "EulerTransform": (
+        [0.1, 0.2, -0.3, 1.0, 2.0, 3.0],
+        lambda c: sitk.Euler3DTransform(c, 0.1, 0.2, -0.3, (1.0, 2.0, 3.0)),
+    ),
+    "SimilarityTransform": (
+        [0.0, 0.0, float(np.sin(0.2)), 4.0, 5.0, 6.0, 1.2],
+        lambda c: sitk.Similarity3DTransform(1.2, (0.0, 0.0, 1.0), 0.4, (4.0, 5.0, 6.0), c),
+    ),
+    "AffineTransform": (
+        [*AFFINE.matrix.ravel().tolist(), 1.0, 2.0, 3.0],
+        lambda c: sitk.AffineTransform(AFFINE.matrix.ravel().tolist(), (1.0, 2.0, 3.0), c),
+    ),
 }
 
 
@@ -173,7 +187,9 @@ def test_parameter_files_of_elastix(kind: str, tmp_path: Path) -> None:
     numbers, make = ELASTIX[kind]
     (tmp_path / "first.txt").write_text(
         '(Transform "TranslationTransform")\n(NumberOfParameters 3)\n(TransformParameters 5 0 -5)\n'
-        '(InitialTransformParametersFileName "NoInitialTransform")\n(FixedImageDimension 3)\n', encoding="utf-8")
+        '(InitialTransformParametersFileName "NoInitialTransform")\n(FixedImageDimension 3)\n',
+        encoding="utf-8",
+    )
     (tmp_path / "second.txt").write_text(
         f'// made by hand\n(Transform "{kind}")\n(TransformParameters {" ".join(map(repr, numbers))})\n'
         f"(CenterOfRotationPoint {' '.join(map(str, centre))})\n(FixedImageDimension 3) // three\n"
@@ -184,10 +200,14 @@ def test_parameter_files_of_elastix(kind: str, tmp_path: Path) -> None:
     found = POINTS + read_transform(tmp_path / "second.txt").displacement(POINTS)
     assert np.abs(found - known).max() < 1e-9
     text = (tmp_path / "second.txt").read_text(encoding="utf-8")
-    for old, new, words in ((kind, "RecursiveBSplineTransform", "is not read"),
-                            ("Parameters ", "Parameters 1 ", "given"), ("Compose", "Add", "only compositions"),
-                            ("first", "none", "missing"),
-                            ("first", "second", "names itself"), ("Dimension 3", "Dimension 2", "2 dimensions")):
+    for old, new, words in (
+        (kind, "RecursiveBSplineTransform", "is not read"),
+        ("Parameters ", "Parameters 1 ", "given"),
+        ("Compose", "Add", "only compositions"),
+        ("first", "none", "missing"),
+        ("first", "second", "names itself"),
+        ("Dimension 3", "Dimension 2", "2 dimensions"),
+    ):
         (tmp_path / "second.txt").write_text(text.replace(old, new), encoding="utf-8")
         with pytest.raises(VolumeFileError, match=words):
             read_transform(tmp_path / "second.txt")
@@ -198,8 +218,11 @@ def test_kernel_transforms_interpolate_the_landmarks_of_the_file(tmp_path: Path)
     source, target = RANDOM.uniform(0, 20, (9, 3)), RANDOM.uniform(0, 20, (9, 3))
     path = tmp_path / "spline.tfm"
     lines = [" ".join(map(repr, places.ravel().tolist())) for places in (source, target)]
-    path.write_text("#Insight Transform File V1.0\n#Transform 0\nTransform: ThinPlateSplineKernelTransform_double_3_3\n"
-                    f"Parameters: {lines[0]}\nFixedParameters: {lines[1]}\n", encoding="utf-8")
+    path.write_text(
+        "#Insight Transform File V1.0\n#Transform 0\nTransform: ThinPlateSplineKernelTransform_double_3_3\n"
+        f"Parameters: {lines[0]}\nFixedParameters: {lines[1]}\n",
+        encoding="utf-8",
+    )
     basis = np.column_stack([np.ones(9), source])
     system = np.block([[cdist(source, source), basis], [basis.T, np.zeros((4, 4))]])
     weights = np.linalg.solve(system, np.vstack([target - source, np.zeros((4, 3))]))
@@ -224,8 +247,9 @@ def test_an_inverse_says_that_it_is_forward_and_how_well_it_was_found(tmp_path: 
 
 
 @pytest.mark.parametrize("suffix", ["tfm", "h5", "nrrd", "nii.gz", "mha", "vti", "zarr"])
-def test_a_file_is_described_with_the_direction_of_its_map(suffix: str, tmp_path: Path,
-                                                           capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_is_described_with_the_direction_of_its_map(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     field = DisplacementField.sample(_bend(), GRID)
     dn.write_volume(VOLUME, tmp_path / "v.nrrd")
     names = [tmp_path / f"{name}.{suffix}" for name in ("there", "back", "again")]
@@ -241,13 +265,19 @@ def test_a_file_is_described_with_the_direction_of_its_map(suffix: str, tmp_path
 
 
 def test_what_others_wrote_is_described_by_its_parts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    both = sitk.CompositeTransform([sitk.AffineTransform(np.diag([2.0, 1, 1]).ravel().tolist(), (1, 0, 0)),
-                                    sitk.TranslationTransform(3, (1, 2, 3))])
+    both = sitk.CompositeTransform(
+        [
+            sitk.AffineTransform(np.diag([2.0, 1, 1]).ravel().tolist(), (1, 0, 0)),
+            sitk.TranslationTransform(3, (1, 2, 3)),
+        ]
+    )
     sitk.WriteTransform(both, str(tmp_path / "both.txt"))  # an ending that landmarks have too
     rows = describe_transform(tmp_path / "both.txt")
     assert rows["maps"] == "backward, as transforms for resampling do; the file does not say it"
-    assert {rows["part 1"], rows["part 2"]} == {"affine map, which makes volumes 0.5 times as large",
-                                                "affine map, which makes volumes 1 times as large"}
+    assert {rows["part 1"], rows["part 2"]} == {
+        "affine map, which makes volumes 0.5 times as large",
+        "affine map, which makes volumes 1 times as large",
+    }
     assert main(["info", str(tmp_path / "both.txt")]) == 0
     assert "affine map" in capsys.readouterr().out
     (tmp_path / "marks.txt").write_text("point\n1\n1 2 3\n", encoding="utf-8")
@@ -262,8 +292,9 @@ def test_a_text_that_could_not_be_read_again_is_not_written(tmp_path: Path, monk
     assert not list(tmp_path.iterdir())
 
 
-def test_points_follow_a_transform_and_volumes_are_warped_by_it_in_parts(tmp_path: Path,
-                                                                         capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_follow_a_transform_and_volumes_are_warped_by_it_in_parts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     field = DisplacementField.sample(_bend(), GRID)
     write_transform(field, tmp_path / "there.nii.gz", GRID, inverse=tmp_path / "back.h5")
     dn.write_volume(VOLUME, tmp_path / "v.zarr")
@@ -288,9 +319,13 @@ def test_what_is_no_transform_is_refused(tmp_path: Path) -> None:
     text, image = tmp_path / "a.tfm", tmp_path / "b.nrrd"
     text.write_text("#Insight Transform File V1.0\nTransform: Nonsense_double_3_3\n", encoding="utf-8")
     dn.write_volume(VOLUME, image)
-    for path, words in ((text, "Nonsense_double_3_3 is not read"), (image, "three components"),
-                        (tmp_path / "none.h5", "no such file"), (tmp_path / "d.json", "no such file"),
-                        (tmp_path / "d.zarr", "cannot be read|no folder")):
+    for path, words in (
+        (text, "Nonsense_double_3_3 is not read"),
+        (image, "three components"),
+        (tmp_path / "none.h5", "no such file"),
+        (tmp_path / "d.json", "no such file"),
+        (tmp_path / "d.zarr", "cannot be read|no folder"),
+    ):
         with pytest.raises(VolumeFileError, match=words):
             read_transform(path)
     at = [[6.0, -20.0], [8.0, -10.0], [9.0, -25.0]]
@@ -305,8 +340,9 @@ def test_a_grid_larger_than_its_numbers_is_refused_before_it_is_made(tmp_path: P
     write_transform(_bend(), tmp_path / "a.tfm", GRID)
     write_transform(_bend(), tmp_path / "a.h5", GRID)
     text = (tmp_path / "a.tfm").read_text(encoding="utf-8")
-    (tmp_path / "a.tfm").write_text(text.replace("FixedParameters: 22 18 14", "FixedParameters: 2200 1800 1400"),
-                                    encoding="utf-8")
+    (tmp_path / "a.tfm").write_text(
+        text.replace("FixedParameters: 22 18 14", "FixedParameters: 2200 1800 1400"), encoding="utf-8"
+    )
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["TransformGroup/0/TransformFixedParameters"][:3] = [2200, 1800, 1400]
     for name in ("a.tfm", "a.h5"):
@@ -320,8 +356,9 @@ def test_a_grid_larger_than_its_numbers_is_refused_before_it_is_made(tmp_path: P
 
 
 def test_the_command_writes_a_transform_and_its_inverse_and_warp_applies_it(tmp_path: Path) -> None:
-    volume, session, out, back, warped = (str(tmp_path / name) for name in
-                                          ("v.nrrd", "s.json", "there.tfm", "forward.nrrd", "w.nrrd"))
+    volume, session, out, back, warped = (
+        str(tmp_path / name) for name in ("v.nrrd", "s.json", "there.tfm", "forward.nrrd", "w.nrrd")
+    )
     dn.write_volume(VOLUME, volume)
     points = dn.ControlPoints.from_arrays([[9.0, -20.0, 20.0]], [[10.0, -19.0, 21.0]])
     document = dn.Deformation.in_space(points)

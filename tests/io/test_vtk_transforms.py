@@ -20,8 +20,7 @@ from deformnb.volume.volume import Grid, Volume
 
 RANDOM = np.random.default_rng(3)
 PLAIN = Grid((8, 9, 10), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), unit="mm")
-TURNED = Grid((8, 9, 10), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-              "mm")
+TURNED = Grid((8, 9, 10), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0), ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), "mm")
 
 
 @pytest.mark.parametrize("grid", [PLAIN, TURNED], ids=["plain", "turned"])

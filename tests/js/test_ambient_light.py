@@ -21,9 +21,16 @@ def test_the_front_end_has_the_ambient_light_of_python() -> None:
     transfer = TransferFunction(((0, 1, 1, 1),), ((40, 0), (200, 0.9)), unit=1.5)
     volume = Volume(values, Grid(values.shape, (0.5, 1.0, 2.0)))
     rgba = transfer.table(0, 255)
-    found = run_script(("webgl/volume_blocks.js",), LIGHT, {
-        "values": values.ravel().tolist(), "shape": values.shape[::-1], "alphas": rgba[:, 3].tolist(),
-        "thickness": 4 * 0.5 / 1.5})
+    found = run_script(
+        ("webgl/volume_blocks.js",),
+        LIGHT,
+        {
+            "values": values.ravel().tolist(),
+            "shape": values.shape[::-1],
+            "alphas": rgba[:, 3].tolist(),
+            "thickness": 4 * 0.5 / 1.5,
+        },
+    )
     wanted = ambient_light(volume, transfer)
     assert found["size"] == [*wanted.shape[::-1]] == [11, 9, 8]
     got = np.reshape(found["values"], wanted.shape) / 255

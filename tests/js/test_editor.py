@@ -111,8 +111,11 @@ def test_the_slope_beside_rigid_parts_is_that_of_the_package() -> None:
     points, region = scattered(), Polygon([(200, 150), (330, 160), (320, 260), (210, 250)])
     part = RigidPart(region, RigidMotion.turn(12, (260, 200), (3, 1)))
     points = points.take(np.flatnonzero(region.signed_distance(points.target) > 25))
-    data = {"region": {"kind": "polygon", "vertices": region.vertices}, "weight": "saturated",
-            "motion": {"matrix": part.motion.matrix, "shift": part.motion.shift}}  # type: ignore[union-attr]
+    data = {
+        "region": {"kind": "polygon", "vertices": region.vertices},
+        "weight": "saturated",
+        "motion": {"matrix": part.motion.matrix, "shift": part.motion.shift},
+    }  # type: ignore[union-attr]
     at = np.random.default_rng(4).uniform(50, 400, (60, 2))
     main = """({ points, part, at }) => {
         const fit = layeredFit(points, { support: "box_diagonal", parts: [part] }).fits[0].fit;

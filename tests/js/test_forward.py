@@ -25,14 +25,19 @@ from deformnb.warping.points import warp_points
 
 POINTS = scattered(size=12.0)
 CASES: dict[str, tuple[ControlPoints, dict[str, Any], list[RigidPart]]] = {
-    "plain": (POINTS, {}, []), "thin plate": (POINTS, {"kernel": "thin_plate"}, []),
+    "plain": (POINTS, {}, []),
+    "thin plate": (POINTS, {"kernel": "thin_plate"}, []),
     "quadratic": (POINTS, {"trend": "quadratic", "kernel": "cubic"}, []),
-    "smooth": (POINTS, {"smoothing": 0.3}, []), "strong": (POINTS, {"strength": 1.4}, []),
+    "smooth": (POINTS, {"smoothing": 0.3}, []),
+    "strong": (POINTS, {"strength": 1.4}, []),
     "backwards": (POINTS, {"strength": -0.5, "kernel": "thin_plate"}, []),
-    "stages": (scattered(size=45.0), {"stages": 4}, []), "radii": (with_radii(POINTS), {"support": 200.0}, []),
-    "at rest": (POINTS.reset(), {}, []), "none": (ControlPoints.empty(), {}, []),
+    "stages": (scattered(size=45.0), {"stages": 4}, []),
+    "radii": (with_radii(POINTS), {"support": 200.0}, []),
+    "at rest": (POINTS.reset(), {}, []),
+    "none": (ControlPoints.empty(), {}, []),
     "one": (ControlPoints.from_arrays([[5, 5]], [[9, 8]]), {"support": 90.0, "trend": "none"}, []),
-    "beside a part": (POINTS, {}, [FIXED]), "sideways": (POINTS, {"direction": "sideways"}, []),
+    "beside a part": (POINTS, {}, [FIXED]),
+    "sideways": (POINTS, {"direction": "sideways"}, []),
 }
 
 
@@ -61,8 +66,11 @@ def test_fits_forward_in_the_browser_are_those_of_the_package(name: str) -> None
 
 
 def test_refusals_are_among_the_cases() -> None:
-    names = [name for name, (points, given, parts) in CASES.items()
-             if "error" in answer(points, {"direction": "forward", **given}, parts)]
+    names = [
+        name
+        for name, (points, given, parts) in CASES.items()
+        if "error" in answer(points, {"direction": "forward", **given}, parts)
+    ]
     assert names == ["beside a part", "sideways"]
 
 
@@ -126,5 +134,3 @@ def test_a_fit_in_space_is_that_of_the_package() -> None:
         z, y, x = np.meshgrid(1 + 20.0 * np.arange(5), 2 + 15.0 * np.arange(6), 3 + 7.0 * np.arange(14), indexing="ij")
         expected = fit_forward(points, **settings).displacement(np.stack([x, y, z], axis=-1))
         assert np.abs(found - expected).max() < 7e-3  # a thousandth of the distance of nodes
-
-

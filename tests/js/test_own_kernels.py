@@ -31,8 +31,11 @@ def scattered(own_radii: bool) -> ControlPoints:
     rng = np.random.default_rng(1)
     source = np.stack(np.meshgrid(np.linspace(40, 460, 4), np.linspace(40, 400, 3)), axis=-1).reshape(-1, 2)
     source += rng.uniform(-30, 30, source.shape)
-    return ControlPoints.from_arrays(source, source + rng.normal(0, 14, source.shape),
-                                     radius=rng.uniform(60, 240, len(source)) if own_radii else None)
+    return ControlPoints.from_arrays(
+        source,
+        source + rng.normal(0, 14, source.shape),
+        radius=rng.uniform(60, 240, len(source)) if own_radii else None,
+    )
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -48,8 +51,11 @@ def _registered() -> Iterator[None]:
 
 def test_a_table_is_as_near_to_its_function_as_it_says() -> None:
     """Beside mpmath's own values, from next to the point to beyond the last piece."""
-    formulas = {"bell": lambda r: mpmath.exp(-4.5 * r**2), "own_plate": lambda r: r**2 * mpmath.log(r),
-                "own_wendland": lambda r: (1 - r) ** 4 * (4 * r + 1) if r < 1 else mpmath.mpf(0)}
+    formulas = {
+        "bell": lambda r: mpmath.exp(-4.5 * r**2),
+        "own_plate": lambda r: r**2 * mpmath.log(r),
+        "own_wendland": lambda r: (1 - r) ** 4 * (4 * r + 1) if r < 1 else mpmath.mpf(0),
+    }
     rho = np.concatenate([[1e-9, 1e-7], np.geomspace(1e-6, 1e6, 400), np.linspace(0.3, 1.3, 300)])
     main = """([tables, s]) => tables.map((table) => { const { profile, slope } = kernelOfTable(table);
         return [profile(0), s.map(profile), s.map(slope)]; })"""
@@ -80,16 +86,29 @@ def test_a_kink_is_found_and_its_error_stated() -> None:
     assert table.slope_error > 0.1  # beside the kink it is that of the other side
 
 
-@pytest.mark.parametrize(("name", "trend", "built_in"), [
-    ("own_wendland", "similarity", "wendland_c2"), ("own_plate", "affine", "thin_plate"),
-    pytest.param("bell", "affine", "gaussian", marks=pytest.mark.nightly),
-    pytest.param("matern", "rigid", None, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    ("name", "trend", "built_in"),
+    [
+        ("own_wendland", "similarity", "wendland_c2"),
+        ("own_plate", "affine", "thin_plate"),
+        pytest.param("bell", "affine", "gaussian", marks=pytest.mark.nightly),
+        pytest.param("matern", "rigid", None, marks=pytest.mark.nightly),
+    ],
+)
 def test_a_page_fits_with_a_registered_kernel_as_python_does(name: str, trend: str, built_in: str | None) -> None:
     points = scattered(own_radii=name == "own_wendland")
     settings = {"trend": trend, "support": 260.0, "kernel": name}
     raster = {"shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin}
-    answer = run_script(FILES, MAIN, {"points": points_to_json(points), "raster": raster, "places": PLACES,
-                                      "settings": {**settings, "kernel_table": table_for_page(name)}})
+    answer = run_script(
+        FILES,
+        MAIN,
+        {
+            "points": points_to_json(points),
+            "raster": raster,
+            "places": PLACES,
+            "settings": {**settings, "kernel_table": table_for_page(name)},
+        },
+    )
     fit = fit_rbf(points, kernel=built_in or name, trend=trend, support=260.0)
     # The table's error times the condition of the system.
     assert np.abs(np.array(answer["at"]) - fit.displacement(PLACES)).max() < 1e-9

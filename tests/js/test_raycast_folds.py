@@ -24,8 +24,13 @@ def bump(height: float, width: float = 9.0) -> np.ndarray:
 
 
 def planar_folds(maps: list[np.ndarray], weights: list[list[float]], count: int = 1) -> bool:
-    data: dict[str, Any] = {"maps": np.stack(maps).ravel().tolist(), "shape": [len(maps), ROWS, COLUMNS],
-                            "spacing": SPACING, "weights": np.ravel(weights).tolist(), "count": count}
+    data: dict[str, Any] = {
+        "maps": np.stack(maps).ravel().tolist(),
+        "shape": [len(maps), ROWS, COLUMNS],
+        "spacing": SPACING,
+        "weights": np.ravel(weights).tolist(),
+        "count": count,
+    }
     return bool(run_script(FILES, PLANAR, data))
 
 
@@ -76,6 +81,9 @@ def test_in_space_too(share: float, folds: bool) -> None:
     for axis in range(3):
         values = np.zeros((n, n, n, 3))
         values[..., axis] = move
-        found = run_script(FILES, "([v, shape, h]) => spaceFolds(Float32Array.from(v), shape, h)",
-                           [values.ravel().tolist(), [n, n, n], h])
+        found = run_script(
+            FILES,
+            "([v, shape, h]) => spaceFolds(Float32Array.from(v), shape, h)",
+            [values.ravel().tolist(), [n, n, n], h],
+        )
         assert found == folds

@@ -43,9 +43,16 @@ MAIN = """(cases) => cases.map(({ points, settings, raster, places }) => {
 
 def as_json(points: ControlPoints) -> list[dict[str, Any]]:
     return [
-        {"id": points.ids[k], "name": points.names[k], "source": points.source[k].tolist(),
-         "target": points.target[k].tolist(), "active": bool(points.active[k]), "weight": float(points.weight[k]),
-         "locked": bool(points.locked[k]), "radius": None if np.isnan(points.radius[k]) else float(points.radius[k])}
+        {
+            "id": points.ids[k],
+            "name": points.names[k],
+            "source": points.source[k].tolist(),
+            "target": points.target[k].tolist(),
+            "active": bool(points.active[k]),
+            "weight": float(points.weight[k]),
+            "locked": bool(points.locked[k]),
+            "radius": None if np.isnan(points.radius[k]) else float(points.radius[k]),
+        }
         for k in range(len(points))
     ]
 
@@ -55,8 +62,9 @@ def scattered(n: int = 12, size: float = 14.0, seed: int = 1) -> ControlPoints:
     rng = np.random.default_rng(seed)
     lattice = np.stack(np.meshgrid(np.linspace(40, 460, 4), np.linspace(40, 400, 3)), axis=-1).reshape(-1, 2)[:n]
     source = lattice + rng.uniform(-30, 30, lattice.shape)
-    return ControlPoints.from_arrays(source, source + rng.normal(0, size, source.shape),
-                                     weight=rng.uniform(0.5, 3, len(source)))
+    return ControlPoints.from_arrays(
+        source, source + rng.normal(0, size, source.shape), weight=rng.uniform(0.5, 3, len(source))
+    )
 
 
 def with_radii(points: ControlPoints, low: float = 60.0, high: float = 240.0) -> ControlPoints:
@@ -88,39 +96,54 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
         found[f"{kernel}-{trend}-radii"] = (with_radii(some), {**both, "support": 200.0})
         found[f"{kernel}-{trend}-radii-smooth"] = (with_radii(some), {**both, "smoothing": 0.3, "support": 260.0})
         found[f"{kernel}-{trend}-radii-line"] = (with_radii(ControlPoints.from_arrays(line, bent), 40.0, 90.0), both)
-        found[f"{kernel}-{trend}-radii-one"] = (ControlPoints.from_arrays([[5, 6]], [[7, 9]], radius=[40.0]),
-                                                {**both, "support": 100.0})
+        found[f"{kernel}-{trend}-radii-one"] = (
+            ControlPoints.from_arrays([[5, 6]], [[7, 9]], radius=[40.0]),
+            {**both, "support": 100.0},
+        )
     off = some.edit(3, active=False).edit(7, active=False)
     same = some.add(some.source[2], some.target[2], name="twin")
     crossing = ControlPoints.from_arrays([[0, 0], [100, 0], [0, 90], [100, 90]], [[100, 0], [0, 0], [0, 90], [100, 90]])
     corners = [[0, 0], [500, 0], [500, 195], [0, 195]]
-    piled = ControlPoints.from_arrays([*corners, [145, 98], [254, 98], [361, 98]],
-                                      [*corners, [259, 98], [254, 98], [361, 98]])
-    nearly = ControlPoints.from_arrays([[0, 0], [100, 0.01], [200, 0], [300, 0.1]],
-                                       [[0, 0], [100, 9], [200, 40], [300, 90]])
+    piled = ControlPoints.from_arrays(
+        [*corners, [145, 98], [254, 98], [361, 98]], [*corners, [259, 98], [254, 98], [361, 98]]
+    )
+    nearly = ControlPoints.from_arrays(
+        [[0, 0], [100, 0.01], [200, 0], [300, 0.1]], [[0, 0], [100, 9], [200, 40], [300, 90]]
+    )
     found |= {
-        "none": (ControlPoints.empty(), {}), "all switched off": (some.edit(0, active=False).take([0]), {}),
-        "at rest": (some.reset(), {}), "some off": (off, {}), "merged": (same, {}),
+        "none": (ControlPoints.empty(), {}),
+        "all switched off": (some.edit(0, active=False).take([0]), {}),
+        "at rest": (some.reset(), {}),
+        "some off": (off, {}),
+        "merged": (same, {}),
         "radii of a kernel without end": (with_radii(some), {"kernel": "thin_plate"}),
-        "radii switched off": (replace(some, radius=np.where(np.arange(12) == 3, 50.0, np.nan)).edit(3, active=False),
-                               {"kernel": "thin_plate"}),
+        "radii switched off": (
+            replace(some, radius=np.where(np.arange(12) == 3, 50.0, np.nan)).edit(3, active=False),
+            {"kernel": "thin_plate"},
+        ),
         "radii that are all alike": (replace(some, radius=np.full(12, 80.0)), {}),
         "radii and merged": (with_radii(same.edit(12, radius=33.0)), {}),
         "radii at rest": (with_radii(some.reset()), {}),
-        "radii that do not go together": (ControlPoints.from_arrays(
-            [[0, 0], [1, 0], [0, 90]], [[0, 9], [1, -9], [0, 90]], radius=[1e6, 2e6, 3e6]), {"kernel": "wendland_c4"}),
+        "radii that do not go together": (
+            ControlPoints.from_arrays([[0, 0], [1, 0], [0, 90]], [[0, 9], [1, -9], [0, 90]], radius=[1e6, 2e6, 3e6]),
+            {"kernel": "wendland_c4"},
+        ),
         "merged with smoothing": (some.add(some.source[2], some.target[2] + 0.0), {"smoothing": 1.0}),
-        "far away": (shifted(some, [1e6, -1e6]), {}), "crossing": (crossing, {}), "piled": (piled, {}),
+        "far away": (shifted(some, [1e6, -1e6]), {}),
+        "crossing": (crossing, {}),
+        "piled": (piled, {}),
         "nearly a line": (nearly, {}),
         "one source": (ControlPoints.from_arrays(np.full((4, 2), 9.0), some.target[:4]), {"trend": "similarity"}),
         "one source rigid": (ControlPoints.from_arrays(np.full((4, 2), 9.0), some.target[:4]), {"trend": "rigid"}),
         "one target": (ControlPoints.from_arrays([[9, 9]] * 3, [[4, 5]] * 3), {}),
         "many": (ControlPoints.from_arrays(np.random.default_rng(0).uniform(0, 500, (150, 2))), {}),
         "lone without trend": (ControlPoints.from_arrays([[5, 6]], [[7, 9]]), {"trend": "none"}),
-        "unknown kernel": (some, {"kernel": "toString"}), "unknown trend": (some, {"trend": "x"}),
-        "needs a trend": (some, {"kernel": "cubic", "trend": "rigid"}), "too flat": (some, {
-            "kernel": "gaussian", "support": 1e5}),
-        "negative smoothing": (some, {"smoothing": -0.5}), "support zero": (some, {"support": -0.5}),
+        "unknown kernel": (some, {"kernel": "toString"}),
+        "unknown trend": (some, {"trend": "x"}),
+        "needs a trend": (some, {"kernel": "cubic", "trend": "rigid"}),
+        "too flat": (some, {"kernel": "gaussian", "support": 1e5}),
+        "negative smoothing": (some, {"smoothing": -0.5}),
+        "support zero": (some, {"support": -0.5}),
         "conflict": (some.add(some.source[2] + 5, some.target[2], name="other"), {}),
     }
     return found
@@ -141,9 +164,15 @@ def with_choice(points: ControlPoints, settings: dict[str, Any]) -> dict[str, An
 def answers() -> dict[str, dict[str, Any]]:
     given = cases()
     raster = {"shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin}
-    asked = [{"points": as_json(points), "settings": with_choice(points, settings), "raster": raster,
-              "places": [*points.target[:3].tolist(), [33.0, 44.0], [-300.0, 900.0]]}
-             for points, settings in given.values()]
+    asked = [
+        {
+            "points": as_json(points),
+            "settings": with_choice(points, settings),
+            "raster": raster,
+            "places": [*points.target[:3].tolist(), [33.0, 44.0], [-300.0, 900.0]],
+        }
+        for points, settings in given.values()
+    ]
     return dict(zip(given, run_script(FILES, MAIN, json.loads(json.dumps(asked))), strict=True))
 
 
@@ -198,11 +227,17 @@ def test_so_is_the_jacobian_of_points_with_radii_of_their_own(name: str) -> None
 
 
 def test_the_registries_are_alike() -> None:
-    names = run_script(FILES, """() => [RBF_KERNELS, RBF_TRENDS].map(
+    names = run_script(
+        FILES,
+        """() => [RBF_KERNELS, RBF_TRENDS].map(
         (table) => Object.entries(table).map(([name, row]) => [name, row.title, row.order, row.share ?? 0,
-            Number.isFinite(row.gaps) ? row.gaps : 0]))""", None)
-    kernels = [[k, v.title, v.order, v.shares[len(v.shares) // 2], v.gaps if np.isfinite(v.gaps) else 0]
-               for k, v in KERNELS.items()]
+            Number.isFinite(row.gaps) ? row.gaps : 0]))""",
+        None,
+    )
+    kernels = [
+        [k, v.title, v.order, v.shares[len(v.shares) // 2], v.gaps if np.isfinite(v.gaps) else 0]
+        for k, v in KERNELS.items()
+    ]
     assert names == [kernels, [[k, v.title, v.order, 0, 0] for k, v in TRENDS.items()]]
 
 
@@ -212,8 +247,15 @@ def test_a_page_that_knows_no_choice_takes_the_usual_support() -> None:
     row = ControlPoints.from_arrays(np.outer(np.arange(9.0), [30.0, 40.0]))
     piled = ControlPoints.from_arrays(np.full((4, 2), 9.0), scattered().target[:4])
     many = np.random.default_rng(3).uniform(0, 300, (1100, 2))
-    sets = [scattered(), row, row.take([0, 3]), piled, ControlPoints.empty(), ControlPoints.from_arrays(many),
-            ControlPoints.from_arrays(many * [1.0, 1e-3])]
+    sets = [
+        scattered(),
+        row,
+        row.take([0, 3]),
+        piled,
+        ControlPoints.empty(),
+        ControlPoints.from_arrays(many),
+        ControlPoints.from_arrays(many * [1.0, 1e-3]),
+    ]
     main = """({ sets, kernels }) => sets.map((points) => [rbfBoxDiagonal(points),
         ...kernels.map((kernel) => rbfSupport(points, { kernel, lone_support: null }))])"""
     found = run_script(FILES, main, {"sets": [as_json(points) for points in sets], "kernels": list(KERNELS)})

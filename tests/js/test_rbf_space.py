@@ -35,8 +35,9 @@ def scattered(n: int = 15, size: float = 14.0) -> ControlPoints:
     rng = np.random.default_rng(3)
     lattice = np.stack(np.meshgrid(*[np.linspace(40, 420, 3)] * 3), axis=-1).reshape(-1, 3)[rng.permutation(27)[:n]]
     source = lattice + rng.uniform(-30, 30, lattice.shape)
-    return ControlPoints.from_arrays(source, source + rng.normal(0, size, source.shape),
-                                     weight=rng.uniform(0.5, 3, len(source)))
+    return ControlPoints.from_arrays(
+        source, source + rng.normal(0, size, source.shape), weight=rng.uniform(0.5, 3, len(source))
+    )
 
 
 def flat(n: int = 9, off: float = 0.0) -> ControlPoints:
@@ -56,9 +57,18 @@ def row(turned: bool = False, off: float = 0.0) -> ControlPoints:
 
 def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
     found: dict[str, tuple[ControlPoints, dict[str, Any]]] = {}
-    sets = {"": scattered(), "-flat": flat(), "-nearly flat": flat(off=12.0), "-row": row(), "-turned": row(True),
-            "-nearly a row": row(off=5.0), "-two": row().take([0, 3]), "-three": row(off=20.0).take([0, 2, 4]),
-            "-four": scattered().take([0, 4, 7, 9]), "-few": scattered().take(range(7))}
+    sets = {
+        "": scattered(),
+        "-flat": flat(),
+        "-nearly flat": flat(off=12.0),
+        "-row": row(),
+        "-turned": row(True),
+        "-nearly a row": row(off=5.0),
+        "-two": row().take([0, 3]),
+        "-three": row(off=20.0).take([0, 2, 4]),
+        "-four": scattered().take([0, 4, 7, 9]),
+        "-few": scattered().take(range(7)),
+    }
     for kernel, trend in PAIRS:
         both = {"kernel": kernel, "trend": trend}
         found |= {f"{kernel}-{trend}{name}": (points, both) for name, points in sets.items()}
@@ -69,7 +79,8 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
     some = scattered()
     same = np.full((4, 3), 9.0)
     found |= {
-        "none": (ControlPoints.empty(3), {}), "at rest": (some.reset(), {}),
+        "none": (ControlPoints.empty(3), {}),
+        "at rest": (some.reset(), {}),
         "some off": (some.edit(3, active=False).edit(7, active=False), {}),
         "merged": (some.add(some.source[2], some.target[2], name="twin"), {}),
         "conflict": (some.add(some.source[2] + 5, some.target[2], name="other"), {}),
@@ -91,8 +102,10 @@ def cases() -> dict[str, tuple[ControlPoints, dict[str, Any]]]:
 def answers() -> dict[str, dict[str, Any]]:
     given = cases()
     lattice = {"shape": LATTICE.shape[::-1], "spacing": LATTICE.spacing, "origin": LATTICE.origin}
-    asked = [{"points": as_json(points), "settings": with_choice(points, settings), "lattice": lattice}
-             for points, settings in given.values()]
+    asked = [
+        {"points": as_json(points), "settings": with_choice(points, settings), "lattice": lattice}
+        for points, settings in given.values()
+    ]
     return dict(zip(given, run_script(FILES, MAIN, json.loads(json.dumps(asked))), strict=True))
 
 

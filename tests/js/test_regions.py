@@ -30,8 +30,13 @@ BENT = [(240, 420), (250, 300), (180, 240), (330, 180), (260, 60)]
 SHARP = [(40, 240), (400, 235), (60, 180), (500, 120)]
 BLOB = (np.hypot(*np.meshgrid(np.arange(60) - 28, np.arange(40) - 19)) < 13) | (np.arange(60) > 55)
 REGIONS: dict[str, AbstractRegion] = {
-    "half space": HalfSpace((200, 100), (1, -2)), "square": Polygon(SQUARE), "reversed": Polygon(SQUARE[::-1]),
-    "hook": Polygon(HOOK), "line": Line(BENT), "sharp line": Line(SHARP), "straight line": Line(BENT[:2]),
+    "half space": HalfSpace((200, 100), (1, -2)),
+    "square": Polygon(SQUARE),
+    "reversed": Polygon(SQUARE[::-1]),
+    "hook": Polygon(HOOK),
+    "line": Line(BENT),
+    "sharp line": Line(SHARP),
+    "straight line": Line(BENT[:2]),
     "mask": Mask(BLOB, Raster((40, 60), (5.0, 6.0), (100.0, 70.0))),
 }
 
@@ -40,8 +45,13 @@ def region_data(region: AbstractRegion) -> dict[str, Any]:
     if isinstance(region, Mask):
         assert isinstance(region.lattice, Raster)
         bits = base64.b64encode(zlib.compress(np.packbits(region.values).tobytes())).decode()
-        return {"kind": "mask", "shape": region.lattice.shape, "spacing": region.lattice.spacing,
-                "origin": region.lattice.origin, "bits": bits}
+        return {
+            "kind": "mask",
+            "shape": region.lattice.shape,
+            "spacing": region.lattice.spacing,
+            "origin": region.lattice.origin,
+            "bits": bits,
+        }
     if isinstance(region, HalfSpace):
         return {"kind": "half_space", "point": region.point, "normal": region.normal}
     assert isinstance(region, Line | Polygon)
@@ -65,8 +75,13 @@ def test_distances_are_those_of_the_package(name: str) -> None:
 
 def test_masks_are_those_of_the_package() -> None:
     mask = REGIONS["mask"]
-    found = np.array(run_script(FILES, "({ data, at }) => at.map((p) => regionDistance(data)(...p))",
-                                {"data": region_data(mask), "at": places().tolist()}))
+    found = np.array(
+        run_script(
+            FILES,
+            "({ data, at }) => at.map((p) => regionDistance(data)(...p))",
+            {"data": region_data(mask), "at": places().tolist()},
+        )
+    )
     oracle = mask.signed_distance(places())
     assert np.array_equal(found < 0, oracle < 0)
     near = np.abs(oracle) < 12
@@ -79,8 +94,11 @@ def test_masks_are_those_of_the_package() -> None:
 def test_empty_and_full_masks_are_those_of_the_package(value: bool) -> None:
     raster = Raster((3, 4), (1.0, 2.0), (0.0, 0.0))
     mask = Mask(np.full(raster.shape, value), raster)
-    found = run_script(FILES, "({ data, at }) => at.map((p) => regionDistance(data)(...p))",
-                       {"data": region_data(mask), "at": places().tolist()})
+    found = run_script(
+        FILES,
+        "({ data, at }) => at.map((p) => regionDistance(data)(...p))",
+        {"data": region_data(mask), "at": places().tolist()},
+    )
     np.testing.assert_allclose(found, mask.signed_distance(places()), rtol=1e-6)
 
 
@@ -95,12 +113,21 @@ def test_masks_of_every_packing_are_read() -> None:
     assert [bytes(row) for row in found] == [zlib.decompress(text) for text in texts]
 
 
-@pytest.mark.parametrize(("vertices", "is_closed"), [
-    ([(0, 0), (100, 0), (0, 50), (100, 60)], True), ([(0, 0), (100, 0), (100, 100), (50, -20)], False),
-    ([(0, 0), (10, 0)], True), ([(0, 0)], False), ([(0, 0), (50, 0), (20, 0), (20, 30)], True),
-    ([(0, 0), (100, 0), (100, 60), (40, 60), (40, 20)], False), (SQUARE, True), (HOOK, True), (BENT, False),
-    (SHARP, False),
-])
+@pytest.mark.parametrize(
+    ("vertices", "is_closed"),
+    [
+        ([(0, 0), (100, 0), (0, 50), (100, 60)], True),
+        ([(0, 0), (100, 0), (100, 100), (50, -20)], False),
+        ([(0, 0), (10, 0)], True),
+        ([(0, 0)], False),
+        ([(0, 0), (50, 0), (20, 0), (20, 30)], True),
+        ([(0, 0), (100, 0), (100, 60), (40, 60), (40, 20)], False),
+        (SQUARE, True),
+        (HOOK, True),
+        (BENT, False),
+        (SHARP, False),
+    ],
+)
 def test_what_crosses_itself_is_refused_here_and_there(vertices: list[tuple[float, float]], is_closed: bool) -> None:
     data = {"kind": "polygon" if is_closed else "line", "vertices": vertices}
     fault = run_script(FILES, "(data) => regionFault(data)", data)
@@ -114,17 +141,29 @@ def test_what_crosses_itself_is_refused_here_and_there(vertices: list[tuple[floa
 
 def part_data(part: RigidPart) -> dict[str, Any]:
     motion = None if part.motion is None else {"matrix": part.motion.matrix, "shift": part.motion.shift}
-    return {"region": region_data(part.region), "motion": motion, "weight": part.weight, "reach": part.reach,
-            "name": part.name, "enabled": part.enabled}
+    return {
+        "region": region_data(part.region),
+        "motion": motion,
+        "weight": part.weight,
+        "reach": part.reach,
+        "name": part.name,
+        "enabled": part.enabled,
+    }
 
 
 FIXED = RigidPart(Polygon([(10, 10), (60, 10), (60, 400), (10, 400)]), name="wall")
 TURNED = RigidPart(Polygon([(400, 150), (480, 150), (480, 260), (400, 260)]), RigidMotion.turn(20, (440, 200), (5, 9)))
 PARTS = {
-    "none": [], "fixed": [FIXED], "off": [RigidPart(FIXED.region, enabled=False)], "turned": [TURNED],
-    "two": [FIXED, TURNED], "with a reach": [RigidPart(FIXED.region, reach=15.0), TURNED],
-    "as in the paper": [RigidPart(FIXED.region, weight="distance"),
-                        RigidPart(TURNED.region, TURNED.motion, "distance")],
+    "none": [],
+    "fixed": [FIXED],
+    "off": [RigidPart(FIXED.region, enabled=False)],
+    "turned": [TURNED],
+    "two": [FIXED, TURNED],
+    "with a reach": [RigidPart(FIXED.region, reach=15.0), TURNED],
+    "as in the paper": [
+        RigidPart(FIXED.region, weight="distance"),
+        RigidPart(TURNED.region, TURNED.motion, "distance"),
+    ],
     "ground": [RigidPart(HalfSpace((0, 400), (0, -1)))],
 }
 
@@ -143,9 +182,17 @@ def test_fits_beside_rigid_parts_are_those_of_the_package(name: str, strength: f
       return { at: at.map((p) => fieldAt(fit, ...p)), map: Array.from(fieldOnRaster(fit, raster)),
         notes: fit.notes }; }"""
     raster = {"shape": [5, 7], "spacing": [70, 80], "origin": [13, 21]}
-    found = run_script(FILES, main, {"points": as_json(points), "parts": [part_data(p) for p in parts],
-                                     "settings": {"strength": strength, "support": 300.0}, "at": places(200).tolist(),
-                                     "raster": raster})
+    found = run_script(
+        FILES,
+        main,
+        {
+            "points": as_json(points),
+            "parts": [part_data(p) for p in parts],
+            "settings": {"strength": strength, "support": 300.0},
+            "at": places(200).tolist(),
+            "raster": raster,
+        },
+    )
     fit: AbstractField = fit_rigid(points.scaled(strength), [p.scaled(strength) for p in parts], support=300.0)
     assert np.abs(np.array(found["at"]) - fit.displacement(places(200))).max() < CLOSE
     oracle = fit.on_raster(Raster((5, 7), (70.0, 80.0), (13.0, 21.0)))
@@ -175,9 +222,16 @@ def test_the_points_that_a_part_carries_go_with_it_here_and_there(strength: floa
       const fit = rigidFit(moved, [after], settings);
       return [moved.map(({ target }) => target), heldPoints(moved, [after], settings.strength).length,
         fieldAt(fit, 450, 300)]; }"""
-    found, held, at = run_script(FILES, main, {
-        "points": as_json(points), "before": part_data(TURNED), "after": part_data(bent),
-        "settings": {"strength": strength, "support": 300.0}})
+    found, held, at = run_script(
+        FILES,
+        main,
+        {
+            "points": as_json(points),
+            "before": part_data(TURNED),
+            "after": part_data(bent),
+            "settings": {"strength": strength, "support": 300.0},
+        },
+    )
     moved = carried_points(points, [TURNED], [bent])
     np.testing.assert_allclose(found, moved.target, atol=1e-9)
     assert np.linalg.norm(moved.target[8:10] - points.target[8:10], axis=1).min() > 5
@@ -197,10 +251,11 @@ def test_a_layered_fit_without_cuts_is_the_fit() -> None:
 
 
 CUTS: dict[str, list[AbstractRegion]] = {
-    "a line": [REGIONS["line"]], "a polygon": [REGIONS["square"]],
+    "a line": [REGIONS["line"]],
+    "a polygon": [REGIONS["square"]],
     "two": [REGIONS["line"], HalfSpace((0, 200), (0, 1))],
-    "three": [REGIONS["line"], REGIONS["square"], REGIONS["half space"]], "a region without points": [Polygon(
-        [(700, 700), (720, 700), (710, 720)]), REGIONS["line"]],
+    "three": [REGIONS["line"], REGIONS["square"], REGIONS["half space"]],
+    "a region without points": [Polygon([(700, 700), (720, 700), (710, 720)]), REGIONS["line"]],
 }
 
 
@@ -218,8 +273,12 @@ def test_what_is_seen_beside_cuts_is_that_of_the_package(name: str, with_parts: 
     points, regions, at = pulled(), CUTS[name], places(1500)
     main = """({ points, settings, at }) => { const layered = layeredFit(points, settings);
       return [at.map(([a, b]) => placeOf(layered, a, b, 6).slice()), layered.fits.map(({ sides }) => sides)]; }"""
-    settings = {"cuts": [{"region": region_data(r)} for r in regions], "cut_rule": rule, "support": 200.0,
-                "parts": [part_data(p) for p in parts]}
+    settings = {
+        "cuts": [{"region": region_data(r)} for r in regions],
+        "cut_rule": rule,
+        "support": 200.0,
+        "parts": [part_data(p) for p in parts],
+    }
     found, sides = run_script(FILES, main, {"points": as_json(points), "settings": settings, "at": at.tolist()})
     fits = FitSettings(support=200.0).fits(points, parts, regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=6.0)

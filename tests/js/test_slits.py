@@ -22,8 +22,11 @@ from deformnb.volume.plane import Raster
 BENT = [(240, 420), (250, 300), (180, 240), (330, 180), (260, 60)]
 CUTS: dict[str, list[AbstractRegion]] = {
     "one tip": [Line(BENT, stops=(False, True))],
-    "two lines that stop, and a border": [Line(BENT[1:3], stops=(True, True)), HalfSpace((0, 200), (0, 1)),
-                                          Line([(100, 60), (120, 300)], stops=(True, False))],
+    "two lines that stop, and a border": [
+        Line(BENT[1:3], stops=(True, True)),
+        HalfSpace((0, 200), (0, 1)),
+        Line([(100, 60), (120, 300)], stops=(True, False)),
+    ],
 }
 RASTER = Raster((5, 7), (70.0, 80.0), (13.0, 21.0))
 
@@ -41,10 +44,21 @@ def test_slits_are_those_of_the_package(name: str) -> None:
     parts = [RigidPart(Polygon([(10, 380), (90, 380), (90, 440), (10, 440)]))]
     points, regions, at = pulled(12.0), CUTS[name], places(200)
     given: dict[str, Any] = {"support": 200.0, "stages": 2}
-    settings = {**given, "cuts": [{"region": region_to_data(r)} for r in regions],
-                "parts": [part_data(part) for part in parts]}
-    found = run_script(MAPS, MAIN, {"points": as_json(points), "settings": settings, "at": at.tolist(), "raster": {
-        "shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin}})
+    settings = {
+        **given,
+        "cuts": [{"region": region_to_data(r)} for r in regions],
+        "parts": [part_data(part) for part in parts],
+    }
+    found = run_script(
+        MAPS,
+        MAIN,
+        {
+            "points": as_json(points),
+            "settings": settings,
+            "at": at.tolist(),
+            "raster": {"shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin},
+        },
+    )
     fits = FitSettings(**given).fits(points, parts, regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), softness=6.0)
     assert [tuple(row) for row in found["sides"]] == list(fits)
@@ -70,8 +84,11 @@ def test_what_cannot_stop_is_refused_alike() -> None:
     main = """({ points, cuts, rule }) => { try { layeredFit(points, { cuts, cut_rule: rule }); }
       catch (e) { return e.message; } }"""
     for rule, some in (("source", slits), ("paper", slits[:1])):
-        message = run_script(MAPS, main, {"points": as_json(pulled()), "rule": rule,
-                                          "cuts": [{"region": region_to_data(r)} for r in some]})
+        message = run_script(
+            MAPS,
+            main,
+            {"points": as_json(pulled()), "rule": rule, "cuts": [{"region": region_to_data(r)} for r in some]},
+        )
         with pytest.raises(DeformError) as caught:
             FitSettings().fit(pulled(), cuts=some, cut_rule=rule, softness=1.0)
         assert refusal(message) == refusal(str(caught.value))

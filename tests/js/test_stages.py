@@ -47,8 +47,19 @@ MAIN = """({ points, settings, parts, raster, at }) => {
 def answer(points: ControlPoints, settings: dict[str, Any], parts: list[RigidPart]) -> dict[str, Any]:
     raster = {"shape": RASTER.shape, "spacing": RASTER.spacing, "origin": RASTER.origin}
     given = {"support": "box_diagonal", **settings}
-    return dict(run_script(MAPS, MAIN, {"points": as_json(points), "settings": given, "raster": raster,
-                                        "at": AT.tolist(), "parts": [part_data(part) for part in parts]}))
+    return dict(
+        run_script(
+            MAPS,
+            MAIN,
+            {
+                "points": as_json(points),
+                "settings": given,
+                "raster": raster,
+                "at": AT.tolist(),
+                "parts": [part_data(part) for part in parts],
+            },
+        )
+    )
 
 
 def far() -> ControlPoints:
@@ -58,20 +69,28 @@ def far() -> ControlPoints:
 
 ASIDE = np.array([150.0, 0.0])  # away from the part
 CASES: dict[str, tuple[ControlPoints, dict[str, Any], list[RigidPart]]] = {
-    "two": (far(), {"stages": 2}, []), "eight": (far(), {"stages": 8}, []),
+    "two": (far(), {"stages": 2}, []),
+    "eight": (far(), {"stages": 8}, []),
     "all": (scattered(6, 30.0), {"stages": MOST_STAGES}, []),
-    "one": (far(), {"stages": 1}, []), "thin plate": (far(), {"stages": 4, "kernel": "thin_plate"}, []),
+    "one": (far(), {"stages": 1}, []),
+    "thin plate": (far(), {"stages": 4, "kernel": "thin_plate"}, []),
     "similar": (far(), {"stages": 3, "trend": "similarity", "kernel": "gaussian", "support": 150.0}, []),
-    "smooth": (far(), {"stages": 3, "smoothing": 0.4}, []), "at rest": (far().reset(), {"stages": 4}, []),
+    "smooth": (far(), {"stages": 3, "smoothing": 0.4}, []),
+    "at rest": (far().reset(), {"stages": 4}, []),
     "none": (ControlPoints.empty(), {"stages": 4}, []),
     "some off": (far().edit(3, active=False), {"stages": 4}, []),
-    "strong": (far(), {"stages": 4, "strength": 1.3}, []), "backwards": (far(), {"stages": 4, "strength": -0.5}, []),
+    "strong": (far(), {"stages": 4, "strength": 1.3}, []),
+    "backwards": (far(), {"stages": 4, "strength": -0.5}, []),
     "radii": (with_radii(far()), {"stages": 4, "support": 200.0}, []),
     "held": (replace(far(), source=far().source + ASIDE, target=far().target + ASIDE), {"stages": 4}, [FIXED]),
     "a turned part": (far(), {"stages": 2}, [TURNED]),
-    "through one another": (ControlPoints.from_arrays([[0, 0], [100, 0], [0, 90]], [[100, 0], [0, 0], [0, 90]]),
-                            {"stages": 2}, []),
-    "too many": (far(), {"stages": 65}, []), "none at all": (far(), {"stages": 0}, []),
+    "through one another": (
+        ControlPoints.from_arrays([[0, 0], [100, 0], [0, 90]], [[100, 0], [0, 0], [0, 90]]),
+        {"stages": 2},
+        [],
+    ),
+    "too many": (far(), {"stages": 65}, []),
+    "none at all": (far(), {"stages": 0}, []),
 }
 
 
@@ -113,8 +132,12 @@ def test_refusals_are_among_the_cases() -> None:
 @pytest.mark.parametrize("name", ["a line", "two"])
 def test_every_region_has_stages_of_its_own(name: str, rule: str) -> None:
     points, regions = pulled(), CUTS[name]
-    settings = {"cuts": [{"region": region_data(r)} for r in regions], "cut_rule": rule, "stages": 4,
-                "support": "box_diagonal"}
+    settings = {
+        "cuts": [{"region": region_data(r)} for r in regions],
+        "cut_rule": rule,
+        "stages": 4,
+        "support": "box_diagonal",
+    }
     main = """({ points, settings, at }) => { const layered = layeredFit(points, settings);
         return at.map(([a, b]) => placeOf(layered, a, b, 6).slice()); }"""
     found = np.array(run_script(MAPS, main, {"points": as_json(points), "settings": settings, "at": AT.tolist()}))

@@ -26,11 +26,21 @@ PLANE = Plane.along(GRID, "+y")
 CORNERS = [[0, 0], [59, 0], [0, 39], [59, 39]]
 BENT = ControlPoints.from_arrays([*CORNERS, [20, 20], [40, 20]], [*CORNERS, [15, 17], [46, 23]])
 CUT = Cut(Line([(29.5, 50), (29.5, -9)]))
-PULL = ControlPoints.from_arrays([[5, 5], [5, 30], [25, 20], [50, 5], [50, 30]],
-                                 [[0, 5], [0, 30], [20, 23], [55, 5], [55, 30]])
+PULL = ControlPoints.from_arrays(
+    [[5, 5], [5, 30], [25, 20], [50, 5], [50, 30]], [[0, 5], [0, 30], [20, 23], [55, 5], [55, 30]]
+)
 
-SETTINGS = {"kernel": "wendland_c2", "trend": "affine", "smoothing": 0, "strength": 1, "support": None,
-            "lone_support": 15, "parts": [], "cut_rule": "source", "cuts": []}
+SETTINGS = {
+    "kernel": "wendland_c2",
+    "trend": "affine",
+    "smoothing": 0,
+    "strength": 1,
+    "support": None,
+    "lone_support": 15,
+    "parts": [],
+    "cut_rule": "source",
+    "cuts": [],
+}
 
 MAIN = """({ points, settings, box, cells }) => {
   const layered = layeredFit(points, settings), places = gridPlaces(layered, box, cells, 1e-8);
@@ -46,8 +56,9 @@ def in_the_page(points: ControlPoints, cells: int, cuts: list[Cut]) -> dict[str,
     assert chosen is not None
     regions = [{"name": "", "enabled": True, "region": region_to_data(c.region)} for c in cuts]
     settings = {**SETTINGS, "chosen_support": chosen.radius, "cuts": regions}
-    found = run_script(FILES, MAIN, {"points": as_json(points), "settings": settings, "box": [-0.5, 59.5, -0.5, 39.5],
-                                     "cells": cells})
+    found = run_script(
+        FILES, MAIN, {"points": as_json(points), "settings": settings, "box": [-0.5, 59.5, -0.5, 39.5], "cells": cells}
+    )
     return {name: np.array(value, dtype=float) for name, value in found.items()}
 
 

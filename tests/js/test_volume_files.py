@@ -42,15 +42,19 @@ FILES = ("formats/volume_files.js", "formats/reading.js")
 
 
 def _with_byte(data: bytes, at: int, value: int) -> bytes:
-    return data[:at] + bytes([value]) + data[at + 1:]
+    return data[:at] + bytes([value]) + data[at + 1 :]
 
 
 RAMP = np.arange(24).reshape(2, 3, 4)
 OBLIQUE = [[1.2, -0.9, 0, 5], [0.9, 1.2, 0, -7.5], [0, 0, 2, 3]]
 CASES: dict[str, bytes] = {
-    **{f"{kind}{'le' if order == '<' else 'be'}.nii": nifti((RAMP - (5 if kind[0] != "u" else 0)).astype(kind),
-                                                            order=order, sform=OBLIQUE)
-       for kind in ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8") for order in "<>"},
+    **{
+        f"{kind}{'le' if order == '<' else 'be'}.nii": nifti(
+            (RAMP - (5 if kind[0] != "u" else 0)).astype(kind), order=order, sform=OBLIQUE
+        )
+        for kind in ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")
+        for order in "<>"
+    },
     "large.nii": nifti((RAMP + 2**33).astype("i8")),
     "nothing stated.nii": nifti(RAMP.astype("u1")),
     "qform.nii": nifti(RAMP.astype("i2"), qform=(0.1, 0.2, 0.3, 4, 5, 6)),
@@ -68,23 +72,49 @@ CASES: dict[str, bytes] = {
     "version 2 qform.nii.gz": nifti(RAMP.astype("f8"), version=2, qform=(0.5, 0.5, 0.5, 1, 2, 3), packed=True),
     "slice.nii": nifti(RAMP[:1].astype("u1"), dim=(2, 4, 3, 1, 1, 1, 1, 1)),
     "plain.nrrd": nrrd(RAMP.astype("u1")),
-    "big.nrrd": nrrd(RAMP.astype("i2"), "space: right-anterior-superior",
-                     "space directions: (0,0,2) (1.5,0,0) (0,-1,0)", "space origin: (3,-4,5.5)", order=">"),
-    "packed.nrrd": nrrd(RAMP.astype("f4"), "spacings: 0.5 0.25 2",
-                        "axis mins: 1 2 3", "centers: cell node cell", packed=True),
+    "big.nrrd": nrrd(
+        RAMP.astype("i2"),
+        "space: right-anterior-superior",
+        "space directions: (0,0,2) (1.5,0,0) (0,-1,0)",
+        "space origin: (3,-4,5.5)",
+        order=">",
+    ),
+    "packed.nrrd": nrrd(
+        RAMP.astype("f4"), "spacings: 0.5 0.25 2", "axis mins: 1 2 3", "centers: cell node cell", packed=True
+    ),
     "mirrored.nrrd": nrrd(RAMP.astype("u2"), "spacings: -1 2 3"),
     "long.nrrd": nrrd(RAMP.astype("i8"), kind="long long int"),
     "labels.nrrd": nrrd(RAMP.astype("u1"), "deformnb_labels:=yes", "# comment: of no account"),
     "segments.nrrd": nrrd(RAMP.astype("u1"), "Segment0_LabelValue:=1", "Segment0_Name:=a: b"),
-    "one channel.nrrd": nrrd(RAMP[None].transpose(1, 2, 3, 0).astype("u1"), "kinds: vector domain domain domain",
-                             "space: las", "space directions: none (1,0,0) (0,1,0) (0,0,3)", "space origin: (1,2,3)"),
+    "one channel.nrrd": nrrd(
+        RAMP[None].transpose(1, 2, 3, 0).astype("u1"),
+        "kinds: vector domain domain domain",
+        "space: las",
+        "space directions: none (1,0,0) (0,1,0) (0,0,3)",
+        "space origin: (1,2,3)",
+    ),
     "picture.nrrd": nrrd(RAMP[0].astype("u1"), "space: lps", "space directions: (0,1,0) (0,0,2)"),
     "skipped.nrrd": nrrd(RAMP.astype("u1"), "byte skip: -1").replace(b"\n\n", b"\n\nsome text"),
     **{f"unit {code}.nii": _with_byte(nifti(RAMP.astype("u1"), sform=OBLIQUE), 123, code) for code in range(8)},
-    **{f"unit {k}.nrrd": nrrd(RAMP.astype("u1"), "space: lps", "space directions: (1,0,0) (0,2,0) (0,0,3)",
-                              f"space units: {words}", "space origin: (1,2,3)")
-       for k, words in enumerate(('"um" "um" "um"', '"\u00b5m" "\u00b5m" "mm"', '"" "" ""', '"micron" "" "nm"',
-                                  '"furlong" "mm" "mm"', '"Inch" "in" "ft"'))},
+    **{
+        f"unit {k}.nrrd": nrrd(
+            RAMP.astype("u1"),
+            "space: lps",
+            "space directions: (1,0,0) (0,2,0) (0,0,3)",
+            f"space units: {words}",
+            "space origin: (1,2,3)",
+        )
+        for k, words in enumerate(
+            (
+                '"um" "um" "um"',
+                '"\u00b5m" "\u00b5m" "mm"',
+                '"" "" ""',
+                '"micron" "" "nm"',
+                '"furlong" "mm" "mm"',
+                '"Inch" "in" "ft"',
+            )
+        )
+    },
     "units of axes.nrrd": nrrd(RAMP.astype("u1"), "spacings: 1 2 3", "axis mins: 1 1 1", 'units: "mm" "um" "mm"'),
     "lines.nrrd": nrrd(RAMP.astype("u1"), "line skip: 1", "byte skip: 2").replace(b"\n\n", b"\n\nsome text\n!!"),
 }
@@ -124,16 +154,22 @@ def test_a_file_is_read_as_python_reads_it(name: str, tmp_path: Path) -> None:
     wanted, found = read_volume(tmp_path / name), read()[name]
     assert "error" not in found, found
     assert found["name"] == wanted.name
-    assert (tuple(found["shape"]), found["dtype"], found["isLabels"]) == (wanted.shape, wanted.dtype.name,
-                                                                         wanted.is_labels)
+    assert (tuple(found["shape"]), found["dtype"], found["isLabels"]) == (
+        wanted.shape,
+        wanted.dtype.name,
+        wanted.is_labels,
+    )
     assert found["unit"] == wanted.grid.unit
     for field in ("spacing", "origin", "direction"):
         np.testing.assert_allclose(found[field], getattr(wanted.grid, field), rtol=1e-12, atol=1e-12)
     values = np.array([float(v) for v in found["values"]]).reshape(wanted.shape)
     np.testing.assert_array_equal(values, wanted.values.astype(np.float64))
     assert found["sha256"] == voxel_checksum(wanted.dtype, wanted.shape, wanted.values)
-    header_notes = [note for note in wanted.notes if "negative" in note or "places" in note or "became" in note
-                    or "states no place" in note or "unit" in note]
+    header_notes = [
+        note
+        for note in wanted.notes
+        if "negative" in note or "places" in note or "became" in note or "states no place" in note or "unit" in note
+    ]
     assert [note for note in found["notes"] if "one slice" not in note] == header_notes
 
 
@@ -150,10 +186,19 @@ def test_a_file_that_is_none_is_refused_as_python_refuses_it(name: str, tmp_path
 
 def test_a_known_volume_gets_its_true_spacing() -> None:
     values = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
-    row = {"title": "a volume", "shape": [2, 3, 4], "dtype": "uint8", "header_spacing": [1, 1, 1],
-           "sha256": voxel_checksum(values.dtype, (2, 3, 4), values), "spacing": [2, 3, 4], "reason": "its size"}
-    files = [{"name": "a.nrrd", "data": base64.b64encode(nrrd(values)).decode()},
-             {"name": "b.nrrd", "data": base64.b64encode(nrrd(values[::-1])).decode()}]
+    row = {
+        "title": "a volume",
+        "shape": [2, 3, 4],
+        "dtype": "uint8",
+        "header_spacing": [1, 1, 1],
+        "sha256": voxel_checksum(values.dtype, (2, 3, 4), values),
+        "spacing": [2, 3, 4],
+        "reason": "its size",
+    }
+    files = [
+        {"name": "a.nrrd", "data": base64.b64encode(nrrd(values)).decode()},
+        {"name": "b.nrrd", "data": base64.b64encode(nrrd(values[::-1])).decode()},
+    ]
     right, other = run_script(FILES, READ, {"files": files, "known": [row]})
     assert right["spacing"] == [2, 3, 4]
     assert other["spacing"] == [1, 1, 1]
@@ -182,8 +227,14 @@ def _hounsfield() -> Volume:
     return Volume.from_array(values)
 
 
-@pytest.mark.parametrize("make", [lambda: PHANTOMS["bar"].make((12, 14, 16)), _hounsfield,
-                                  lambda: Volume.from_array(np.arange(60.0).reshape(3, 4, 5) ** 2)])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: PHANTOMS["bar"].make((12, 14, 16)),
+        _hounsfield,
+        lambda: Volume.from_array(np.arange(60.0).reshape(3, 4, 5) ** 2),
+    ],
+)
 def test_a_volume_is_shown_as_python_shows_it(make: Any, tmp_path: Path) -> None:
     write_volume(make(), tmp_path / "a.nrrd")
     volume = read_volume(tmp_path / "a.nrrd")

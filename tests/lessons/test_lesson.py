@@ -18,38 +18,93 @@ from deformnb.session.session import Session
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks" / "lessons"
 ALL = [(lesson, name) for lesson in LESSONS for name in LESSONS[lesson].exercises]
 
-NEVER: list[Any] = [None, "", "  ", [], (), {}, set(), [None], [None, None], True, float("nan"), [float("nan")] * 2,
-                    "x", ["x"], b"42", object(), 1j, [[]], np.array([]), np.array(None), 10**400, print]
+NEVER: list[Any] = [
+    None,
+    "",
+    "  ",
+    [],
+    (),
+    {},
+    set(),
+    [None],
+    [None, None],
+    True,
+    float("nan"),
+    [float("nan")] * 2,
+    "x",
+    ["x"],
+    b"42",
+    object(),
+    1j,
+    [[]],
+    np.array([]),
+    np.array(None),
+    10**400,
+    print,
+]
 """Answers of no exercise."""
 
 RIGHT: dict[str, list[Any]] = {
-    "place": [[150, 60], (150.2, 60), np.array([150, 60])], "cells": [42, 42.0, np.int64(42)],
-    "shear": [-93 / 261.5, -89 / 261.5, -0.335], "angle": [70, 71, 72.5], "taper": [-0.5, -1 / 2],
-    "polar": [[0, 5], [3.1e-16, 5.0]], "pairs": ["sternoptyx", ["Sternoptyx"]],
-    "between": [20], "kernel": [3 / 16, 0.19], "weights": [[10.36, -1.94], [10.3644, -1.9433]], "support": [120],
+    "place": [[150, 60], (150.2, 60), np.array([150, 60])],
+    "cells": [42, 42.0, np.int64(42)],
+    "shear": [-93 / 261.5, -89 / 261.5, -0.335],
+    "angle": [70, 71, 72.5],
+    "taper": [-0.5, -1 / 2],
+    "polar": [[0, 5], [3.1e-16, 5.0]],
+    "pairs": ["sternoptyx", ["Sternoptyx"]],
+    "between": [20],
+    "kernel": [3 / 16, 0.19],
+    "weights": [[10.36, -1.94], [10.3644, -1.9433]],
+    "support": [120],
     "compact": [["wendland_c2", "wendland_c4"], {"wendland_c4", "wendland_c2"}],
-    "distances": ["rigid", [" Rigid"]], "turn": [[-10, 30]], "freedom": [[3, 4, 6]], "area": [1, 1.0], "points": [3],
-    "inverse": [10], "backward": [80], "stretch": [-0.25], "sign": ["folds"], "limit": [47, 47.4, 6400 / 135],
+    "distances": ["rigid", [" Rigid"]],
+    "turn": [[-10, 30]],
+    "freedom": [[3, 4, 6]],
+    "area": [1, 1.0],
+    "points": [3],
+    "inverse": [10],
+    "backward": [80],
+    "stretch": [-0.25],
+    "sign": ["folds"],
+    "limit": [47, 47.4, 6400 / 135],
 }
 
 WRONG: dict[str, list[Any]] = {
     "place": [[150, 100], [60, 150], [30, -20], [90, 60], [150], [150, 60, 0], 150, "150, 60"],
-    "cells": [56, 72, 49, 48, "42", [42], -42, False], "shear": [0.35, -2.9, 0, -93, "-0.35", -0.2],
-    "angle": [19, 109, 90, 1.24, 71 * np.pi / 180], "taper": [0.5, 2, -2, 0, "-1/2"],
+    "cells": [56, 72, 49, 48, "42", [42], -42, False],
+    "shear": [0.35, -2.9, 0, -93, "-0.35", -0.2],
+    "angle": [19, 109, 90, 1.24, 71 * np.pi / 180],
+    "taper": [0.5, 2, -2, 0, "-1/2"],
     "polar": [[5, 0], [0, -5], [5, 90], 5, [0, 0]],
-    "pairs": [["sternoptyx", "antigonia"], "antigonia", "carp", ["sternoptyx", ""], ["sternoptyx", 3],
-              ["sternoptyx", "pseudopriacanthus", "scorpaena", "antigonia", "orthagoriscus"]],
-    "between": [30, 12.5, 40, 10, "20"], "kernel": [0.0625, 0.5, 1.5, 0],
+    "pairs": [
+        ["sternoptyx", "antigonia"],
+        "antigonia",
+        "carp",
+        ["sternoptyx", ""],
+        ["sternoptyx", 3],
+        ["sternoptyx", "pseudopriacanthus", "scorpaena", "antigonia", "orthagoriscus"],
+    ],
+    "between": [30, 12.5, 40, 10, "20"],
+    "kernel": [0.0625, 0.5, 1.5, 0],
     "weights": [[10, 0], [-1.94, 10.36], [10.36], 10.36],
     "support": [60, 240, 0, -120, [120]],
-    "compact": ["wendland_c2", ["wendland_c2", "wendland_c4", "gaussian"], ["thin_plate"], ["wendland_c2"] * 2,
-                "wendland_c2, wendland_c4"],
+    "compact": [
+        "wendland_c2",
+        ["wendland_c2", "wendland_c4", "gaussian"],
+        ["thin_plate"],
+        ["wendland_c2"] * 2,
+        "wendland_c2, wendland_c4",
+    ],
     "distances": ["similar", "affine", "shear", ["rigid", "shear"], ["rigid", "similar", "affine", "shear"], "turn"],
     "turn": [[10, -30], [-30, -10], [10, 30], [30, -10], [30, 10], -10],
-    "freedom": [[1, 2, 4], [3, 4, 4], [6, 4, 3], [3, 4], 3, [0, 0, 0]], "area": [2, 0.5, 2.5, 0, "1", [1]],
+    "freedom": [[1, 2, 4], [3, 4, 4], [6, 4, 3], [3, 4], 3, [0, 0, 0]],
+    "area": [2, 0.5, 2.5, 0, "1", [1]],
     "points": [6, 2, 4, 0, [3], "3"],
-    "inverse": [70, 20, 5, "10"], "backward": [120, -20, 100, 0], "stretch": [0.25, -4, -5, 4, 0],
-    "sign": ["grows", "shrinks", "stays", ["shrinks", "folds"], -0.4], "limit": [100, 50, 0.47, 0, 40],
+    "inverse": [70, 20, 5, "10"],
+    "backward": [120, -20, 100, 0],
+    "stretch": [0.25, -4, -5, 4, 0],
+    "sign": ["grows", "shrinks", "stays", ["shrinks", "folds"], -0.4],
+    "limit": [100, 50, 0.47, 0, 40],
 }
 
 
@@ -179,9 +234,12 @@ def test_a_carp_is_turned_by_two_points_and_neither_bent_nor_stretched(carp: dn.
 
     for degrees in (18, -18):
         assert said(turned(degrees), "rigid").right
-    for target, trend, words in ((ends, "rigid", "Nothing has been"), (turned(6), "rigid", "by 6 degrees"),
-                                 (turned(18, 0.8), "similarity", "Lengths become 0.80 to 0.80"),
-                                 (turned(18), "none", "bent")):
+    for target, trend, words in (
+        (ends, "rigid", "Nothing has been"),
+        (turned(6), "rigid", "by 6 degrees"),
+        (turned(18, 0.8), "similarity", "Lengths become 0.80 to 0.80"),
+        (turned(18), "none", "bent"),
+    ):
         result = said(target, trend)
         assert words in result.text
         assert not result.right

@@ -52,8 +52,10 @@ def test_every_markdown_cell_is_translated_and_no_other(code: str, name: str) ->
             for mark in (r"^#+ ", r"<details><summary>", r"</details>", r"^- ", r"^\d\. ", r"\$\$"):
                 count = len(re.findall(mark, english, re.MULTILINE))
                 assert len(re.findall(mark, own, re.MULTILINE)) == count, (cell["id"], mark)
-            assert re.findall(r"`\[[-\d., ]+\]`", english) == re.findall(r"`\[[-\d., ]+\]`", own)[: len(
-                re.findall(r"`\[[-\d., ]+\]`", english))], cell["id"]
+            assert (
+                re.findall(r"`\[[-\d., ]+\]`", english)
+                == re.findall(r"`\[[-\d., ]+\]`", own)[: len(re.findall(r"`\[[-\d., ]+\]`", english))]
+            ), cell["id"]
 
 
 @pytest.mark.parametrize(("code", "name"), ALL)
@@ -83,7 +85,8 @@ def test_goals_and_time_are_those_of_the_lesson(code: str, name: str) -> None:
 def test_answers_and_hints_are_german_and_words_of_both_languages_are_taken() -> None:
     affine = LESSONS["affine"]
     assert repr(affine.check("distances", "starr")) == (
-        "Richtig. Nur starre Abbildungen: Drehungen und Verschiebungen.")
+        "Richtig. Nur starre Abbildungen: Drehungen und Verschiebungen."
+    )
     assert affine.check("distances", "rigid").right
     assert not affine.check("distances", ["starr", "Scherung"]).right
     assert LESSONS["folding"].check("sign", "faltet").right

@@ -138,14 +138,22 @@ def test_volumes_are_resampled_as_itk_does_voxel_for_voxel(order: int, suffix: s
 
 @pytest.mark.parametrize("suffix", ["tfm", "h5"])
 def test_a_spline_that_is_written_is_the_same_spline_for_itk(suffix: str, tmp_path: Path) -> None:
-    fit = dn.fit_rbf(dn.ControlPoints.from_arrays(GRID.index_to_point([[3, 3, 3], [9, 9, 9]]),
-                                                  GRID.index_to_point([[4, 3, 3], [9, 8, 9]])), support=40.0)
+    fit = dn.fit_rbf(
+        dn.ControlPoints.from_arrays(
+            GRID.index_to_point([[3, 3, 3], [9, 9, 9]]), GRID.index_to_point([[4, 3, 3], [9, 8, 9]])
+        ),
+        support=40.0,
+    )
     field = compose(fit, made(3, 3), Affine(np.eye(3) * 1.01, np.zeros(3)), made(3, 2))
     path = tmp_path / f"a.{suffix}"
     write_transform(field, path, GRID)
     again, theirs = read_transform(path), sitk.ReadTransform(str(path))
-    assert [type(part).__name__ for part in again.steps] == ["DisplacementField", "BSplineField", "Affine",
-                                                             "BSplineField"]
+    assert [type(part).__name__ for part in again.steps] == [
+        "DisplacementField",
+        "BSplineField",
+        "Affine",
+        "BSplineField",
+    ]
     points = GRID.index_to_point(RANDOM.uniform(0, 20, (300, 3)))
     there = np.array([theirs.TransformPoint(tuple(p)) for p in points.tolist()])
     assert np.abs(points + again.displacement(points) - there).max() < 1e-9
@@ -192,10 +200,18 @@ def test_every_displacement_in_a_box_is_within_the_bounds(order: int) -> None:
         assert (d <= high + 1e-12).all()
 
 
-@pytest.mark.parametrize(("given", "words"), [
-    ({"order": 4}, "order"), ({"order": 0}, "order"), ({"origin": (0.0, np.nan, 0.0)}, "finite"),
-    ({"axes": ((1.0, 0, 0), (1.0, 0, 0), (0, 0, 1.0))}, "independent"), ({"origin": (0.0, 0.0)}, "axes"),
-    ({"coefficients": np.zeros((3, 5, 5, 3))}, "do not fit"), ({"coefficients": np.zeros((5, 5, 5, 2))}, "do not fit")])
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"order": 4}, "order"),
+        ({"order": 0}, "order"),
+        ({"origin": (0.0, np.nan, 0.0)}, "finite"),
+        ({"axes": ((1.0, 0, 0), (1.0, 0, 0), (0, 0, 1.0))}, "independent"),
+        ({"origin": (0.0, 0.0)}, "axes"),
+        ({"coefficients": np.zeros((3, 5, 5, 3))}, "do not fit"),
+        ({"coefficients": np.zeros((5, 5, 5, 2))}, "do not fit"),
+    ],
+)
 def test_what_is_no_spline_is_refused(given: dict[str, Any], words: str) -> None:
     whole: dict[str, Any] = {"coefficients": np.zeros((5, 5, 5, 3)), "origin": (0.0, 0.0, 0.0), "axes": AXES[3]}
     with pytest.raises(DeformError, match=words):

@@ -166,8 +166,12 @@ def test_points_at_one_place_that_agree_are_one(dim: int, apart: float, kernel: 
     source, target = BASE[:, :dim], BASE[:, :dim] + np.arange(dim) * 5
     target = target + np.random.default_rng(1).normal(0, 3, target.shape)
     plain = fit_rbf(ControlPoints.from_arrays(source, target), kernel=kernel)
-    doubled = ControlPoints.from_arrays(np.r_[source, source[[1]] + apart], np.r_[target, target[[1]] + apart],
-                                        ids=[3, 8, 4, 11, 2, 9], names=["", "nose", "", "", "", ""])
+    doubled = ControlPoints.from_arrays(
+        np.r_[source, source[[1]] + apart],
+        np.r_[target, target[[1]] + apart],
+        ids=[3, 8, 4, 11, 2, 9],
+        names=["", "nose", "", "", "", ""],
+    )
     fit = fit_rbf(doubled, kernel=kernel, support=plain.support)
     assert fit.count == 5
     assert fit.ids == (3, 8, 4, 11, 2)
@@ -177,8 +181,12 @@ def test_points_at_one_place_that_agree_are_one(dim: int, apart: float, kernel: 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_points_at_one_place_that_disagree_are_both_named(dim: int) -> None:
-    points = ControlPoints.from_arrays(np.r_[BASE, BASE[[1]] + 2][:, :dim], np.r_[BASE, BASE[[1]]][:, :dim],
-                                       ids=[3, 8, 4, 11, 2, 9], names=["", "nose", "", "", "", "tip"])
+    points = ControlPoints.from_arrays(
+        np.r_[BASE, BASE[[1]] + 2][:, :dim],
+        np.r_[BASE, BASE[[1]]][:, :dim],
+        ids=[3, 8, 4, 11, 2, 9],
+        names=["", "nose", "", "", "", "tip"],
+    )
     with pytest.raises(DeformError) as error:
         fit_rbf(points)
     for part in ('control point 8 ("nose")', 'control point 9 ("tip")', "(100, 0", "(0, 0", "(2, 2", "smoothing on"):
@@ -189,8 +197,9 @@ def test_points_at_one_place_that_disagree_are_both_named(dim: int) -> None:
 
 def test_smoothing_takes_the_weighted_mean_of_points_at_one_place() -> None:
     source, target, weight = BASE[:, :2] + [[4, 0]], BASE[:, :2], np.array([1.0, 3, 1, 1, 1])
-    both = ControlPoints.from_arrays(np.r_[source, source[[1]] + 8], np.r_[target, target[[1]]],
-                                     weight=np.r_[weight, 1.0])
+    both = ControlPoints.from_arrays(
+        np.r_[source, source[[1]] + 8], np.r_[target, target[[1]]], weight=np.r_[weight, 1.0]
+    )
     mean = source.copy()
     mean[1] += 8 * 1 / 4
     merged = ControlPoints.from_arrays(mean, target, weight=[1, 4, 1, 1, 1])
@@ -217,8 +226,9 @@ def test_near_points_that_pull_apart_are_noted_and_near_points_that_agree_are_no
 def test_points_piled_on_one_place_are_named_and_not_those_that_suffer_from_it(trend: str, gap: float) -> None:
     """Such a pair bends the affine trend until other points seem to cross as well."""
     corners = [[0.0, 0.0], [500, 0], [500, 195], [0, 195]]
-    piled = ControlPoints.from_arrays([*corners, [145, 98], [254, 98], [361, 98]],
-                                      [*corners, [254 + gap, 98], [254, 98], [361, 98]])
+    piled = ControlPoints.from_arrays(
+        [*corners, [145, 98], [254, 98], [361, 98]], [*corners, [254 + gap, 98], [254, 98], [361, 98]]
+    )
     notes = [note for note in fit_rbf(piled, trend=trend).remarks if "pulled past" in note]
     assert notes == ["control points 4 and 5 are pulled past each other: the map folds there"]
     two = ControlPoints.from_arrays([[0, 0], [100, 0], [0, 900], [100, 900]], [[100, 0], [0, 0], [100, 900], [0, 900]])
@@ -317,10 +327,14 @@ def nasty_sets(draw: Any) -> ControlPoints:
 
 @pytest.mark.allow_nan
 @settings(max_examples=2 * settings().max_examples)
-@given(points=nasty_sets(), pairing=st.sampled_from([("wendland_c2", t) for t in TRENDS] + [("thin_plate", "affine")]),
-       support=st.sampled_from([None, 0.5, 5.0, 50.0]))
-def test_any_set_gives_a_finite_field_that_interpolates_or_an_error(points: ControlPoints, pairing: tuple[str, str],
-                                                                    support: float | None) -> None:
+@given(
+    points=nasty_sets(),
+    pairing=st.sampled_from([("wendland_c2", t) for t in TRENDS] + [("thin_plate", "affine")]),
+    support=st.sampled_from([None, 0.5, 5.0, 50.0]),
+)
+def test_any_set_gives_a_finite_field_that_interpolates_or_an_error(
+    points: ControlPoints, pairing: tuple[str, str], support: float | None
+) -> None:
     kernel, trend = pairing
     both = np.r_[points.source, points.target]
     extent = float(np.ptp(both, axis=0).max()) if len(both) else 0.0
@@ -436,11 +450,15 @@ def test_the_map_does_not_jump_while_a_point_is_dragged_across_the_line() -> Non
     """Steps of 1/100 of the row: the map beside it changes by little more than the drag does, through s = 0 as well."""
     source = np.array([[0.0, 0], [50, 20], [100, 0]])
     places, heights = beside(2), np.linspace(60, -60, 241)
-    maps = [fit_rbf(ControlPoints.from_arrays(source, [[0, 0], [50, h], [100, 0]]), support=50.0).displacement(places)
-            for h in heights]
+    maps = [
+        fit_rbf(ControlPoints.from_arrays(source, [[0, 0], [50, h], [100, 0]]), support=50.0).displacement(places)
+        for h in heights
+    ]
     change = np.linalg.norm(np.diff(maps, axis=0), axis=-1).max()
-    finer = [fit_rbf(ControlPoints.from_arrays(source, [[0, 0], [50, h], [100, 0]]), support=50.0).displacement(places)
-             for h in np.linspace(1, -1, 41)]
+    finer = [
+        fit_rbf(ControlPoints.from_arrays(source, [[0, 0], [50, h], [100, 0]]), support=50.0).displacement(places)
+        for h in np.linspace(1, -1, 41)
+    ]
     assert np.linalg.norm(np.diff(finer, axis=0), axis=-1).max() < change / 5  # a tenth of the way: no jump
 
 
@@ -474,8 +492,9 @@ def test_the_trend_across_a_thin_direction_lies_between_similarity_and_affine(di
 
 
 def test_points_of_one_source_that_are_dragged_apart_are_named() -> None:
-    points = ControlPoints.from_arrays([[0, 0], [100, 0], [0, 100], [50, 50], [50, 50]],
-                                       [[0, 0], [100, 0], [0, 100], [40, 50], [60, 50]])
+    points = ControlPoints.from_arrays(
+        [[0, 0], [100, 0], [0, 100], [50, 50], [50, 50]], [[0, 0], [100, 0], [0, 100], [40, 50], [60, 50]]
+    )
     notes = fit_rbf(points).notes
     assert "control points 3 and 4 share a source and have different targets: the map folds between them" in notes
 

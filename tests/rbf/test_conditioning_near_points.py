@@ -51,8 +51,9 @@ def misses(points: ControlPoints, kernel: str) -> tuple[Any, float, float]:
 
 
 def promised(points: ControlPoints) -> float:
-    largest, extent = (np.linalg.norm(a, axis=1).max() for a in (
-        points.displacement, points.target - points.target.mean(axis=0)))
+    largest, extent = (
+        np.linalg.norm(a, axis=1).max() for a in (points.displacement, points.target - points.target.mean(axis=0))
+    )
     return float(EXACT * largest + EXACT_PLACE * extent)
 
 

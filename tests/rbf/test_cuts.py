@@ -32,8 +32,13 @@ HOLE = Polygon([(30, 30), (70, 28), (75, 66), (50, 48), (28, 70)])
 DISC = np.hypot(*np.meshgrid(np.arange(50) - 22, np.arange(40) - 19)) < 13
 BLOB = Mask(DISC, Raster((40, 50), (2.0, 2.5), (0.0, 0.0)))
 CUTS: dict[str, tuple[AbstractRegion, ...]] = {
-    "straight": (MIDDLE,), "bent": (BENT,), "polygon": (HOLE,), "mask": (BLOB,), "crossing": (MIDDLE, ACROSS),
-    "three": (BENT, ACROSS, HOLE), "the same twice": (MIDDLE, MIDDLE),
+    "straight": (MIDDLE,),
+    "bent": (BENT,),
+    "polygon": (HOLE,),
+    "mask": (BLOB,),
+    "crossing": (MIDDLE, ACROSS),
+    "three": (BENT, ACROSS, HOLE),
+    "the same twice": (MIDDLE, MIDDLE),
 }
 SUPPORT = 60.0
 
@@ -48,8 +53,9 @@ def places(n: int = 300) -> NDArray[np.float64]:
     return np.random.default_rng(1).uniform(0, 100, (n, 2))
 
 
-def fitted(points: ControlPoints, regions: Sequence[AbstractRegion], rule: str = "source",
-           softness: float = 1.0) -> Decoupled:
+def fitted(
+    points: ControlPoints, regions: Sequence[AbstractRegion], rule: str = "source", softness: float = 1.0
+) -> Decoupled:
     fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     return Decoupled(tuple(fits.values()), tuple(fits), tuple(regions), rule=rule, softness=softness)
 
@@ -127,9 +133,15 @@ def test_the_source_rule_shows_what_any_region_has_brought(name: str, size: floa
     for x, found, opacity in zip(places(), d, a, strict=True):
         side = tuple(bool(r.signed_distance(x) < 0) for r in regions)
         own = fits[side].displacement(x) if side in fits else np.zeros(2)
-        wanted = [own] if tuple(bool(r.signed_distance(x + own) < 0) for r in regions) == side else [
-            f.displacement(x) for s, f in fits.items()
-            if tuple(bool(r.signed_distance(x + f.displacement(x)) < 0) for r in regions) == s]
+        wanted = (
+            [own]
+            if tuple(bool(r.signed_distance(x + own) < 0) for r in regions) == side
+            else [
+                f.displacement(x)
+                for s, f in fits.items()
+                if tuple(bool(r.signed_distance(x + f.displacement(x)) < 0) for r in regions) == s
+            ]
+        )
         assert opacity == (len(wanted) > 0)
         if wanted:
             assert min(np.abs(found - w).max() for w in wanted) < 1e-12
@@ -252,8 +264,9 @@ def test_jax_and_rasters_say_what_points_say(name: str, rule: str) -> None:
         sure &= a > 0
     oracle.assert_close(found[sure], d[sure], atol=1e-9)
     raster = Raster((21, 26), (3.9, 4.7), (1.3, 0.4))
-    values, opacity = field.seen_on_outer_sum(np.stack([np.zeros(21), raster.rows]),
-                                              np.stack([raster.columns, np.zeros(26)]), 1.0)
+    values, opacity = field.seen_on_outer_sum(
+        np.stack([np.zeros(21), raster.rows]), np.stack([raster.columns, np.zeros(26)]), 1.0
+    )
     assert opacity is not None
     wanted, wanted_a = field.seen(raster.points())
     oracle.assert_close(opacity, wanted_a, atol=1e-4)
@@ -292,15 +305,19 @@ def still(n: int = 1) -> tuple[AbstractField, ...]:
     return (Identity(2),) * n
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda: Decoupled(still(), ((True,),), (MIDDLE,), rule="both"), "unknown rule 'both' of cuts"),
-    (lambda: Decoupled((), (), ()), "one to 8 cuts"), (lambda: Decoupled((), (), (MIDDLE,) * (MOST_CUTS + 1)), "got 9"),
-    (lambda: Decoupled(still(2), ((True,),), (MIDDLE,)), "its region"),
-    (lambda: Decoupled(still(), ((True, False),), (MIDDLE,)), "a side of every cut"),
-    (lambda: Decoupled(still(), ((True,),), (MIDDLE,), softness=0.0), "softness"),
-    (lambda: Decoupled(still(), ((True,),), (MIDDLE,), softness=np.nan), "softness"),
-    (lambda: Cut("line"), "a cut needs a region, got str"),  # type: ignore[arg-type]
-])
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Decoupled(still(), ((True,),), (MIDDLE,), rule="both"), "unknown rule 'both' of cuts"),
+        (lambda: Decoupled((), (), ()), "one to 8 cuts"),
+        (lambda: Decoupled((), (), (MIDDLE,) * (MOST_CUTS + 1)), "got 9"),
+        (lambda: Decoupled(still(2), ((True,),), (MIDDLE,)), "its region"),
+        (lambda: Decoupled(still(), ((True, False),), (MIDDLE,)), "a side of every cut"),
+        (lambda: Decoupled(still(), ((True,),), (MIDDLE,), softness=0.0), "softness"),
+        (lambda: Decoupled(still(), ((True,),), (MIDDLE,), softness=np.nan), "softness"),
+        (lambda: Cut("line"), "a cut needs a region, got str"),  # type: ignore[arg-type]
+    ],
+)
 def test_what_is_no_cut_is_refused(make: Any, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         make()

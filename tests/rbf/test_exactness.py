@@ -47,8 +47,14 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 
 GAP = 4  # pixels between control points
-SETS = {"few": (10, "dense", 1.0), "tiny drags": (150, "loose", 0.01), "noise": (400, "dense", 10.0),
-        "many": (1200, "dense", 1.0), "many loose": (1200, "loose", 0.1), "local": (3000, "dense", 1.0)}
+SETS = {
+    "few": (10, "dense", 1.0),
+    "tiny drags": (150, "loose", 0.01),
+    "noise": (400, "dense", 10.0),
+    "many": (1200, "dense", 1.0),
+    "many loose": (1200, "loose", 0.1),
+    "local": (3000, "dense", 1.0),
+}
 """Number of points, support, and drags in gaps."""
 REACH = {"dense": 2.5, "loose": 8.0}  # gaps, which only kernels that are definite by themselves know
 
@@ -67,8 +73,11 @@ class Made:
         self.target = self.pixels.astype(float)
         self.wanted = rng.uniform(-1, 1, self.target.shape) * drag * GAP
         self.points = ControlPoints.from_arrays(self.target + self.wanted, self.target)
-        self.settings = {"kernel": kernel, "support": REACH[reach] * GAP,
-                         "trend": "quadratic" if KERNELS[kernel].order > 2 else "affine"}
+        self.settings = {
+            "kernel": kernel,
+            "support": REACH[reach] * GAP,
+            "trend": "quadratic" if KERNELS[kernel].order > 2 else "affine",
+        }
         self.fit = fit_rbf(self.points, **self.settings)
 
     @cached_property
@@ -165,11 +174,29 @@ def page(kernel: str, name: str) -> dict[str, Any] | None:
     m = made(kernel, name)
     if len(m.points) > 400:  # the solver of pages takes n^3 operations in JavaScript: seconds from here on
         return None
-    data = [{"id": k, "name": "", "source": s.tolist(), "target": t.tolist(), "active": True, "weight": 1.0,
-             "locked": False, "radius": None} for k, (s, t) in enumerate(zip(m.points.source, m.target, strict=True))]
-    found: dict[str, Any] = run_script(("maths/rbf.js",), PAGE, {
-        "points": data, "settings": m.settings, "at": m.target.tolist(),
-        "raster": {"shape": [m.size, m.size], "spacing": [1, 1], "origin": [0, 0]}})
+    data = [
+        {
+            "id": k,
+            "name": "",
+            "source": s.tolist(),
+            "target": t.tolist(),
+            "active": True,
+            "weight": 1.0,
+            "locked": False,
+            "radius": None,
+        }
+        for k, (s, t) in enumerate(zip(m.points.source, m.target, strict=True))
+    ]
+    found: dict[str, Any] = run_script(
+        ("maths/rbf.js",),
+        PAGE,
+        {
+            "points": data,
+            "settings": m.settings,
+            "at": m.target.tolist(),
+            "raster": {"shape": [m.size, m.size], "spacing": [1, 1], "origin": [0, 0]},
+        },
+    )
     return found
 
 
@@ -194,17 +221,23 @@ EVALUATORS = {
     "seen": Evaluator(lambda m: m.fit.seen(m.target)[0], ("seen",)),
     "on a raster": Evaluator(lambda m: m.picked(m.fit.on_raster(m.raster)), ("on_raster",), LATTICE),
     "on lines": Evaluator(lambda m: m.picked(m.fit.on_outer_sum(*lines(m), 1.0)), ("on_outer_sum",), LATTICE),
-    "seen on lines": Evaluator(lambda m: m.picked(m.fit.seen_on_outer_sum(*lines(m), 1.0)[0]), ("seen_on_outer_sum",),
-                               LATTICE),
+    "seen on lines": Evaluator(
+        lambda m: m.picked(m.fit.seen_on_outer_sum(*lines(m), 1.0)[0]), ("seen_on_outer_sum",), LATTICE
+    ),
     "on the device": Evaluator(on_device, ("on_device",), LATTICE),
     "one after the other": Evaluator(one_after_the_other, ("radial_sum", "type_within"), LATTICE),
     "extrusion": Evaluator(lambda m: m.field(m.space)[:, :2], ("__call__",)),
     "extrusion in jit": Evaluator(lambda m: jax.jit(m.field)(m.space.astype(np.float32))[:, :2], ("__call__",)),
     "composition": Evaluator(lambda m: compose(m.field, SHIFT)(m.space - [1, 0, 0])[:, :2] - [1, 0], ("__call__",)),
-    "composition in jit": Evaluator(lambda m: jax.jit(compose(m.field, SHIFT))(
-        (m.space - [1, 0, 0]).astype(np.float32))[:, :2] - np.array([1, 0]), ("__call__",)),
-    "on a grid": Evaluator(lambda m: m.picked(np.moveaxis(m.field.on_grid(m.volume.grid)[0], -1, 0)),
-                           ("on_grid", "components_on_grid"), LATTICE),
+    "composition in jit": Evaluator(
+        lambda m: jax.jit(compose(m.field, SHIFT))((m.space - [1, 0, 0]).astype(np.float32))[:, :2] - np.array([1, 0]),
+        ("__call__",),
+    ),
+    "on a grid": Evaluator(
+        lambda m: m.picked(np.moveaxis(m.field.on_grid(m.volume.grid)[0], -1, 0)),
+        ("on_grid", "components_on_grid"),
+        LATTICE,
+    ),
     "document": Evaluator(lambda m: from_json(to_json(m.deformation)).field(m.volume.grid)(m.space)[:, :2], ()),
     "transform file": Evaluator(lambda m: in_file(m, ".nrrd"), (), LATTICE),
     "transform file in 64 bits": Evaluator(lambda m: in_file(m, ".h5"), (), LATTICE),
@@ -215,15 +248,34 @@ EVALUATORS = {
 }
 
 # Public callables of maps that give no displacements of given places: derivatives have a test of their own below.
-OTHERS = {"kernel", "jacobian", "jacobian_on_outer_sum", "opacity", "bound", "float32_error", "float32_slope_error",
-          "derivative_type", "folds_between_points", "weights_at", "slopes_at", "zeta", "lines", "axis_of", "found",
-          "ends_of", "steep_places", "folds_at", "rescaled"}
+OTHERS = {
+    "kernel",
+    "jacobian",
+    "jacobian_on_outer_sum",
+    "opacity",
+    "bound",
+    "float32_error",
+    "float32_slope_error",
+    "derivative_type",
+    "folds_between_points",
+    "weights_at",
+    "slopes_at",
+    "zeta",
+    "lines",
+    "axis_of",
+    "found",
+    "ends_of",
+    "steep_places",
+    "folds_at",
+    "rescaled",
+}
 
 
 def test_every_method_of_a_map_is_in_the_table() -> None:
     kinds = (AbstractField, RBFInterpolant, LocalFits, ForwardFit, Extrusion, Staged, TipBlend)
-    public = {name for kind in kinds for name in dir(kind)
-              if not name.startswith("_") and callable(getattr(kind, name))}
+    public = {
+        name for kind in kinds for name in dir(kind) if not name.startswith("_") and callable(getattr(kind, name))
+    }
     covered = {name for evaluator in EVALUATORS.values() for name in evaluator.methods}
     assert public - covered - OTHERS == set()
 
@@ -332,9 +384,11 @@ def test_so_are_points_of_other_maps_of_the_same_points(kernel: str, way: str) -
         got, allowed = source - moved, 4 * bound  # det J is above 1/2
     else:
         fit_f, x, y = fit_forward(points, **settings), *pixels.T
-        got, allowed = {"call": lambda: (fit_f(target), 4 * bound),
-                        "jit": lambda: (jax.jit(fit_f)(target.astype(np.float32)), 4 * bound + 2.0**-23 * 60),
-                        "on a raster": lambda: (fit_f.on_raster(raster)[:, y, x].T, LATTICE)}[way]()
+        got, allowed = {
+            "call": lambda: (fit_f(target), 4 * bound),
+            "jit": lambda: (jax.jit(fit_f)(target.astype(np.float32)), 4 * bound + 2.0**-23 * 60),
+            "on a raster": lambda: (fit_f.on_raster(raster)[:, y, x].T, LATTICE),
+        }[way]()
     np.testing.assert_allclose(np.asarray(got, dtype=float), source - target, rtol=0, atol=allowed)
 
 
@@ -355,8 +409,10 @@ def steep(dim: int = 2) -> RBFInterpolant:
 
 
 def apart() -> ControlPoints:
-    return ControlPoints.from_arrays([[10, 10], [30, 12], [50, 10], [10, 40], [30, 38], [50, 40]],
-                                     [[10, 11], [31, 14], [50, 10], [10, 39], [29, 36], [50, 40]])
+    return ControlPoints.from_arrays(
+        [[10, 10], [30, 12], [50, 10], [10, 40], [30, 38], [50, 40]],
+        [[10, 11], [31, 14], [50, 10], [10, 39], [29, 36], [50, 40]],
+    )
 
 
 def samples() -> DisplacementField:
@@ -365,8 +421,11 @@ def samples() -> DisplacementField:
 
 MAPS: dict[str, Callable[[], AbstractField]] = {
     "RBFInterpolant": steep,
-    "LocalFits": lambda: fit_locally(prepare(made("multiquadric", "few").points, KERNELS["multiquadric"], 10.0,
-                                             TRENDS["affine"], 0.0), KERNELS["multiquadric"], 0.0),
+    "LocalFits": lambda: fit_locally(
+        prepare(made("multiquadric", "few").points, KERNELS["multiquadric"], 10.0, TRENDS["affine"], 0.0),
+        KERNELS["multiquadric"],
+        0.0,
+    ),
     "ForwardFit": lambda: fit_forward(apart(), kernel="thin_plate"),
     "RigidInterpolant": lambda: fit_rigid(apart(), [RigidPart(Polygon([(25, 20), (35, 20), (30, 30)]))]),
     "Staged": lambda: Staged((steep(), steep())),
@@ -378,8 +437,9 @@ MAPS: dict[str, Callable[[], AbstractField]] = {
     "Affine": lambda: Affine(np.array([[1.1, 0.2], [0.0, 0.9]]), np.array([1.0, 0.5])),
     "Identity": lambda: Identity(2),
     "DisplacementField": samples,
-    "BSplineField": lambda: BSplineField(np.random.default_rng(4).normal(0, 1, (9, 9, 2)), (-10.0, -10.0),
-                                         ((10.0, 0.0), (0.0, 10.0))),
+    "BSplineField": lambda: BSplineField(
+        np.random.default_rng(4).normal(0, 1, (9, 9, 2)), (-10.0, -10.0), ((10.0, 0.0), (0.0, 10.0))
+    ),
     "Rescaled": lambda: Rescaled(steep(), 1000.0, "\u00b5m"),
     "_Magnified": lambda: magnified(samples(), 3.0),
 }

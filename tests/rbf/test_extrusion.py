@@ -55,11 +55,18 @@ def test_replication_is_the_paper_s() -> None:
     assert field.is_replication
 
 
-@pytest.mark.parametrize(("curve", "f"), [
-    ("z", lambda z: z), ("4*z*(1-z)", lambda z: 4 * z * (1 - z)), (lambda z: np.cos(3 * z), lambda z: np.cos(3 * z)),
-    ([0.0, 2.0], lambda z: 2 * z), ([1.0, 0.0, 1.0], lambda z: abs(2 * z - 1)), ("1", lambda z: 1.0),
-    (lambda z: 0.5, lambda z: 0.5),
-])
+@pytest.mark.parametrize(
+    ("curve", "f"),
+    [
+        ("z", lambda z: z),
+        ("4*z*(1-z)", lambda z: 4 * z * (1 - z)),
+        (lambda z: np.cos(3 * z), lambda z: np.cos(3 * z)),
+        ([0.0, 2.0], lambda z: 2 * z),
+        ([1.0, 0.0, 1.0], lambda z: abs(2 * z - 1)),
+        ("1", lambda z: 1.0),
+        (lambda z: 0.5, lambda z: 0.5),
+    ],
+)
 def test_modulation_is_the_paper_s(curve: Any, f: Callable[[float], float]) -> None:
     field = Extrusion(AXIAL, (3.0, 20.0), (flat(),), *modulate(curve))
     wanted = [oracle.modulation(x, on, f, 3.0, 20.0) for x in places()]
@@ -101,9 +108,13 @@ def field_of(weights: Any, *maps: AbstractField, plane: Plane = AXIAL) -> Extrus
 
 def test_a_curve_of_one_and_equal_maps_are_replication() -> None:
     wanted = field_of(replicate(), flat())
-    for other in (field_of(modulate("1"), flat()), field_of(modulate([1.0, 1.0]), flat()),
-                  field_of(interpolate([0.0, 1.0]), flat(), flat()), field_of(interpolate([0.5]), flat()),
-                  field_of(interpolate([0.1, 0.4, 0.8]), flat(), flat(), flat())):
+    for other in (
+        field_of(modulate("1"), flat()),
+        field_of(modulate([1.0, 1.0]), flat()),
+        field_of(interpolate([0.0, 1.0]), flat(), flat()),
+        field_of(interpolate([0.5]), flat()),
+        field_of(interpolate([0.1, 0.4, 0.8]), flat(), flat(), flat()),
+    ):
         oracle.assert_close(other.displacement(places()), wanted.displacement(places()), atol=1e-12)
         oracle.assert_close(other.on_grid(GRID), wanted.on_grid(GRID), atol=SINGLE)
 
@@ -157,10 +168,18 @@ def test_replication_at_the_depth_of_the_plane_is_the_map_itself() -> None:
 
 # ---- grids -----------------------------------------------------------------------------------------------------------
 
-TURNED = Grid((4, 5, 6), (3.0, 2.0, 5.0), (1.0, 2.0, 3.0),
-              tuple(map(tuple, Rotation.from_rotvec([0.5, -0.3, 0.8]).as_matrix().tolist())))
-PRINTED = Grid((4, 5, 6), (3.0, 2.0, 5.0), (1.0, 2.0, 3.0),
-               tuple(map(tuple, Rotation.from_rotvec([0.5, -0.3, 0.8]).as_matrix().round(4).tolist())))
+TURNED = Grid(
+    (4, 5, 6),
+    (3.0, 2.0, 5.0),
+    (1.0, 2.0, 3.0),
+    tuple(map(tuple, Rotation.from_rotvec([0.5, -0.3, 0.8]).as_matrix().tolist())),
+)
+PRINTED = Grid(
+    (4, 5, 6),
+    (3.0, 2.0, 5.0),
+    (1.0, 2.0, 3.0),
+    tuple(map(tuple, Rotation.from_rotvec([0.5, -0.3, 0.8]).as_matrix().round(4).tolist())),
+)
 
 
 def points_of(grid: Grid) -> np.ndarray:
@@ -180,8 +199,11 @@ def test_the_fast_way_through_a_grid_gives_the_values_at_its_points(grid: Grid, 
         plane = Plane(base.origin, tuple(tilt @ base.u), tuple(tilt @ base.v))
     else:
         plane = Plane.along(grid, view)
-    for weights, maps in ((replicate(), (flat(),)), (modulate("1 - z^2"), (flat(),)),
-                          (interpolate([0.0, 0.3, 1.0]), (flat(), Identity(2), flat(1)))):
+    for weights, maps in (
+        (replicate(), (flat(),)),
+        (modulate("1 - z^2"), (flat(),)),
+        (interpolate([0.0, 0.3, 1.0]), (flat(), Identity(2), flat(1))),
+    ):
         field = extrude(plane, grid, maps, weights)
         got = field.on_grid(grid)
         assert got.dtype == np.float32
@@ -234,11 +256,33 @@ def raises(z: np.ndarray) -> np.ndarray:
     raise KeyError("no")
 
 
-@pytest.mark.parametrize("curve", [
-    [1.0], [], [[1.0, 2.0]], [0.0, np.nan], [0.0, np.inf], 3.0, None, "", "z +", "1/z", {"z": 1}, ["a", "b"], raises,
-    lambda z: z[:5], lambda z: np.full_like(z, np.nan), lambda z: np.ones((2, len(z))), lambda z: "text",
-    lambda z: None, lambda z, y: z, lambda z: 1j * z, lambda z: [z, z],
-], ids=lambda curve: getattr(curve, "__name__", None) or str(curve))
+@pytest.mark.parametrize(
+    "curve",
+    [
+        [1.0],
+        [],
+        [[1.0, 2.0]],
+        [0.0, np.nan],
+        [0.0, np.inf],
+        3.0,
+        None,
+        "",
+        "z +",
+        "1/z",
+        {"z": 1},
+        ["a", "b"],
+        raises,
+        lambda z: z[:5],
+        lambda z: np.full_like(z, np.nan),
+        lambda z: np.ones((2, len(z))),
+        lambda z: "text",
+        lambda z: None,
+        lambda z, y: z,
+        lambda z: 1j * z,
+        lambda z: [z, z],
+    ],
+    ids=lambda curve: getattr(curve, "__name__", None) or str(curve),
+)
 def test_curves_that_are_none_are_refused(curve: Any) -> None:
     with pytest.raises(DeformError, match="curve"):
         modulate(curve)
@@ -257,8 +301,9 @@ def test_a_slow_curve_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         modulate(slow)
 
 
-@pytest.mark.parametrize("knots", [[], [[0.0, 1.0]], [0.5, 0.5], [0.7, 0.2], [-0.1, 0.5], [0.0, 1.1], [np.nan],
-                                   [0, np.inf]])
+@pytest.mark.parametrize(
+    "knots", [[], [[0.0, 1.0]], [0.5, 0.5], [0.7, 0.2], [-0.1, 0.5], [0.0, 1.1], [np.nan], [0, np.inf]]
+)
 def test_knots_that_do_not_rise_from_0_to_1_are_refused(knots: Any) -> None:
     with pytest.raises(DeformError, match="knots must"):
         interpolate(knots)
@@ -287,7 +332,7 @@ def test_hat_functions_share_one_everywhere(knots: list[float], at: list[float])
     oracle.assert_close(weights.sum(axis=0), np.ones(len(at) + len(knots)), atol=1e-9)
     assert (weights >= 0).all()
     if len(knots) > 1:
-        oracle.assert_close(weights[:, len(at):], np.eye(len(knots)), atol=0)
+        oracle.assert_close(weights[:, len(at) :], np.eye(len(knots)), atol=0)
 
 
 def test_every_rule_is_registered_and_weights_have_their_shape() -> None:

@@ -47,8 +47,15 @@ def rounding_of(fit: RBFInterpolant) -> float:
     return float(n * np.finfo(float).eps * terms.max())
 
 
-@pytest.mark.parametrize(("kernel", "trend"), [(kernel.name, trend.name) for kernel in KERNELS.values()
-                                               for trend in TRENDS.values() if kernel.order <= min(trend.order, 2)])
+@pytest.mark.parametrize(
+    ("kernel", "trend"),
+    [
+        (kernel.name, trend.name)
+        for kernel in KERNELS.values()
+        for trend in TRENDS.values()
+        if kernel.order <= min(trend.order, 2)
+    ],
+)
 @pytest.mark.parametrize("smoothing", [0.0, 0.1])
 def test_a_drag_of_some_of_many_points_gives_the_fit_of_all_of_them(kernel: str, trend: str, smoothing: float) -> None:
     points, at = scattered(220, 2, seed=3), np.random.default_rng(0).uniform(-10, 110, (300, 2))
@@ -72,8 +79,9 @@ def test_a_drag_beside_a_band_of_many_points_gives_the_fit_of_all_of_them() -> N
     target = np.array(points.target)
     target[500:503] += 4.0
     points = replace(points, target=target)
-    np.testing.assert_allclose(fit_rbf(points, support=20.0).displacement(at), anew(points, at, support=20.0),
-                               atol=1e-8)
+    np.testing.assert_allclose(
+        fit_rbf(points, support=20.0).displacement(at), anew(points, at, support=20.0), atol=1e-8
+    )
 
 
 def test_drags_without_moved_targets_and_other_settings_do_not_take_another_fit() -> None:
@@ -81,15 +89,20 @@ def test_drags_without_moved_targets_and_other_settings_do_not_take_another_fit(
     fit_rbf(points, support=40.0)
     pulled = replace(points, source=points.source + np.random.default_rng(4).normal(0, 1, points.source.shape))
     heavy = replace(points, weight=points.weight * 3)
-    for some, settings in ((pulled, {"support": 40.0}), (points, {"support": 50.0}),
-                           (points, {"support": 40.0, "kernel": "wendland_c4"}),
-                           (points, {"support": 40.0, "smoothing": 1.0}), (heavy, {"support": 40.0, "smoothing": 1.0})):
+    for some, settings in (
+        (pulled, {"support": 40.0}),
+        (points, {"support": 50.0}),
+        (points, {"support": 40.0, "kernel": "wendland_c4"}),
+        (points, {"support": 40.0, "smoothing": 1.0}),
+        (heavy, {"support": 40.0, "smoothing": 1.0}),
+    ):
         np.testing.assert_allclose(fit_rbf(some, **settings).displacement(at), anew(some, at, **settings), atol=1e-8)
 
 
 @pytest.mark.parametrize("kernel", ["wendland_c2", "multiquadric", "thin_plate"])
 def test_between_drags_of_one_point_the_sources_of_others_and_the_trend_may_change(
-        kernel: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("deformnb.rbf.interpolant.factored_anew", None)  # for want of exactness: never called
     points, at = scattered(220, 2, seed=12), np.random.default_rng(3).uniform(0, 100, (50, 2))
     settings: dict[str, Any] = {"kernel": kernel, "support": 40.0}
@@ -102,8 +115,9 @@ def test_between_drags_of_one_point_the_sources_of_others_and_the_trend_may_chan
         points = replace(points, target=target, source=source)
         dragged = fit_rbf(points, trend=trend, **settings)
         # Two solutions of one system, each off by its rounding, between points too.
-        np.testing.assert_allclose(dragged.displacement(at), anew(points, at, trend=trend, **settings), rtol=0,
-                                   atol=2 * rounding_of(dragged))
+        np.testing.assert_allclose(
+            dragged.displacement(at), anew(points, at, trend=trend, **settings), rtol=0, atol=2 * rounding_of(dragged)
+        )
 
 
 def test_a_point_dragged_next_to_another_one_is_still_interpolated() -> None:
@@ -122,8 +136,9 @@ def test_a_set_of_points_in_space_beside_polynomials_is_dragged_too() -> None:
     target = np.array(points.target)
     target[[3, 200]] += 4.0
     points = replace(points, target=target)
-    np.testing.assert_allclose(fit_rbf(points, kernel="cubic").displacement(at), anew(points, at, kernel="cubic"),
-                               atol=1e-8)
+    np.testing.assert_allclose(
+        fit_rbf(points, kernel="cubic").displacement(at), anew(points, at, kernel="cubic"), atol=1e-8
+    )
 
 
 @pytest.mark.parametrize("kernel", ["thin_plate", "cubic", "multiquadric"])

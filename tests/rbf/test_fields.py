@@ -44,11 +44,17 @@ def fitted(dim: int, seed: int = 0, trend: str = "affine") -> AbstractField:
 @cache
 def planar() -> dict[str, AbstractField]:
     fit, stored = fitted(2), DisplacementField.sample(fitted(2, 1), RASTER)
-    spline = BSplineField(np.random.default_rng(4).normal(0, 3, (6, 5, 2)), (-30.0, -40.0), ((19.0, 4.0), (-4.0, 19.0)),
-                          2)
-    return {"rbf": fit, "sampled": stored, "b-spline": spline, "identity": Identity(2),
-            "composed": Composed(fit, fitted(2, 2, "rigid")),
-            "composed of samples": compose(fit, stored, fit)}
+    spline = BSplineField(
+        np.random.default_rng(4).normal(0, 3, (6, 5, 2)), (-30.0, -40.0), ((19.0, 4.0), (-4.0, 19.0)), 2
+    )
+    return {
+        "rbf": fit,
+        "sampled": stored,
+        "b-spline": spline,
+        "identity": Identity(2),
+        "composed": Composed(fit, fitted(2, 2, "rigid")),
+        "composed of samples": compose(fit, stored, fit),
+    }
 
 
 @cache
@@ -56,22 +62,33 @@ def spatial() -> dict[str, AbstractField]:
     fit, grid = fitted(3), grid_of(OBLIQUE)
     oblique = Plane.through((3.0, 1.0, 2.0), (1.0, 2.0, -0.5))
     extruded = Extrusion(oblique, (-10.0, 30.0), (fitted(2),), *modulate("1 - z^2"))
-    keyed = Extrusion(Plane.along(grid_of(), "-y"), (0.0, 8.0), (Identity(2), fitted(2), planar()["sampled"]),
-                      *interpolate([0.0, 0.4, 1.0]))
+    keyed = Extrusion(
+        Plane.along(grid_of(), "-y"),
+        (0.0, 8.0),
+        (Identity(2), fitted(2), planar()["sampled"]),
+        *interpolate([0.0, 0.4, 1.0]),
+    )
     axes = ((18.0, 3.0, 0.0), (-3.0, 18.0, 0.0), (0.0, 1.0, 17.0))
     spline = BSplineField(np.random.default_rng(5).normal(0, 3, (7, 6, 5, 3)), (-35.0, -40.0, -42.0), axes)
-    return {"rbf": fit, "sampled": DisplacementField.sample(fitted(3, 1), grid), "b-spline": spline,
-            "identity": Identity(3), "extruded": extruded, "keyed": keyed, "composed": Composed(extruded, fit),
-            "three": compose(fit, DisplacementField.sample(fit, grid), keyed)}
+    return {
+        "rbf": fit,
+        "sampled": DisplacementField.sample(fitted(3, 1), grid),
+        "b-spline": spline,
+        "identity": Identity(3),
+        "extruded": extruded,
+        "keyed": keyed,
+        "composed": Composed(extruded, fit),
+        "three": compose(fit, DisplacementField.sample(fit, grid), keyed),
+    }
 
 
 def places(dim: int) -> np.ndarray:
     return np.random.default_rng(6).uniform(-10, 45, (3, 4, dim))
 
 
-FIELDS: list[tuple[int, str]] = [(2, n) for n in (
-    "rbf", "sampled", "b-spline", "identity", "composed", "composed of samples")] + [
-    (3, n) for n in ("rbf", "sampled", "b-spline", "identity", "extruded", "keyed", "composed", "three")]
+FIELDS: list[tuple[int, str]] = [
+    (2, n) for n in ("rbf", "sampled", "b-spline", "identity", "composed", "composed of samples")
+] + [(3, n) for n in ("rbf", "sampled", "b-spline", "identity", "extruded", "keyed", "composed", "three")]
 
 
 def field(dim: int, name: str) -> AbstractField:
@@ -135,9 +152,14 @@ def test_values_on_a_raster_are_those_at_its_points(name: str) -> None:
         oracle.assert_close(got, wanted, atol=SINGLE, rtol=1e-6)
 
 
-GRIDS = {"straight": grid_of(), "oblique": grid_of(OBLIQUE), "flipped": grid_of(FLIPPED),
-         "one slice": grid_of(shape=(1, 5, 6)), "one row": grid_of(OBLIQUE, (1, 1, 6)),
-         "one voxel": grid_of(shape=(1, 1, 1))}
+GRIDS = {
+    "straight": grid_of(),
+    "oblique": grid_of(OBLIQUE),
+    "flipped": grid_of(FLIPPED),
+    "one slice": grid_of(shape=(1, 5, 6)),
+    "one row": grid_of(OBLIQUE, (1, 1, 6)),
+    "one voxel": grid_of(shape=(1, 1, 1)),
+}
 
 
 def points_of(grid: Grid) -> np.ndarray:
@@ -268,8 +290,9 @@ def test_sampling_again_on_the_same_lattice_changes_nothing() -> None:
     once = DisplacementField.sample(fitted(3), grid_of(OBLIQUE))
     twice = DisplacementField.sample(once, grid_of(OBLIQUE))
     oracle.assert_close(twice.values, once.values, atol=SINGLE)
-    np.testing.assert_array_equal(DisplacementField.sample(planar()["rbf"], RASTER).values,
-                                  np.moveaxis(planar()["rbf"].on_raster(RASTER), 0, -1))
+    np.testing.assert_array_equal(
+        DisplacementField.sample(planar()["rbf"], RASTER).values, np.moveaxis(planar()["rbf"].on_raster(RASTER), 0, -1)
+    )
 
 
 def test_the_error_of_sampling_falls_with_the_square_of_the_step() -> None:

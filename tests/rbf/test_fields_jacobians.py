@@ -144,16 +144,21 @@ def test_in_a_cell_differences_along_an_axis_are_exact(seed: int, place: list[fl
 
 
 def test_at_a_node_the_cell_of_growing_index_counts_and_at_the_last_node_the_last() -> None:
-    bend = DisplacementField(np.array([[[0.0, 0], [1, 0], [5, 0]], [[0, 0], [1, 0], [5, 0]]]),
-                             Raster((2, 3), (1.0, 1.0), (0.0, 0.0)))
+    bend = DisplacementField(
+        np.array([[[0.0, 0], [1, 0], [5, 0]], [[0, 0], [1, 0], [5, 0]]]), Raster((2, 3), (1.0, 1.0), (0.0, 0.0))
+    )
     found = bend.jacobian([[-0.5, 0], [0, 0], [0.5, 0], [1, 0], [1.5, 0], [2, 0], [2.5, 0]])[:, 0, 0]
     assert found.tolist() == [0, 1, 1, 4, 4, 4, 0]
 
 
 # ---- extrusions ------------------------------------------------------------------------------------------------------
 
-RULES = {"replicate": replicate(), "modulate": modulate("sin(pi * z)"), "samples": modulate([0.0, 1.0, 0.5]),
-         "interpolate": interpolate([0.1, 0.5, 0.8])}
+RULES = {
+    "replicate": replicate(),
+    "modulate": modulate("sin(pi * z)"),
+    "samples": modulate([0.0, 1.0, 0.5]),
+    "interpolate": interpolate([0.1, 0.5, 0.8]),
+}
 
 
 @pytest.mark.parametrize("view", ["oblique", "+x", "-y", "+z"])
@@ -201,14 +206,20 @@ def test_cuts_in_space() -> None:
     grid = Grid((5, 100, 100))
     plane = Plane.along(grid, "+z")
     flat = fitted(scattered(2.0), (MIDDLE,))
-    f = Decoupled(tuple(extrude(plane, grid, [m], modulate("1 - z")) for m in flat.fields), flat.sides, flat.regions,
-                  plane)
+    f = Decoupled(
+        tuple(extrude(plane, grid, [m], modulate("1 - z")) for m in flat.fields), flat.sides, flat.regions, plane
+    )
     x = np.random.default_rng(1).uniform((5, 5, 0.1), (40, 95, 3.9), (100, 3))
     assert_right(f, x)
 
 
-PARTS = {"fixed": [RigidPart(BOX)], "turned": [RigidPart(BOX, TURN)], "mask": [RigidPart(DISC)],
-         "all": [RigidPart(BOX, TURN), RigidPart(WALL), RigidPart(DISC)], "reach": [RigidPart(WALL, reach=20.0)]}
+PARTS = {
+    "fixed": [RigidPart(BOX)],
+    "turned": [RigidPart(BOX, TURN)],
+    "mask": [RigidPart(DISC)],
+    "all": [RigidPart(BOX, TURN), RigidPart(WALL), RigidPart(DISC)],
+    "reach": [RigidPart(WALL, reach=20.0)],
+}
 
 
 @pytest.mark.sampled(5)
@@ -235,8 +246,10 @@ def test_within_a_part_the_derivative_is_that_of_its_motion() -> None:
 def test_in_space_beside_a_part() -> None:
     from deformnb.rbf.regions import HalfSpace
 
-    assert_right(fit_rigid(points(3), [RigidPart(HalfSpace((0, 0, -30), (0.3, 0, 1)))], support=100.0),
-                 np.random.default_rng(3).uniform(-40, 120, (100, 3)))
+    assert_right(
+        fit_rigid(points(3), [RigidPart(HalfSpace((0, 0, -30), (0.3, 0, 1)))], support=100.0),
+        np.random.default_rng(3).uniform(-40, 120, (100, 3)),
+    )
 
 
 def test_a_field_without_a_derivative_of_its_own_has_that_of_jax() -> None:

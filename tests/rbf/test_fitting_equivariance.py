@@ -17,8 +17,9 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import choose_support
 from deformnb.rbf.trends import TRENDS
 
-PAIRS = [(kernel, trend) for kernel, kind in KERNELS.items() for trend, rule in TRENDS.items()
-         if rule.order >= kind.order]
+PAIRS = [
+    (kernel, trend) for kernel, kind in KERNELS.items() for trend, rule in TRENDS.items() if rule.order >= kind.order
+]
 SETS = ("scattered", "row", "flat", "lattice", "clusters", "line")
 
 
@@ -46,8 +47,11 @@ def pair(name: str, dim: int) -> tuple[np.ndarray, np.ndarray]:
 
 def rigid(dim: int, seed: int) -> np.ndarray:
     """An orthogonal matrix; of every other seed one that mirrors."""
-    turn = Rotation.random(random_state=seed).as_matrix() if dim == 3 else Rotation.from_euler(
-        "z", 0.3 + seed).as_matrix()[:2, :2]
+    turn = (
+        Rotation.random(random_state=seed).as_matrix()
+        if dim == 3
+        else Rotation.from_euler("z", 0.3 + seed).as_matrix()[:2, :2]
+    )
     return turn @ np.diag([-1.0, *[1.0] * (dim - 1)]) if seed % 2 else turn
 
 
@@ -122,8 +126,10 @@ def test_local_fits_turn_with_their_points(dim: int) -> None:
     for seed in (0, 1):
         m, shift, scale = moved(seed, dim)
         order = np.random.default_rng(seed).permutation(len(source))
-        other = fit_rbf(ControlPoints.from_arrays(*(scale * (a @ m.T + shift)[order] for a in (source, target))),
-                        kernel="thin_plate")
+        other = fit_rbf(
+            ControlPoints.from_arrays(*(scale * (a @ m.T + shift)[order] for a in (source, target))),
+            kernel="thin_plate",
+        )
         off = other.displacement(scale * (at @ m.T + shift)) / scale - fit.displacement(at) @ m.T
         assert np.abs(off).max() < 1e-7 * side
 

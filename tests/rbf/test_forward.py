@@ -33,8 +33,9 @@ def bent(dim: int = 2, noise: float = 0.5) -> ControlPoints:
     rng = np.random.default_rng(dim)
     lines = [np.linspace(0, 20.0 * n, n) for n in (6, 5, 3)[:dim]]
     source = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, dim)
-    return ControlPoints.from_arrays(source, source + 5 * np.sin(np.roll(source, 1, axis=1) / 30)
-                                     + rng.normal(0, noise, source.shape))
+    return ControlPoints.from_arrays(
+        source, source + 5 * np.sin(np.roll(source, 1, axis=1) / 30) + rng.normal(0, noise, source.shape)
+    )
 
 
 def folded() -> tuple[ControlPoints, Array, NDArray[np.bool_]]:
@@ -51,8 +52,7 @@ def folded() -> tuple[ControlPoints, Array, NDArray[np.bool_]]:
 @pytest.mark.parametrize("kernel", list(KERNELS))
 def test_control_points_and_all_that_they_bring_along_are_met(kernel: str, dim: int) -> None:
     points = bent(dim)
-    fit = fit_forward(points, kernel=kernel, trend="quadratic" if KERNELS[kernel].order > 2 else "affine",
-                      support=60.0)
+    fit = fit_forward(points, kernel=kernel, trend="quadratic" if KERNELS[kernel].order > 2 else "affine", support=60.0)
     size = np.ptp(points.source, axis=0).max()
     missed = np.linalg.norm(fit.displacement(points.target) - points.displacement, axis=1).max()
     assert missed < 1e-9 * size

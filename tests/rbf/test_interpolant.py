@@ -27,10 +27,20 @@ from deformnb.rbf.trends import TRENDS, Span, quadric_span
 from deformnb.volume.plane import Raster
 
 # Published: the order of each kernel (Wendland 2004, chapter 8), and the largest order each trend can serve.
-KERNEL_ORDER = {"wendland_c0": 0, "wendland_c2": 0, "wendland_c4": 0, "gaussian": 0, "multiquadric": 1, "linear": 1,
-                "thin_plate": 2, "cubic": 2, "inverse_multiquadric": 0, "inverse_quadratic": 0, "quintic": 3}
-TREND_ORDER = {"none": 0, "translation": 1, "similarity": 1, "rigid": 1, "affine": 2, "affine_exact": 2,
-               "quadratic": 3}
+KERNEL_ORDER = {
+    "wendland_c0": 0,
+    "wendland_c2": 0,
+    "wendland_c4": 0,
+    "gaussian": 0,
+    "multiquadric": 1,
+    "linear": 1,
+    "thin_plate": 2,
+    "cubic": 2,
+    "inverse_multiquadric": 0,
+    "inverse_quadratic": 0,
+    "quintic": 3,
+}
+TREND_ORDER = {"none": 0, "translation": 1, "similarity": 1, "rigid": 1, "affine": 2, "affine_exact": 2, "quadratic": 3}
 PAIRS = [(k, t) for k in KERNELS for t in TRENDS if TREND_ORDER[t] >= KERNEL_ORDER[k]]
 REFUSED = [(k, t) for k in KERNELS for t in TRENDS if TREND_ORDER[t] < KERNEL_ORDER[k]]
 CASES = [(k, t, dim) for k, t in PAIRS for dim in (2, 3)]
@@ -117,11 +127,23 @@ def groups(trend: str, dim: int) -> dict[str, tuple[Any, Any]]:
     """Linear maps and shifts that a trend must reproduce."""
     shift = np.arange(1.0, dim + 1) * 7
     sheared = turn(dim) @ (np.eye(dim) + 0.4 * np.eye(dim, k=1)) * 1.3
-    kinds = {"translation": (np.eye(dim), shift), "rigid": (turn(dim), shift), "similarity": (1.7 * turn(dim), shift),
-             "affine": (sheared, shift), "affine_exact": (sheared, shift), "quadratic": (sheared, shift)}
-    own = {"none": [], "translation": ["translation"], "rigid": ["translation", "rigid"],
-           "similarity": ["translation", "rigid", "similarity"], "affine": list(kinds),
-           "affine_exact": list(kinds), "quadratic": list(kinds)}
+    kinds = {
+        "translation": (np.eye(dim), shift),
+        "rigid": (turn(dim), shift),
+        "similarity": (1.7 * turn(dim), shift),
+        "affine": (sheared, shift),
+        "affine_exact": (sheared, shift),
+        "quadratic": (sheared, shift),
+    }
+    own = {
+        "none": [],
+        "translation": ["translation"],
+        "rigid": ["translation", "rigid"],
+        "similarity": ["translation", "rigid", "similarity"],
+        "affine": list(kinds),
+        "affine_exact": list(kinds),
+        "quadratic": list(kinds),
+    }
     return {name: kinds[name] for name in own[trend]}
 
 
@@ -156,8 +178,9 @@ def test_turning_scaling_and_permuting_everything_does_so_to_the_result(kernel: 
     other = ControlPoints.from_arrays(*(scale * p[order] @ r.T + shift for p in (points.source, points.target)))
     again = fit_rbf(other, kernel=kernel, support=scale * SUPPORT, trend=trend)
     x = elsewhere(dim)
-    oracle.assert_close(again.displacement(scale * x @ r.T + shift), scale * fit.displacement(x) @ r.T,
-                               atol=scale * CLOSE)
+    oracle.assert_close(
+        again.displacement(scale * x @ r.T + shift), scale * fit.displacement(x) @ r.T, atol=scale * CLOSE
+    )
 
 
 @pytest.mark.parametrize("trend", TRENDS)
@@ -171,8 +194,10 @@ def test_inactive_points_count_for_nothing(trend: str) -> None:
     assert (a.displacement(elsewhere(2)) == b.displacement(elsewhere(2))).all()
 
 
-@pytest.mark.parametrize(("kernel", "trend"), [("wendland_c2", "rigid"), ("multiquadric", "similarity"),
-                                               ("thin_plate", "affine"), ("wendland_c2", "none")])
+@pytest.mark.parametrize(
+    ("kernel", "trend"),
+    [("wendland_c2", "rigid"), ("multiquadric", "similarity"), ("thin_plate", "affine"), ("wendland_c2", "none")],
+)
 def test_padding_never_changes_a_result(kernel: str, trend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     points, fit = fitted(kernel, trend, 2)
     monkeypatch.setattr(evaluation, "CAPACITIES", (16, 32))
@@ -266,10 +291,16 @@ def test_affine_is_the_printed_system(dim: int) -> None:
     oracle.assert_close(fit.coefficients[:7], alpha, atol=CLOSE)
 
 
-SCIPY = {"thin_plate": ("thin_plate_spline", 1, 1.0), "cubic": ("cubic", 1, 1.0), "linear": ("linear", 0, 1.0),
-         "multiquadric": ("multiquadric", 0, 4 / SUPPORT), "gaussian": ("gaussian", -1, 3 / np.sqrt(2) / SUPPORT),
-         "inverse_multiquadric": ("inverse_multiquadric", -1, 4 / SUPPORT), "quintic": ("quintic", 2, 1.0),
-         "inverse_quadratic": ("inverse_quadratic", -1, 4 / SUPPORT)}
+SCIPY = {
+    "thin_plate": ("thin_plate_spline", 1, 1.0),
+    "cubic": ("cubic", 1, 1.0),
+    "linear": ("linear", 0, 1.0),
+    "multiquadric": ("multiquadric", 0, 4 / SUPPORT),
+    "gaussian": ("gaussian", -1, 3 / np.sqrt(2) / SUPPORT),
+    "inverse_multiquadric": ("inverse_multiquadric", -1, 4 / SUPPORT),
+    "quintic": ("quintic", 2, 1.0),
+    "inverse_quadratic": ("inverse_quadratic", -1, 4 / SUPPORT),
+}
 
 
 @pytest.mark.parametrize(("kernel", "dim"), [(k, d) for k in SCIPY for d in (2, 3)])
@@ -277,8 +308,9 @@ def test_scipy_gives_the_same_field(kernel: str, dim: int) -> None:
     name, degree, epsilon = SCIPY[kernel]
     trend = {2: "quadratic", 1: "affine", 0: "translation", -1: "none"}[degree]
     points, fit = fitted(kernel, trend, dim)
-    theirs = scipy.interpolate.RBFInterpolator(points.target, points.displacement, kernel=name, degree=degree,
-                                               epsilon=epsilon)
+    theirs = scipy.interpolate.RBFInterpolator(
+        points.target, points.displacement, kernel=name, degree=degree, epsilon=epsilon
+    )
     oracle.assert_close(fit.displacement(elsewhere(dim)), theirs(elsewhere(dim)), atol=100 * CLOSE)
 
 
@@ -322,8 +354,10 @@ def maps_of_degree_two(x: np.ndarray, seed: int) -> np.ndarray:
     return x + curved + t @ rng.normal(0, 5, (dim, dim)) + rng.normal(0, 5, dim)
 
 
-@pytest.mark.parametrize(("kernel", "own", "dim"), [
-    ("wendland_c2", False, 2), ("thin_plate", False, 3), ("quintic", False, 2), ("gaussian", True, 2)])
+@pytest.mark.parametrize(
+    ("kernel", "own", "dim"),
+    [("wendland_c2", False, 2), ("thin_plate", False, 3), ("quintic", False, 2), ("gaussian", True, 2)],
+)
 def test_the_quadratic_trend_reproduces_quadratic_maps_beyond_the_points(kernel: str, own: bool, dim: int) -> None:
     x = sources(dim, 14)
     points = ControlPoints.from_arrays(maps_of_degree_two(x, 1), x, radius=[40.0 if own else None, *[None] * 13])
@@ -404,10 +438,17 @@ def test_smoothing_that_is_none_is_refused(bad: float) -> None:
 
 
 @pytest.mark.parametrize("offset", [0.0, 1e6])
-@pytest.mark.parametrize(("trend", "support", "gap"), [
-    ("affine", 4.0, 4e-3), ("affine", 0.5, 5e-4), ("similarity", 4.0, 4e-3), ("rigid", 1.0, 1e-3),
-    ("translation", 1.0, 1e-3), ("none", 4.0, 4e-3),
-])
+@pytest.mark.parametrize(
+    ("trend", "support", "gap"),
+    [
+        ("affine", 4.0, 4e-3),
+        ("affine", 0.5, 5e-4),
+        ("similarity", 4.0, 4e-3),
+        ("rigid", 1.0, 1e-3),
+        ("translation", 1.0, 1e-3),
+        ("none", 4.0, 4e-3),
+    ],
+)
 def test_float64_is_within_a_billionth_of_the_extent(trend: str, support: float, gap: float, offset: float) -> None:
     """The promise of the manual, for pairs as near as 1/1000 of the support and supports up to four extents."""
     x = sources(2, 8)
@@ -441,8 +482,9 @@ def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support
 def test_centres_that_do_not_reach_a_part_of_a_picture_are_left_out_of_it_and_no_others(count: int, own: bool) -> None:
     rng = np.random.default_rng(7)
     target = rng.uniform(0, 200, (count, 2))
-    points = ControlPoints.from_arrays(target + rng.normal(0, 3, (count, 2)), target,
-                                       radius=rng.uniform(10, 60, count) if own else None)
+    points = ControlPoints.from_arrays(
+        target + rng.normal(0, 3, (count, 2)), target, radius=rng.uniform(10, 60, count) if own else None
+    )
     fit = fit_rbf(points, kernel="wendland_c0", support=25.0)
     raster = Raster((90, 205), (1.0, 1.0), (-2.0, 50.0))
     found = np.moveaxis(fit.on_raster(raster), 0, -1)
@@ -472,8 +514,9 @@ def test_results_are_arrays_of_the_right_kind() -> None:
         fit.displacement(np.zeros((4, 3)))
     for value in (fit.coefficients, fit.centers, fit.linear):
         assert value.dtype == np.float64
-    oracle.assert_close(fit_rbf(points, kernel=WendlandC2(SUPPORT)).displacement(points.source),
-                               fit.displacement(points.source), atol=0)
+    oracle.assert_close(
+        fit_rbf(points, kernel=WendlandC2(SUPPORT)).displacement(points.source), fit.displacement(points.source), atol=0
+    )
 
 
 # ---- points with support radii of their own -------------------------------------------------------------------------
@@ -520,16 +563,20 @@ def test_their_fit_is_that_of_the_literal_system(dim: int) -> None:
 
 def test_a_radius_that_is_that_of_all_changes_nothing() -> None:
     points, fit = fitted("wendland_c2", "similarity", 2)
-    same = fit_rbf(ControlPoints.from_arrays(points.source, points.target, radius=[SUPPORT] * 7), support=SUPPORT,
-                   trend="similarity")
+    same = fit_rbf(
+        ControlPoints.from_arrays(points.source, points.target, radius=[SUPPORT] * 7),
+        support=SUPPORT,
+        trend="similarity",
+    )
     assert same.scales is None
     np.testing.assert_array_equal(same.displacement(elsewhere(2)), fit.displacement(elsewhere(2)))
 
 
 def test_beyond_its_own_radius_a_point_changes_nothing() -> None:
     near, far = [20.0, 20.0], [70.0, 20.0]
-    still, moved = (ControlPoints.from_arrays([near, far], [near, [70.0 + step, 20.0]], radius=[10, 15])
-                    for step in (0, 4))
+    still, moved = (
+        ControlPoints.from_arrays([near, far], [near, [70.0 + step, 20.0]], radius=[10, 15]) for step in (0, 4)
+    )
     apart = np.array([[20.0, 20.0], [70.0, 36.0], [55.0, 5.0]])
     fits = [fit_rbf(points, support=SUPPORT, trend="none") for points in (still, moved)]
     np.testing.assert_array_equal(fits[1].displacement(apart), fits[0].displacement(apart))
@@ -546,8 +593,9 @@ def test_kernels_without_an_end_refuse_radii_of_their_own(kernel: str) -> None:
 
 def test_radii_that_do_not_go_together_are_refused_by_name() -> None:
     # Two points a millimetre apart that reach ten metres: the columns of Phi are equal but for 1e-13.
-    points = ControlPoints.from_arrays([[5, 0], [0.001, 3], [60, 0]], [[0, 0], [0.001, 0], [60, 0]],
-                                       radius=[1e4, 2e4, 20])
+    points = ControlPoints.from_arrays(
+        [[5, 0], [0.001, 3], [60, 0]], [[0, 0], [0.001, 0], [60, 0]], radius=[1e4, 2e4, 20]
+    )
     with pytest.raises(DeformError, match=r"do not go together.*closest are"):
         fit_rbf(points, trend="none", support=100.0)
 
@@ -555,13 +603,16 @@ def test_radii_that_do_not_go_together_are_refused_by_name() -> None:
 # ---- the derivative in closed form ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kernel", "trend", "dim", "own"), [(*case, False) for case in CASES] + [
-    (*case, True) for case in CASES if case[0] in OWN_KERNELS])
+@pytest.mark.parametrize(
+    ("kernel", "trend", "dim", "own"),
+    [(*case, False) for case in CASES] + [(*case, True) for case in CASES if case[0] in OWN_KERNELS],
+)
 def test_the_jacobian_is_that_of_central_differences(kernel: str, trend: str, dim: int, own: bool) -> None:
     _, fit = (own_radii if own else fitted)(kernel, trend, dim)
     x, h = elsewhere(dim), 1e-4
-    differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)],
-                           axis=-1)
+    differences = np.stack(
+        [(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=-1
+    )
     np.testing.assert_allclose(fit.jacobian(x), differences, atol=2e-6)
     lattice = fit.jacobian_on_outer_sum(x.T, np.zeros((dim, 1)))
     np.testing.assert_allclose(np.moveaxis(lattice[..., 0], -1, 0), fit.jacobian(x), atol=1e-4)
@@ -571,8 +622,9 @@ def test_the_jacobian_is_that_of_central_differences(kernel: str, trend: str, di
 def test_the_jacobian_of_smooth_kernels_is_finite_and_right_at_a_control_point(kernel: str) -> None:
     points, fit = fitted(kernel, "affine", 2)
     x, h = points.target, 1e-4
-    differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(2)],
-                           axis=-1)
+    differences = np.stack(
+        [(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(2)], axis=-1
+    )
     np.testing.assert_allclose(fit.jacobian(x), differences, atol=1e-5)
 
 
@@ -585,13 +637,15 @@ def test_the_error_in_float32_stays_below_its_estimate(kernel: str, support: flo
     rng = np.random.default_rng(count)
     target = rng.uniform(0, EXTENT, (count, 3))
     target = target[target[:, 0].argsort()]
-    fit = fit_rbf(ControlPoints.from_arrays(target + 4 * np.sin(target / 16), target), kernel=kernel,
-                  support=support * EXTENT)
+    fit = fit_rbf(
+        ControlPoints.from_arrays(target + 4 * np.sin(target / 16), target), kernel=kernel, support=support * EXTENT
+    )
     line = np.linspace(0, EXTENT, 40)
     rows = np.stack([np.zeros(40), line, np.full(40, EXTENT / 3)])
     columns = np.stack([line, np.zeros(40), np.zeros(40)])
     lines = fit._relative_lines(rows, columns)
-    found, exact = (evaluation.at_lattice(*lines, fit._leaves(kind), fit.kernel, kind)
-                    for kind in (np.float32, np.float64))
+    found, exact = (
+        evaluation.at_lattice(*lines, fit._leaves(kind), fit.kernel, kind) for kind in (np.float32, np.float64)
+    )
     reach = float(np.sqrt(sum(np.abs(part).max() ** 2 for part in (*lines[0], *lines[1]))))
     assert np.abs(found - exact).max() <= fit.float32_error(reach)

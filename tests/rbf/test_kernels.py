@@ -35,8 +35,19 @@ from deformnb.volume.volume import Grid
 from deformnb.widgets.parameters import Choice
 
 # As published (Wendland 2004, chapter 8): a new kernel needs its row here.
-ORDERS = {"wendland_c0": 0, "wendland_c2": 0, "wendland_c4": 0, "gaussian": 0, "multiquadric": 1, "linear": 1,
-          "thin_plate": 2, "cubic": 2, "inverse_multiquadric": 0, "inverse_quadratic": 0, "quintic": 3}
+ORDERS = {
+    "wendland_c0": 0,
+    "wendland_c2": 0,
+    "wendland_c4": 0,
+    "gaussian": 0,
+    "multiquadric": 1,
+    "linear": 1,
+    "thin_plate": 2,
+    "cubic": 2,
+    "inverse_multiquadric": 0,
+    "inverse_quadratic": 0,
+    "quintic": 3,
+}
 KINKED = ("wendland_c0", "linear")
 PLANE = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
 
@@ -64,8 +75,14 @@ def test_profile_of_numpy_s_arrays_is_that_of_jax(name: str) -> None:
 
 def test_thin_plate_has_the_digits_of_its_logarithm_at_every_scale() -> None:
     rng = np.random.default_rng(0)
-    r = np.concatenate([10.0 ** rng.uniform(-14, 14, 10000), rng.uniform(0.5, 2, 10000),
-                        1 + rng.uniform(-1e-6, 1e-6, 10000), np.sqrt([0.5, np.nextafter(0.5, 0), 2.0, 1.0])])
+    r = np.concatenate(
+        [
+            10.0 ** rng.uniform(-14, 14, 10000),
+            rng.uniform(0.5, 2, 10000),
+            1 + rng.uniform(-1e-6, 1e-6, 10000),
+            np.sqrt([0.5, np.nextafter(0.5, 0), 2.0, 1.0]),
+        ]
+    )
     s = (r**2).astype(np.longdouble)
     wanted = 0.5 * s * np.log(s)
     # Two roundings of the logarithm, one of each product.
@@ -110,8 +127,16 @@ def test_value_and_gradients_are_finite_at_and_next_to_the_point(name: str, dtyp
         assert (np.asarray(gradient(jnp.zeros(2, dtype))) == 0).all()
         if name not in (*KINKED, "thin_plate"):  # these have no second derivative at the point
             curvature = np.asarray(second(jnp.zeros(2, dtype)))
-            wanted = {"wendland_c2": -20, "wendland_c4": -56 / 3, "gaussian": -9, "multiquadric": -16, "cubic": 0,
-                      "inverse_multiquadric": -16, "inverse_quadratic": -32, "quintic": 0}
+            wanted = {
+                "wendland_c2": -20,
+                "wendland_c4": -56 / 3,
+                "gaussian": -9,
+                "multiquadric": -16,
+                "cubic": 0,
+                "inverse_multiquadric": -16,
+                "inverse_quadratic": -32,
+                "quintic": 0,
+            }
             oracle.assert_close(curvature, wanted[name] * np.eye(2), rtol=1e-6)
         assert np.isfinite(second(jnp.array([0.3, 0.4], dtype))).all()
 
@@ -133,9 +158,10 @@ def test_conditionally_positive_definite_of_its_order(name: str, dim: int) -> No
         phi = KERNELS[name](0.7)(np.linalg.norm(x[:, None] - x[None], axis=-1))
         squares = np.stack([x[:, a] * x[:, b] for a in range(dim) for b in range(a + 1)], axis=1)
         polynomials = [np.zeros((n, 0)), np.ones((n, 1)), np.c_[np.ones(n), x], np.c_[np.ones(n), x, squares]][
-            ORDERS[name]]
+            ORDERS[name]
+        ]
         u, _, _ = np.linalg.svd(polynomials) if ORDERS[name] else (np.eye(n), None, None)
-        complement = u[:, polynomials.shape[1]:]
+        complement = u[:, polynomials.shape[1] :]
         lowest = np.linalg.eigvalsh(complement.T @ phi @ complement)[0]
         # Rounding is 1e-15; the smallest seen are 2.6e-4, and 2.1e-6 of the quintic.
         assert lowest > (1e-7 if ORDERS[name] == 3 else 1e-5) * np.abs(phi).max()
@@ -240,8 +266,9 @@ def test_a_class_without_a_slope_gets_it_from_jax() -> None:
     register_kernel(Bump)
     s = np.linspace(0.01, 1.5, 50)
     with float64():
-        oracle.assert_close(np.asarray(Bump.slope(jnp.asarray(s))), np.asarray(WendlandC2.slope(jnp.asarray(s))),
-                            atol=1e-12)
+        oracle.assert_close(
+            np.asarray(Bump.slope(jnp.asarray(s))), np.asarray(WendlandC2.slope(jnp.asarray(s))), atol=1e-12
+        )
         assert np.isfinite(float(Bump.slope(jnp.float64(0.0))))
     assert kernel_named(Bump(3.0)) is kernel_named("bump") is Bump
     step = Step((some_points(),), PLANE, kernel=Bump(30.0))

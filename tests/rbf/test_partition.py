@@ -44,12 +44,21 @@ def elsewhere(dim: int, n: int = 200) -> np.ndarray:
     return np.random.default_rng(1).uniform(-10, SIZE + 10, (n, dim))
 
 
-@pytest.mark.parametrize(("dim", "own", "smoothing", "trend"), [
-    (2, False, 0.0, "affine"), (2, True, 0.0, "quadratic"), *(
-        pytest.param(dim, own, smoothing, trend, marks=pytest.mark.nightly) for trend in TRENDS
-        for dim, own, smoothing in ((2, False, 0.0), (2, True, 0.0), (3, False, 0.2)))])
-def test_the_sparse_system_is_the_dense_one(trend: str, dim: int, own: bool, smoothing: float,
-                                            monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("dim", "own", "smoothing", "trend"),
+    [
+        (2, False, 0.0, "affine"),
+        (2, True, 0.0, "quadratic"),
+        *(
+            pytest.param(dim, own, smoothing, trend, marks=pytest.mark.nightly)
+            for trend in TRENDS
+            for dim, own, smoothing in ((2, False, 0.0), (2, True, 0.0), (3, False, 0.2))
+        ),
+    ],
+)
+def test_the_sparse_system_is_the_dense_one(
+    trend: str, dim: int, own: bool, smoothing: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     points = many(120, dim, own)
     settings: dict[str, Any] = {"support": 14.0, "trend": trend, "smoothing": smoothing}
     dense = fit_rbf(points, **settings)
@@ -59,21 +68,34 @@ def test_the_sparse_system_is_the_dense_one(trend: str, dim: int, own: bool, smo
     assert sparse.notes == dense.notes
 
 
-@pytest.mark.parametrize(("dim", "own", "trend"), [
-    (2, False, "affine"), *(pytest.param(dim, own, "quadratic", marks=pytest.mark.nightly)
-                            for dim, own in ((2, True), (3, False)))])
-def test_lists_of_centres_leave_every_sum_as_it_is(dim: int, own: bool, trend: str,
-                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("dim", "own", "trend"),
+    [
+        (2, False, "affine"),
+        *(pytest.param(dim, own, "quadratic", marks=pytest.mark.nightly) for dim, own in ((2, True), (3, False))),
+    ],
+)
+def test_lists_of_centres_leave_every_sum_as_it_is(
+    dim: int, own: bool, trend: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fit = fit_rbf(many(120, dim, own), support=14.0, trend=trend)
     x = elsewhere(dim)
     lines = np.linspace(-5, 105, 70)
     rows, columns = (np.zeros((dim, 70)) for _ in range(2))
     rows[1], columns[0] = lines, lines
-    whole = [fit.displacement(x), fit.jacobian(x), fit.on_outer_sum(rows, columns, 1.0),
-             fit.jacobian_on_outer_sum(rows, columns)]
+    whole = [
+        fit.displacement(x),
+        fit.jacobian(x),
+        fit.on_outer_sum(rows, columns, 1.0),
+        fit.jacobian_on_outer_sum(rows, columns),
+    ]
     monkeypatch.setattr(evaluation, "CULLED", 8)
-    listed = [fit.displacement(x), fit.jacobian(x), fit.on_outer_sum(rows, columns, 1.0),
-              fit.jacobian_on_outer_sum(rows, columns)]
+    listed = [
+        fit.displacement(x),
+        fit.jacobian(x),
+        fit.on_outer_sum(rows, columns, 1.0),
+        fit.jacobian_on_outer_sum(rows, columns),
+    ]
     for one, other, close in zip(whole, listed, (1e-11, 1e-11, 1e-3, 1e-3), strict=True):
         oracle.assert_close(other, one, atol=close)
 
@@ -112,9 +134,17 @@ def test_local_fits_interpolate_and_are_near_the_fit_of_all(kernel: str, dim: in
     oracle.assert_close(np.asarray(local(jnp.asarray(x))), local.displacement(x), atol=1e-4)
 
 
-@pytest.mark.parametrize(("kernel", "seed"), [
-    ("linear", 0), *(pytest.param(kernel, seed, marks=pytest.mark.nightly) for kernel in ("linear", "thin_plate")
-                     for seed in (1, 2, 3))])
+@pytest.mark.parametrize(
+    ("kernel", "seed"),
+    [
+        ("linear", 0),
+        *(
+            pytest.param(kernel, seed, marks=pytest.mark.nightly)
+            for kernel in ("linear", "thin_plate")
+            for seed in (1, 2, 3)
+        ),
+    ],
+)
 def test_local_fits_are_as_near_to_the_fit_of_all_as_their_note_says(kernel: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     x = rng.uniform(0, SIZE, (450, 2))
@@ -143,8 +173,7 @@ def test_the_blend_has_no_jump_where_a_box_begins_or_ends() -> None:
 
 
 @pytest.mark.nightly
-def test_kernels_without_an_end_are_fitted_locally_from_two_thousand_points_on(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_without_an_end_are_fitted_locally_from_two_thousand_points_on(monkeypatch: pytest.MonkeyPatch) -> None:
     points = many(2001, 2)
     monkeypatch.setattr(partition, "_PROBES", 2)
     fit = fit_rbf(points, kernel="thin_plate")
@@ -156,7 +185,8 @@ def test_kernels_without_an_end_are_fitted_locally_from_two_thousand_points_on(
 
 
 def test_a_support_that_reaches_too_many_of_many_points_is_refused_before_the_memory_is_taken(
-        monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("deformnb.rbf.factors._LARGEST_FACTOR", 10**4)
     with pytest.raises(DeformError, match="neighbours of each of these 1200 control points"):
         fit_rbf(many(1200, 2), support=60.0)

@@ -79,27 +79,60 @@ def test_blending_goes_from_the_sources_through_the_targets() -> None:
 
 def test_equality_looks_at_everything() -> None:
     assert THREE.take(range(3)) == THREE
-    for other in (THREE.move(0, [1, 1.5]), THREE.edit(0, name="x"), THREE.edit(0, active=False), THREE.take([1, 0, 2]),
-                  THREE.edit(0, weight=2.0), THREE.add([0, 0]).remove(3)):  # the last differs in the next id
+    for other in (
+        THREE.move(0, [1, 1.5]),
+        THREE.edit(0, name="x"),
+        THREE.edit(0, active=False),
+        THREE.take([1, 0, 2]),
+        THREE.edit(0, weight=2.0),
+        THREE.add([0, 0]).remove(3),
+    ):  # the last differs in the next id
         assert other != THREE
     assert THREE != "points"
     with pytest.raises(TypeError):
         hash(THREE)
 
 
-@pytest.mark.parametrize("source", [[1, 2], [[1]], [[1, 2, 3, 4]], [[[1, 2]]], [[1, 2], [3]], "ab", [["x", "y"]], None,
-                                    [[1, 2j]], np.array([[1, 2j]])])
+@pytest.mark.parametrize(
+    "source",
+    [
+        [1, 2],
+        [[1]],
+        [[1, 2, 3, 4]],
+        [[[1, 2]]],
+        [[1, 2], [3]],
+        "ab",
+        [["x", "y"]],
+        None,
+        [[1, 2j]],
+        np.array([[1, 2j]]),
+    ],
+)
 def test_arrays_of_other_shapes_and_kinds_are_refused(source: Any) -> None:
     with pytest.raises(DeformError, match="source"):
         ControlPoints.from_arrays(source)
 
 
-@pytest.mark.parametrize("options", [
-    {"target": [[0, 0]]}, {"target": [[0, 0, 0]] * 3}, {"ids": [1, 2]}, {"names": ["a"]}, {"active": [True]},
-    {"weight": [1, 1]}, {"ids": [1, 1, 2]}, {"active": np.ones((3, 1), bool)}, {"weight": np.ones((3, 2))},
-    {"ids": ["a", "b", "c"]}, {"ids": [1, 2, 10**30]}, {"weight": ["a"] * 3}, {"radius": [1, 2, "wide"]},
-    {"radius": [1, [2], 3]}, {"locked": [[True], True, False]},
-])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"target": [[0, 0]]},
+        {"target": [[0, 0, 0]] * 3},
+        {"ids": [1, 2]},
+        {"names": ["a"]},
+        {"active": [True]},
+        {"weight": [1, 1]},
+        {"ids": [1, 1, 2]},
+        {"active": np.ones((3, 1), bool)},
+        {"weight": np.ones((3, 2))},
+        {"ids": ["a", "b", "c"]},
+        {"ids": [1, 2, 10**30]},
+        {"weight": ["a"] * 3},
+        {"radius": [1, 2, "wide"]},
+        {"radius": [1, [2], 3]},
+        {"locked": [[True], True, False]},
+    ],
+)
 def test_parts_that_do_not_fit_together_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(DeformError):
         ControlPoints.from_arrays([[0, 0], [1, 1], [2, 2]], **options)
@@ -119,8 +152,12 @@ def test_weights_that_are_not_positive_name_the_point(weight: float) -> None:
 
 @pytest.mark.parametrize("place", [5.0, [1.0], [1, 2, 3], [[1, 2]], "xy", [np.nan, 0], [None, 0]])
 def test_a_place_that_is_none_is_refused_and_not_spread(place: Any) -> None:
-    for change in (lambda: THREE.move(1, place), lambda: THREE.edit(1, source=place), lambda: THREE.add(place),
-                   lambda: THREE.add([0, 0], place)):
+    for change in (
+        lambda: THREE.move(1, place),
+        lambda: THREE.edit(1, source=place),
+        lambda: THREE.add(place),
+        lambda: THREE.add([0, 0], place),
+    ):
         with pytest.raises(DeformError, match=r"coordinates|numbers"):
             change()
 
@@ -197,8 +234,9 @@ class Gestures(RuleBasedStateMachine):
     @invariant()
     def agrees(self) -> None:
         p = self.points
-        rows = {i: [p.source[k].tolist(), p.target[k].tolist(), p.names[k], bool(p.active[k])]
-                for k, i in enumerate(p.ids)}
+        rows = {
+            i: [p.source[k].tolist(), p.target[k].tolist(), p.names[k], bool(p.active[k])] for k, i in enumerate(p.ids)
+        }
         assert rows == self.model
 
 

@@ -35,8 +35,9 @@ def nodes(rows: int = 5, columns: int = 6, step: float = 20.0) -> Array:
 def bent(noise: float = 0.3) -> ControlPoints:
     source = nodes()
     rng = np.random.default_rng(7)
-    return ControlPoints.from_arrays(source, source + 6 * np.sin(source[:, ::-1] / 35)
-                                     + rng.normal(0, noise, source.shape))
+    return ControlPoints.from_arrays(
+        source, source + 6 * np.sin(source[:, ::-1] / 35) + rng.normal(0, noise, source.shape)
+    )
 
 
 def miss_without(points: ControlPoints, block: Array, settings: FitSettings) -> Array:
@@ -55,9 +56,15 @@ def miss_without(points: ControlPoints, block: Array, settings: FitSettings) -> 
 
 
 @pytest.mark.parametrize("direction", ["backward", "forward"])
-@pytest.mark.parametrize(("kernel", "trend", "smoothing"), [
-    ("thin_plate", "affine", 0.0), ("cubic", "quadratic", 1e-3), ("linear", "affine", 1e-2),
-    ("wendland_c2", "similarity", 0.0)])
+@pytest.mark.parametrize(
+    ("kernel", "trend", "smoothing"),
+    [
+        ("thin_plate", "affine", 0.0),
+        ("cubic", "quadratic", 1e-3),
+        ("linear", "affine", 1e-2),
+        ("wendland_c2", "similarity", 0.0),
+    ],
+)
 def test_errors_are_those_of_fits_without_the_points(direction: str, kernel: str, trend: str, smoothing: float) -> None:
     points = bent()
     settings = FitSettings(kernel=kernel, trend=trend, smoothing=smoothing, support=1.0, direction=direction)
@@ -73,8 +80,10 @@ def test_errors_are_those_of_fits_without_the_points(direction: str, kernel: str
 def test_the_maps_that_made_the_points_are_found() -> None:
     source = nodes(6, 7)
     quadratic = ControlPoints.from_arrays(source, source + np.column_stack([source[:, 1] ** 2, source[:, 0] * 8]) / 300)
-    for points, direction in ((quadratic, "forward"),
-                              (ControlPoints.from_arrays(quadratic.target, quadratic.source), "backward")):
+    for points, direction in (
+        (quadratic, "forward"),
+        (ControlPoints.from_arrays(quadratic.target, quadratic.source), "backward"),
+    ):
         chosen = choose_fit(points)
         assert (chosen.settings.trend, chosen.settings.direction) == ("quadratic", direction)
         assert chosen.tried[0].error < 2e-7 * 182  # no error, of points that are as wide
@@ -111,9 +120,13 @@ def test_maps_that_fold_are_taken_only_if_all_do() -> None:
     if plain[0].folds:
         assert all(row.folds for row in plain)
         assert "every fit that was tried folds between the control points" in chosen.notes
-    held = choose_fit(replace(points, target=swapped), candidates=[
-        Candidate(FitSettings(kernel="thin_plate", support=1.0)),
-        Candidate(FitSettings(kernel="thin_plate", support=1.0, smoothing=100.0), 50.0)])
+    held = choose_fit(
+        replace(points, target=swapped),
+        candidates=[
+            Candidate(FitSettings(kernel="thin_plate", support=1.0)),
+            Candidate(FitSettings(kernel="thin_plate", support=1.0, smoothing=100.0), 50.0),
+        ],
+    )
     assert not held.tried[0].folds
     assert held.tried[0].score > held.tried[1].score
 
@@ -128,8 +141,9 @@ def test_the_choice_knows_no_axes_no_unit_and_no_order(angle: float) -> None:
     few = [c for c in usual_candidates(2) if c.settings.smoothing == 0][:6]
     before = choose_fit(points, candidates=few)
     for matrix in (turn, turn @ mirror):
-        moved = ControlPoints.from_arrays(scale * points.source[order] @ matrix.T + 7,
-                                          scale * points.target[order] @ matrix.T + 7)
+        moved = ControlPoints.from_arrays(
+            scale * points.source[order] @ matrix.T + 7, scale * points.target[order] @ matrix.T + 7
+        )
         after = choose_fit(moved, candidates=few)
         for a, b in zip(before.tried, after.tried, strict=True):
             assert b.settings.kernel == a.settings.kernel
@@ -165,8 +179,9 @@ def test_in_space_and_beside_points_that_are_thin() -> None:
     assert isinstance(chosen, ChosenFit)
     assert np.isfinite(chosen.tried[0].score)
     row = np.column_stack([np.linspace(0, 90, 12), 0.2 * rng.normal(size=12)])
-    thin = choose_fit(ControlPoints.from_arrays(row, row + [[0, 1]] * np.sin(row[:, :1] / 20)),
-                      candidates=usual_candidates(2)[:2])
+    thin = choose_fit(
+        ControlPoints.from_arrays(row, row + [[0, 1]] * np.sin(row[:, :1] / 20)), candidates=usual_candidates(2)[:2]
+    )
     assert np.isfinite(thin.tried[0].score)
 
 
@@ -186,8 +201,9 @@ def test_too_few_points_get_the_default_and_a_note() -> None:
 
 def test_twins_do_not_give_each_other_away() -> None:
     points = bent()
-    doubled = ControlPoints.from_arrays(np.concatenate([points.source, points.source]),
-                                        np.concatenate([points.target, points.target]))
+    doubled = ControlPoints.from_arrays(
+        np.concatenate([points.source, points.source]), np.concatenate([points.target, points.target])
+    )
     few = usual_candidates(2)[:2]
     assert choose_fit(doubled, candidates=few).tried == choose_fit(points, candidates=few).tried
 

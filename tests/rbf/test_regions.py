@@ -23,17 +23,29 @@ SQUARE = [(12.0, 9.0), (26.0, 8.0), (28.0, 23.0), (14.0, 24.0)]
 HOOK = [(6.0, 30.0), (6.0, 6.0), (40.0, 4.0), (42.0, 20.0), (30.0, 22.0), (31.0, 12.0), (14.0, 14.0), (15.0, 31.0)]
 SPIKE = [(0.0, 0.0), (60.0, 0.01), (0.0, 0.02)]
 NOTCH = [(0.0, 0.0), (40.0, 0.0), (40.0, 30.0), (20.005, 30.0), (20.0, 2.0), (19.995, 30.0), (0.0, 30.0)]
-STAR = [((20 if k % 2 else 3) * math.cos(k * math.pi / 9), (20 if k % 2 else 3) * math.sin(k * math.pi / 9))
-        for k in range(18)]
-POLYGONS = {"square": SQUARE, "hook": HOOK, "spike": SPIKE, "notch": NOTCH, "star": STAR,
-            "straight corners": [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0), (20.0, 20.0), (10.0, 20.0), (0.0, 20.0)]}
-LINES = {"straight": [(24.0, 42.0), (25.0, 3.0)],
-         "bent": [(24.0, 42.0), (25.0, 30.0), (18.0, 24.0), (33.0, 18.0), (26.0, 6.0)],
-         "sharp": [(4.0, 24.0), (40.0, 23.5), (6.0, 18.0), (50.0, 12.0)],
-         "arch": [(10.0, 40.0), (10.0, 10.0), (30.0, 10.0), (30.0, 40.0)]}
+STAR = [
+    ((20 if k % 2 else 3) * math.cos(k * math.pi / 9), (20 if k % 2 else 3) * math.sin(k * math.pi / 9))
+    for k in range(18)
+]
+POLYGONS = {
+    "square": SQUARE,
+    "hook": HOOK,
+    "spike": SPIKE,
+    "notch": NOTCH,
+    "star": STAR,
+    "straight corners": [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0), (20.0, 20.0), (10.0, 20.0), (0.0, 20.0)],
+}
+LINES = {
+    "straight": [(24.0, 42.0), (25.0, 3.0)],
+    "bent": [(24.0, 42.0), (25.0, 30.0), (18.0, 24.0), (33.0, 18.0), (26.0, 6.0)],
+    "sharp": [(4.0, 24.0), (40.0, 23.5), (6.0, 18.0), (50.0, 12.0)],
+    "arch": [(10.0, 40.0), (10.0, 10.0), (30.0, 10.0), (30.0, 40.0)],
+}
 SHAPES: dict[str, AbstractRegion] = {
-    **{name: Polygon(v) for name, v in POLYGONS.items()}, **{f"{n} line": Line(v) for n, v in LINES.items()},
-    **{f"{n} reversed": Polygon(v[::-1]) for n, v in POLYGONS.items()}, "half plane": HalfSpace((3, 8), (1, -2)),
+    **{name: Polygon(v) for name, v in POLYGONS.items()},
+    **{f"{n} line": Line(v) for n, v in LINES.items()},
+    **{f"{n} reversed": Polygon(v[::-1]) for n, v in POLYGONS.items()},
+    "half plane": HalfSpace((3, 8), (1, -2)),
     "half space": HalfSpace((3, 8, -4), (1, -2, 7)),
 }
 
@@ -63,8 +75,10 @@ def unsigned(vertices: Any, p: Any, is_closed: bool) -> float:
     n = len(vertices)
     if is_closed:
         return min(to_segment(p, vertices[k], vertices[(k + 1) % n]) for k in range(n))
-    return min(to_segment(p, vertices[k], vertices[k + 1], -math.inf if k == 0 else 0.0,
-                          math.inf if k == n - 2 else 1.0) for k in range(n - 1))
+    return min(
+        to_segment(p, vertices[k], vertices[k + 1], -math.inf if k == 0 else 0.0, math.inf if k == n - 2 else 1.0)
+        for k in range(n - 1)
+    )
 
 
 def crosses_left_of(vertices: Any, p: Any) -> bool:
@@ -85,8 +99,10 @@ def closed_far_away(vertices: Any, far: float = 1e5) -> list[tuple[float, float]
     # With b downwards the left hand of (1, 0) is (0, -1): go round from the end to the begin that way.
     a, b = (math.atan2(*(p - v[0])[::-1]) for p in (end, begin))
     turn = (a - b) % (2 * math.pi)
-    around = [(v[0][0] + 2 * far * math.cos(a - t * turn), v[0][1] + 2 * far * math.sin(a - t * turn))
-              for t in np.linspace(0, 1, 40)]
+    around = [
+        (v[0][0] + 2 * far * math.cos(a - t * turn), v[0][1] + 2 * far * math.sin(a - t * turn))
+        for t in np.linspace(0, 1, 40)
+    ]
     return [tuple(begin), *map(tuple, v.tolist()), tuple(end), *around]  # type: ignore[list-item]
 
 
@@ -149,7 +165,7 @@ def test_gradients_are_finite_everywhere_and_of_length_one_off_the_boundary(name
     with float64():
         slope = jax.jit(jax.vmap(jax.grad(lambda x: region(x))))(jnp.asarray(np.concatenate([on_it, at])))  # noqa: PLW0108
     assert np.isfinite(slope).all()
-    oracle.assert_close(np.linalg.norm(slope[len(on_it):], axis=1), 1.0, atol=1e-9)
+    oracle.assert_close(np.linalg.norm(slope[len(on_it) :], axis=1), 1.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("offset", [(4e6, -3e6), (0.0, 0.0)])
@@ -181,8 +197,9 @@ def test_a_half_space_in_space() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), min_size=3, max_size=7), st.integers(0, 99))
-def test_any_polygon_that_is_accepted_has_the_inside_of_the_even_odd_rule(corners: list[tuple[int, int]],
-                                                                          seed: int) -> None:
+def test_any_polygon_that_is_accepted_has_the_inside_of_the_even_odd_rule(
+    corners: list[tuple[int, int]], seed: int
+) -> None:
     try:
         polygon = Polygon(corners)
     except DeformError:
@@ -227,7 +244,8 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "ends that meet": (lambda: Line([(0, 0), (10, 0), (10, 6), (5, 4)]), "ends go on"),
     "ends that meet far away": (lambda: Line([(10, 0), (0, 0), (0, 10), (10, 9.9)]), "edges 1 and 3 meet"),
     "ends on one line": (lambda: Line([(0, 0), (-1, 0), (-1, 5), (9, 5), (9, 0), (8, 0)]), "meet"),
-    "two corners": (lambda: Polygon([(0, 0), (1, 1)]), "3 to 512"), "one place": (lambda: Line([(0, 0)]), "2 to 512"),
+    "two corners": (lambda: Polygon([(0, 0), (1, 1)]), "3 to 512"),
+    "one place": (lambda: Line([(0, 0)]), "2 to 512"),
     "in space": (lambda: Polygon([(0, 0, 0), (1, 0, 0), (1, 1, 0)]), "2 coordinates"),
     "too many": (lambda: Line([(k, 0) for k in range(LARGEST_SHAPE + 1)]), "2 to 512"),
     "not a number": (lambda: Line([(0, 0), (1, math.nan)]), "finite"),

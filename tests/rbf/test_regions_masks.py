@@ -73,8 +73,11 @@ def test_the_boundary_runs_along_the_faces(dim: int) -> None:
     for axis, side in product(range(dim), (1.5, 4.5)):
         index = np.full(dim, 3.0)
         index[axis] = side
-        place = (lattice.index_to_point(index[::-1]) if isinstance(lattice, Grid)
-                 else np.array(lattice.origin) + index[::-1] * lattice.spacing)
+        place = (
+            lattice.index_to_point(index[::-1])
+            if isinstance(lattice, Grid)
+            else np.array(lattice.origin) + index[::-1] * lattice.spacing
+        )
         assert mask.signed_distance(place) == pytest.approx(0.0, abs=1e-6)
 
 
@@ -121,8 +124,9 @@ def test_an_empty_part_is_not_felt_beside_another(weight: str) -> None:
     values = np.zeros(raster.shape, dtype=bool)
     values[8:12, 10:14] = True
     bone = RigidPart(Mask(values, raster), RigidMotion.turn(20.0, (12.0, 10.0)), weight=weight)
-    nothing = RigidPart(Mask(np.zeros_like(values), raster), RigidMotion.turn(0.0, (0.0, 0.0), (500.0, 0.0)),
-                        weight=weight)
+    nothing = RigidPart(
+        Mask(np.zeros_like(values), raster), RigidMotion.turn(0.0, (0.0, 0.0), (500.0, 0.0)), weight=weight
+    )
     points = ControlPoints.from_arrays([[0.0, 0], [29, 0], [0, 19], [29, 19]], [[0.0, 0], [29, 0], [0, 19], [29, 19]])
     places = centres(raster).reshape(-1, 2)
     alone, both = (fit_rigid(points, parts, trend="none")(places) for parts in ((bone,), (bone, nothing)))
@@ -187,11 +191,14 @@ def test_labels() -> None:
         Mask.from_labels(volume, 5)
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda: Mask(np.zeros((12, 14)), RASTER), "True and False, got float64"),
-    (lambda: Mask(np.zeros((3, 3), bool), RASTER), r"shape \(3, 3\) does not fit"),
-    (lambda: Mask(np.zeros(RASTER.shape, bool), RASTER).silhouette(Plane.along(GRID)), "on a picture already"),
-])
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Mask(np.zeros((12, 14)), RASTER), "True and False, got float64"),
+        (lambda: Mask(np.zeros((3, 3), bool), RASTER), r"shape \(3, 3\) does not fit"),
+        (lambda: Mask(np.zeros(RASTER.shape, bool), RASTER).silhouette(Plane.along(GRID)), "on a picture already"),
+    ],
+)
 def test_what_is_no_mask_is_refused(make: Any, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         make()

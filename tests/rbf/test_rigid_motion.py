@@ -120,22 +120,39 @@ def test_a_matrix_of_seven_digits_is_taken_for_the_turn_it_was(dim: int) -> None
     assert RigidMotion(read.matrix, read.shift) == read
 
 
-@pytest.mark.parametrize(("matrix", "shift", "message"), [
-    (((1, 0), (0, -1)), (0, 0), "mirror"), (((2, 0), (0, 2)), (0, 0), "stretch"), (((1, 0.1), (0, 1)), (0, 0), "shear"),
-    (-np.eye(3), (0, 0, 0), "mirror"), (np.eye(3), (0, 0), "as many"), (np.eye(2), (0, math.nan), "finite"),
-    (((math.inf, 0), (0, 1)), (0, 0), "finite"), ("abc", (0, 0), "2 x 2 or 3 x 3"),
-    (np.eye(4), (0,) * 4, "2 x 2 or 3 x 3"),
-    (np.eye(2), 3, "as many"), (((1, 0), (0,)), (0, 0), "2 x 2"),
-])
+@pytest.mark.parametrize(
+    ("matrix", "shift", "message"),
+    [
+        (((1, 0), (0, -1)), (0, 0), "mirror"),
+        (((2, 0), (0, 2)), (0, 0), "stretch"),
+        (((1, 0.1), (0, 1)), (0, 0), "shear"),
+        (-np.eye(3), (0, 0, 0), "mirror"),
+        (np.eye(3), (0, 0), "as many"),
+        (np.eye(2), (0, math.nan), "finite"),
+        (((math.inf, 0), (0, 1)), (0, 0), "finite"),
+        ("abc", (0, 0), "2 x 2 or 3 x 3"),
+        (np.eye(4), (0,) * 4, "2 x 2 or 3 x 3"),
+        (np.eye(2), 3, "as many"),
+        (((1, 0), (0,)), (0, 0), "2 x 2"),
+    ],
+)
 def test_what_does_more_than_turn_is_refused(matrix: object, shift: object, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         RigidMotion(matrix, shift)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("about", "axis"), [
-    ((0, 0, 0), None), ((0, 0, 0), (0, 0, 0)), ((0, 0, 0), (1, 0)), ((0, 0, 0), (1, 0, math.nan)), ((0,), None),
-    ("ab", None), ((0, 0, 0), "x"),
-])
+@pytest.mark.parametrize(
+    ("about", "axis"),
+    [
+        ((0, 0, 0), None),
+        ((0, 0, 0), (0, 0, 0)),
+        ((0, 0, 0), (1, 0)),
+        ((0, 0, 0), (1, 0, math.nan)),
+        ((0,), None),
+        ("ab", None),
+        ((0, 0, 0), "x"),
+    ],
+)
 def test_a_turn_without_an_axis_is_refused(about: object, axis: object) -> None:
     with pytest.raises(DeformError, match="a turn is about a place"):
         RigidMotion.turn(10, about, axis=axis)  # type: ignore[arg-type]

@@ -70,8 +70,12 @@ def test_equation_6(kernel: str, dim: int) -> None:
     region = HalfSpace((0,) * dim, (1,) + (0.5,) * (dim - 1))
     given = points(dim)
     fit = fit_rigid(given, [RigidPart(region, weight="distance")], kernel=kernel, support=SUPPORT)
-    wanted = oracle.equation_6(given.target, given.displacement, lambda r: float(oracle.radial(kernel, r / SUPPORT)),
-                               lambda x: max(float(region.signed_distance(x)), 0.0))
+    wanted = oracle.equation_6(
+        given.target,
+        given.displacement,
+        lambda r: float(oracle.radial(kernel, r / SUPPORT)),
+        lambda x: max(float(region.signed_distance(x)), 0.0),
+    )
     for x in places(dim, 20):
         oracle.assert_close(fit.displacement(x), wanted(x), atol=1e-9)
 
@@ -81,8 +85,12 @@ def test_equation_6_with_the_smooth_step(kernel: str) -> None:
     given = points()
     scale = min(given.target[:, 0])
     fit = fit_rigid(given, [RigidPart(WALL)], kernel=kernel, trend="none", support=SUPPORT)
-    wanted = oracle.equation_6(given.target, given.displacement, lambda r: float(oracle.radial(kernel, r / SUPPORT)),
-                               lambda x: float(saturated(max(x[0], 0.0) / scale)))
+    wanted = oracle.equation_6(
+        given.target,
+        given.displacement,
+        lambda r: float(oracle.radial(kernel, r / SUPPORT)),
+        lambda x: float(saturated(max(x[0], 0.0) / scale)),
+    )
     for x in places(2, 20):
         oracle.assert_close(fit.displacement(x), wanted(x), atol=1e-9)
 
@@ -103,8 +111,11 @@ def test_the_unit_of_the_distance_does_not_matter(factor: float) -> None:
 # ---- what stays, what moves, what is reached -------------------------------------------------------------------------
 
 PARTS: dict[str, list[RigidPart]] = {
-    "fixed": [RigidPart(BOX)], "turned": [RigidPart(BOX, TURN)], "mask": [RigidPart(DISC)],
-    "two": [RigidPart(WALL), RigidPart(BOX, TURN)], "with a reach": [RigidPart(BOX, TURN, reach=3.0), RigidPart(DISC)],
+    "fixed": [RigidPart(BOX)],
+    "turned": [RigidPart(BOX, TURN)],
+    "mask": [RigidPart(DISC)],
+    "two": [RigidPart(WALL), RigidPart(BOX, TURN)],
+    "with a reach": [RigidPart(BOX, TURN, reach=3.0), RigidPart(DISC)],
     "distance": [RigidPart(WALL, weight="distance"), RigidPart(BOX, TURN, weight="distance")],
     "mixed": [RigidPart(WALL, weight="distance"), RigidPart(BOX, TURN)],
 }
@@ -124,8 +135,10 @@ def test_parts_move_as_they_must_and_points_are_reached(name: str) -> None:
     assert fit.ids == points().ids
 
 
-@pytest.mark.parametrize(("kernel", "trend"), [*(("wendland_c2", trend) for trend in TRENDS), ("thin_plate", "affine"),
-                                               ("multiquadric", "rigid")])
+@pytest.mark.parametrize(
+    ("kernel", "trend"),
+    [*(("wendland_c2", trend) for trend in TRENDS), ("thin_plate", "affine"), ("multiquadric", "rigid")],
+)
 def test_no_trend_moves_a_part(kernel: str, trend: str) -> None:
     fit = fit_rigid(points(), [RigidPart(WALL)], kernel=kernel, trend=trend, support=SUPPORT)
     assert (fit.displacement(within(WALL)) == 0).all()
@@ -170,8 +183,12 @@ OVERSHOOT = {50.0: 1.10, 20.0: 1.48, 10.0: 2.23, 5.0: 3.80, 2.0: 8.57}
 def test_the_smooth_step_does_not_overshoot_and_the_paper_s_distance_does(distance: float) -> None:
     drag = ControlPoints.from_arrays([[distance, 1.0]], [[distance, 0.0]])
     at = np.stack([np.linspace(0, 120, 24001), np.zeros(24001)], axis=-1)
-    largest = {weight: np.abs(fit_rigid(drag, [RigidPart(WALL, weight=weight)], trend="none", support=SUPPORT)
-                              .displacement(at)).max() for weight in WEIGHTS}
+    largest = {
+        weight: np.abs(
+            fit_rigid(drag, [RigidPart(WALL, weight=weight)], trend="none", support=SUPPORT).displacement(at)
+        ).max()
+        for weight in WEIGHTS
+    }
     assert largest["saturated"] == pytest.approx(1.0, abs=1e-6)
     assert largest["distance"] == pytest.approx(OVERSHOOT[distance], abs=0.005)
 
@@ -278,15 +295,19 @@ def test_jax_and_lattices_say_what_points_say(name: str) -> None:
         oracle.assert_close(slope[..., k], by_hand, atol=1e-5)
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda: RigidPart("box"), "needs a region, got str"),
-    (lambda: RigidPart(BOX, weight="soft"), "unknown weight 'soft'"),
-    (lambda: RigidPart(BOX, reach=0.0), "reach"), (lambda: RigidPart(BOX, reach=np.nan), "reach"),
-    (lambda: RigidPart(BOX, RigidMotion.turn(1, (0, 0, 0), axis=(1, 0, 0))), "motion of 3 dimensions"),
-    (lambda: fit_rigid(points(3), [RigidPart(BOX)]), "lies in 2 dimensions, the control points in 3"),
-    (lambda: fit_rigid(points(), [RigidPart(Line([(0, 0), (1, 1)]))]), "no inside"),
-    (lambda: fit_rigid(points(), [RigidPart(WALL, weight="distance")], kernel="thin_plate"), "distance"),
-])
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: RigidPart("box"), "needs a region, got str"),
+        (lambda: RigidPart(BOX, weight="soft"), "unknown weight 'soft'"),
+        (lambda: RigidPart(BOX, reach=0.0), "reach"),
+        (lambda: RigidPart(BOX, reach=np.nan), "reach"),
+        (lambda: RigidPart(BOX, RigidMotion.turn(1, (0, 0, 0), axis=(1, 0, 0))), "motion of 3 dimensions"),
+        (lambda: fit_rigid(points(3), [RigidPart(BOX)]), "lies in 2 dimensions, the control points in 3"),
+        (lambda: fit_rigid(points(), [RigidPart(Line([(0, 0), (1, 1)]))]), "no inside"),
+        (lambda: fit_rigid(points(), [RigidPart(WALL, weight="distance")], kernel="thin_plate"), "distance"),
+    ],
+)
 def test_what_is_no_rigid_part_is_refused(make: Any, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         make()
@@ -304,6 +325,7 @@ def test_a_part_is_moved_as_far_as_its_strength() -> None:
 def test_a_point_that_tears_matter_out_of_a_part_is_told() -> None:
     bone = RigidPart(HalfSpace((0.0, 0.0), (1.0, 0.0)), name="bone")  # all left of 0
     fit = fit_rigid(ControlPoints.from_arrays([[-3, 0], [8, 5]], [[6, 0], [9, 5]]), [bone], support=20.0)
-    assert fit.notes[0] == ('control point 0 takes hold of the rigid part "bone", which does not follow: its tissue is '
-                            "seen twice")
+    assert fit.notes[0] == (
+        'control point 0 takes hold of the rigid part "bone", which does not follow: its tissue is seen twice'
+    )
     assert not any("control point 1" in note for note in fit.notes)

@@ -24,8 +24,12 @@ def opened(step: float = 6.0) -> ControlPoints:
     return ControlPoints.from_arrays([*CORNERS, [0, -12], [0, 14]], [*CORNERS, [1, -12 - step], [0, 14 + step]])
 
 
-@given(st.lists(st.tuples(st.floats(-70, 70), st.floats(-70, 70), st.floats(-4, 4), st.floats(-4, 4)), min_size=1,
-                max_size=6), st.sampled_from([(SLIT,), (SLIT, OTHER, BORDER)]))
+@given(
+    st.lists(
+        st.tuples(st.floats(-70, 70), st.floats(-70, 70), st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=6
+    ),
+    st.sampled_from([(SLIT,), (SLIT, OTHER, BORDER)]),
+)
 @settings(max_examples=10, deadline=None)
 def test_every_point_is_interpolated(rows: list[tuple[float, ...]], cuts: tuple[Line, ...]) -> None:
     source = np.array([r[:2] for r in rows])
@@ -83,8 +87,9 @@ def test_all_ways_to_evaluate_agree() -> None:
         slope = one.jacobian(x)
         beside = [(one.displacement(x + h) - one.displacement(x - h)) / 2e-4 for h in 1e-4 * np.eye(2)]
         np.testing.assert_allclose(slope, np.stack(beside, axis=-1), atol=1e-6)
-        np.testing.assert_allclose(one.jacobian_on_outer_sum(rows, columns), np.moveaxis(slope, (-2, -1), (0, 1)),
-                                   atol=1e-5)
+        np.testing.assert_allclose(
+            one.jacobian_on_outer_sum(rows, columns), np.moveaxis(slope, (-2, -1), (0, 1)), atol=1e-5
+        )
 
 
 def test_other_cuts_stay_open_beyond_the_tip_of_one() -> None:

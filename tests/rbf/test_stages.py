@@ -86,8 +86,9 @@ def test_a_shift_in_stages_is_the_shift() -> None:
 def test_the_jacobian_is_that_of_differences_and_of_jax(dim: int) -> None:
     fit = fit_points(points_of(dim), stages=4)
     x, h = np.random.default_rng(1).uniform(0, 100, (30, dim)), 1e-5
-    differences = np.stack([(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h)
-                            for e in np.eye(dim)], axis=-1)
+    differences = np.stack(
+        [(fit.displacement(x + h * e) - fit.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)], axis=-1
+    )
     np.testing.assert_allclose(fit.jacobian(x), differences, atol=1e-7)
     np.testing.assert_allclose(np.asarray(jax.jit(lambda f, p: f(p))(fit, x)), fit.displacement(x), atol=1e-3)
 

@@ -57,15 +57,30 @@ def test_the_chosen_support_is_the_longest_that_predicts_about_as_well_as_the_be
     points = ControlPoints.from_arrays(source + bend, source)
     between = np.unique(np.linalg.norm(points.source[:, None] - points.source[None], axis=2))
     gap = next(d for d in between if hang_together(points.source, d))
-    reach = 0.5 * next(d for d in np.unique(np.linalg.norm(source[:, None] - source[None], axis=2))
-                       if hang_together(source, d))
-    squares = {radius: np.concatenate([(e ** 2).sum(axis=1) for e in (
-        left_out_by_fits(points, kernel, radius, trend), ball_errors(points, kernel, radius, trend, reach))])
-        for radius in (share * between[-1] for share in KERNELS[kernel].shares) if radius >= gap}
+    reach = 0.5 * next(
+        d for d in np.unique(np.linalg.norm(source[:, None] - source[None], axis=2)) if hang_together(source, d)
+    )
+    squares = {
+        radius: np.concatenate(
+            [
+                (e**2).sum(axis=1)
+                for e in (
+                    left_out_by_fits(points, kernel, radius, trend),
+                    ball_errors(points, kernel, radius, trend, reach),
+                )
+            ]
+        )
+        for radius in (share * between[-1] for share in KERNELS[kernel].shares)
+        if radius >= gap
+    }
     best = min(squares, key=lambda radius: squares[radius].mean())
     excess = {radius: square - squares[best] for radius, square in squares.items()}
-    near = [r for r, e in excess.items() if e.mean() <= e.std(ddof=1) / np.sqrt(len(e)) or (
-        squares[r].mean() ** 0.5 <= 1.1 * squares[best].mean() ** 0.5)]
+    near = [
+        r
+        for r, e in excess.items()
+        if e.mean() <= e.std(ddof=1) / np.sqrt(len(e))
+        or (squares[r].mean() ** 0.5 <= 1.1 * squares[best].mean() ** 0.5)
+    ]
     calm = [r for r in near if not fit_rbf(points, kernel=kernel, support=r, trend=trend).folds_between_points()]
     assert choose_support([points], kernel=kernel, trend=trend) == pytest.approx(max(calm or near))
     assert fit_rbf(points, kernel=kernel, trend=trend).support == pytest.approx(max(calm or near))
@@ -92,14 +107,17 @@ def test_the_previous_fit_keeps_its_support_while_a_point_is_dragged() -> None:
 
 
 @pytest.mark.sampled(5)
-@pytest.mark.parametrize(("pair", "most"), [((373, 374), 1.0), ((377, 378), 1.2), ((377, 379), 1.0), ((377, 380), 1.1),
-                                            ((381, 382), 1.0)])
+@pytest.mark.parametrize(
+    ("pair", "most"), [((373, 374), 1.0), ((377, 378), 1.2), ((377, 379), 1.0), ((377, 380), 1.1), ((381, 382), 1.0)]
+)
 def test_the_default_predicts_thompsons_nodes_about_as_well_as_a_thin_plate(pair: tuple[int, int], most: float) -> None:
     """Diodon was missed by 28 pixels where a thin plate misses it by 9, with the diagonal as support."""
     source, target = (thompson_grids()[figure].nodes.reshape(-1, 2) for figure in pair)
     points = ControlPoints.from_arrays(source, target)
-    errors = [fit_quality(points, kernel=kernel, support=fit_rbf(points, kernel=kernel).support).root_mean_square
-              for kernel in ("wendland_c2", "thin_plate")]
+    errors = [
+        fit_quality(points, kernel=kernel, support=fit_rbf(points, kernel=kernel).support).root_mean_square
+        for kernel in ("wendland_c2", "thin_plate")
+    ]
     assert errors[0] <= most * errors[1]
     assert not fit_rbf(points).folds_between_points()
 
@@ -125,9 +143,11 @@ def test_landmarks_of_a_map_that_folds_return_to_their_targets_or_are_not_found(
     rng = np.random.default_rng(4)
     for _ in range(10):
         source = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]]) * 70 + rng.normal(
-            0, 8, (6, 3))
+            0, 8, (6, 3)
+        )
         target = source @ (np.eye(3) + rng.normal(0, 0.05, (3, 3))).T + np.where(
-            np.arange(6)[:, None] < 3, rng.normal(0, 10, (6, 3)), 0.0)
+            np.arange(6)[:, None] < 3, rng.normal(0, 10, (6, 3)), 0.0
+        )
         points = ControlPoints.from_arrays(source, target)
         fit = fit_rbf(points)
         assert fit.support >= np.sort(np.linalg.norm(source[:, None] - source[None], axis=2), axis=1)[:, 1].max()

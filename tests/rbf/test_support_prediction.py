@@ -53,8 +53,9 @@ def miss(values: np.ndarray, true: np.ndarray) -> float:
 def best_plate(points: ControlPoints, unseen: np.ndarray, true: np.ndarray) -> float:
     """The error of the better of scipy's thin plates."""
     neighbours = [None] * (len(points) <= 2500) + [50] * (len(points) > 50)
-    plates = [RBFInterpolator(points.target, points.displacement, kernel="thin_plate_spline", neighbors=k)
-              for k in neighbours]
+    plates = [
+        RBFInterpolator(points.target, points.displacement, kernel="thin_plate_spline", neighbors=k) for k in neighbours
+    ]
     return min(miss(plate(unseen), true) for plate in plates)
 
 

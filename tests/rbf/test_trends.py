@@ -120,8 +120,10 @@ def test_scaling_is_left_to_the_kernels_in_rigid_and_taken_in_similarity() -> No
     oracle.assert_close(rigid.displacement(x), points.displacement, atol=1e-9)
 
 
-@pytest.mark.parametrize(("trend", "is_linear"), [("none", True), ("translation", True), ("affine", True),
-                                                  ("similarity", True), ("rigid", False)])
+@pytest.mark.parametrize(
+    ("trend", "is_linear"),
+    [("none", True), ("translation", True), ("affine", True), ("similarity", True), ("rigid", False)],
+)
 def test_all_trends_but_the_rigid_one_superpose_in_the_plane(trend: str, is_linear: bool) -> None:
     x = random_set(1).target
     d, e = (np.random.default_rng(k).normal(0, 20, x.shape) for k in (1, 2))
@@ -166,10 +168,21 @@ def test_a_needle_of_points_in_space_turns_exactly_about_itself_too() -> None:
     oracle.assert_close(linear_part(fit), m, atol=1e-9)
 
 
-@pytest.mark.parametrize("h", [
-    np.diag([1.0, 1.0, 1.0]), np.diag([3.0, 2.0, -1.0]), np.diag([1.0, 1.0, -1.0 + 1e-3]), np.zeros((3, 3)),
-    np.diag([1.0, 0, 0]), np.diag([5.0, 2.0, 0]), np.ones((3, 3)), np.zeros((2, 2)), np.diag([1.0, -1.0]), np.eye(2),
-])
+@pytest.mark.parametrize(
+    "h",
+    [
+        np.diag([1.0, 1.0, 1.0]),
+        np.diag([3.0, 2.0, -1.0]),
+        np.diag([1.0, 1.0, -1.0 + 1e-3]),
+        np.zeros((3, 3)),
+        np.diag([1.0, 0, 0]),
+        np.diag([5.0, 2.0, 0]),
+        np.ones((3, 3)),
+        np.zeros((2, 2)),
+        np.diag([1.0, -1.0]),
+        np.eye(2),
+    ],
+)
 def test_the_nearest_rotation_and_its_derivative_are_always_finite(h: np.ndarray) -> None:
     n = len(h)
     with float64():
@@ -188,8 +201,9 @@ def test_the_derivative_of_the_nearest_rotation_is_that_of_differences() -> None
             a = h * np.array([1, 1, sign])
             step = rng.normal(size=(3, 3))
             _, got = jax.jvp(lambda a: nearest_rotation(a, 3.0, np.eye(3)), (a,), (step,))
-            wanted = (nearest_rotation(a + 1e-6 * step, 3.0, np.eye(3))
-                      - nearest_rotation(a - 1e-6 * step, 3.0, np.eye(3))) / 2e-6
+            wanted = (
+                nearest_rotation(a + 1e-6 * step, 3.0, np.eye(3)) - nearest_rotation(a - 1e-6 * step, 3.0, np.eye(3))
+            ) / 2e-6
             oracle.assert_close(got, wanted, atol=1e-7)
 
 
@@ -209,8 +223,20 @@ def test_completing_a_similarity_of_the_points_gives_that_of_space(dim: int, ran
     assert np.linalg.det(full) == pytest.approx(scale**dim)
 
 
-@pytest.mark.parametrize("image", [[1.0, 0, 0], [-1.0, 0, 0], [-1.0, 1e-12, 0], [-1.0, 1e-7, 0], [-1.0, 4e-5, 0],
-                                   [-1.0, 5e-5, 0], [-2.0, 1e-3, 0], [0, 0, 2.0], [0, 0, 0]])
+@pytest.mark.parametrize(
+    "image",
+    [
+        [1.0, 0, 0],
+        [-1.0, 0, 0],
+        [-1.0, 1e-12, 0],
+        [-1.0, 1e-7, 0],
+        [-1.0, 4e-5, 0],
+        [-1.0, 5e-5, 0],
+        [-2.0, 1e-3, 0],
+        [0, 0, 2.0],
+        [0, 0, 0],
+    ],
+)
 def test_the_smallest_turn_of_a_row_has_no_gap_at_half_a_turn(image: Any) -> None:
     with float64():
         m = np.asarray(complete(np.array([image]).T, np.array([[1.0, 0, 0]]).T))
@@ -220,8 +246,9 @@ def test_the_smallest_turn_of_a_row_has_no_gap_at_half_a_turn(image: Any) -> Non
     assert np.linalg.det(m) == pytest.approx(length**3, abs=1e-11)
 
 
-@pytest.mark.parametrize(("spread", "penalty"), [(1.0, 0.0), (0.25, 0.0), (0.125, 2.0), (0.05, 32.0),
-                                                 (0.0, 2 * 2499.0**2)])
+@pytest.mark.parametrize(
+    ("spread", "penalty"), [(1.0, 0.0), (0.25, 0.0), (0.125, 2.0), (0.05, 32.0), (0.0, 2 * 2499.0**2)]
+)
 def test_the_penalty_across_a_thin_direction_is_that_of_its_formula(spread: float, penalty: float) -> None:
     """((1/4 - s) / s)^2 / (1/2) below a quarter, by hand; no spread counts as 1e-4."""
     turn = planar_turn(30)

@@ -107,7 +107,7 @@ def test_stages_are_fitted_as_they_are_done() -> None:
 def test_a_map_never_folds_though_the_similarity_would_rise() -> None:
     """Two stripes that change places: each point would have to go through the other."""
     a = np.arange(64.0)
-    left, right = (np.exp(-((a - c) / 4) ** 2) for c in (24.0, 40.0))
+    left, right = (np.exp(-(((a - c) / 4) ** 2)) for c in (24.0, 40.0))
     moving, fixed = (picture(np.tile(row, (64, 1))) for row in (left + 0.5 * right, right + 0.5 * left))
     points = ControlPoints.from_arrays([[24.0, 32.0], [40.0, 32.0], [4, 4], [60, 4], [4, 60], [60, 60]])
     fitted = fit_targets(points, moving, fixed, energy=0.0)
@@ -145,12 +145,15 @@ def test_progress_rises_to_one_and_can_stop_at_any_iteration() -> None:
     assert (START.target == before).all()
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (lambda p: replace(p, locked=np.ones(9, bool)), "no control point may move"),
-    (lambda p: ControlPoints.empty(), "no control point may move"),
-    (lambda p: p.add(p.source[2]), "lies where another one does"),
-    (lambda p: ControlPoints.from_arrays([[1.0, 2.0, 3.0]]), "matched on volumes, got a Picture"),
-])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda p: replace(p, locked=np.ones(9, bool)), "no control point may move"),
+        (lambda p: ControlPoints.empty(), "no control point may move"),
+        (lambda p: p.add(p.source[2]), "lies where another one does"),
+        (lambda p: ControlPoints.from_arrays([[1.0, 2.0, 3.0]]), "matched on volumes, got a Picture"),
+    ],
+)
 def test_what_cannot_be_fitted_is_said(change: Callable[[ControlPoints], ControlPoints], words: str) -> None:
     with pytest.raises(DeformError, match=words):
         fit_targets(change(START), MOVING, FIXED)
@@ -166,13 +169,22 @@ def test_pictures_that_share_nothing_are_refused() -> None:
         fit_targets(START, MOVING, picture(FIXED.values, 1.0, (500.0, 0.0)))
 
 
-@pytest.mark.parametrize(("options", "words"), [
-    ({"levels": (4, 0)}, "levels must be whole numbers"), ({"levels": (np.nan,)}, "levels must be whole numbers"),
-    ({"levels": np.zeros(0, int)}, "levels must be whole numbers"), ({"measure": "dice"}, "unknown measure"),
-    ({"iterations": 0}, "iterations of a fit .* from 1 on, got 0"), ({"iterations": 2.5}, "iterations of a fit"),
-    ({"energy": np.nan}, "energy of a fit"), ({"energy": -1.0}, "energy of a fit"), ({"least": np.nan}, "determinant"),
-    ({"stages": 0}, "stages of a step must be a whole number from 1 to 64, got 0"), ({"stages": 2.5}, "stages"),
-])
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"levels": (4, 0)}, "levels must be whole numbers"),
+        ({"levels": (np.nan,)}, "levels must be whole numbers"),
+        ({"levels": np.zeros(0, int)}, "levels must be whole numbers"),
+        ({"measure": "dice"}, "unknown measure"),
+        ({"iterations": 0}, "iterations of a fit .* from 1 on, got 0"),
+        ({"iterations": 2.5}, "iterations of a fit"),
+        ({"energy": np.nan}, "energy of a fit"),
+        ({"energy": -1.0}, "energy of a fit"),
+        ({"least": np.nan}, "determinant"),
+        ({"stages": 0}, "stages of a step must be a whole number from 1 to 64, got 0"),
+        ({"stages": 2.5}, "stages"),
+    ],
+)
 def test_options_that_make_no_sense_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(DeformError, match=words):
         fit_targets(START, MOVING, FIXED, **options)
@@ -259,8 +271,12 @@ def test_the_correlation_is_that_of_the_disc() -> None:
     a, b = np.meshgrid(np.arange(-7, 8), np.arange(-7, 8))
     disc = a**2 + b**2 <= 49
     pattern = MOVING.values[48 + b, 48 + a][disc]
-    best = max(np.corrcoef(pattern, FIXED.values[48 + b + j, 48 + a + i][disc])[0, 1]
-               for i in range(-2, 3) for j in range(-2, 3) if i * i + j * j <= 4)
+    best = max(
+        np.corrcoef(pattern, FIXED.values[48 + b + j, 48 + a + i][disc])[0, 1]
+        for i in range(-2, 3)
+        for j in range(-2, 3)
+        if i * i + j * j <= 4
+    )
     assert found.score[0] == pytest.approx(best, abs=1e-6)
 
 
@@ -268,8 +284,9 @@ def test_a_point_in_space_snaps_in_a_volume() -> None:
     values = texture((30, 30, 30), scales=(2.0, 4.0))
     grid = Grid((30, 30, 30))
     moved = Volume(ndimage.shift(values, (1, 2, -2), order=1), grid)
-    found = snap_to_match(ControlPoints.from_arrays([[15.0, 15.0, 15.0]]), None, Volume(values, grid), moved, radius=6,
-                          search=5)
+    found = snap_to_match(
+        ControlPoints.from_arrays([[15.0, 15.0, 15.0]]), None, Volume(values, grid), moved, radius=6, search=5
+    )
     assert np.abs(found.shift[0] - [-2, 2, 1]).max() < 0.15
 
 

@@ -78,10 +78,13 @@ def test_the_default_level_parts_dark_from_bright() -> None:
     assert 0.2 < dark_and_bright(grey) < 0.5
 
 
-@pytest.mark.parametrize(("values", "level", "words"), [
-    (np.zeros((9, 9)), None, "one grey value only"),
-    (np.eye(9), 1.5, "between 0"),
-])
+@pytest.mark.parametrize(
+    ("values", "level", "words"),
+    [
+        (np.zeros((9, 9)), None, "one grey value only"),
+        (np.eye(9), 1.5, "between 0"),
+    ],
+)
 def test_pictures_without_an_outline_are_refused(values: Any, level: float | None, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         outline(picture(values), level)

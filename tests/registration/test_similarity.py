@@ -41,8 +41,7 @@ def test_squared_difference_is_a_share_of_the_variance() -> None:
 
 
 def test_mutual_information_knows_a_picture_turned_into_its_negative() -> None:
-    same, negative, folded, other = (
-        _alike("mi", A, b) for b in (A, 1 - A, np.abs(A - 0.5), RNG.random(400)))
+    same, negative, folded, other = (_alike("mi", A, b) for b in (A, 1 - A, np.abs(A - 0.5), RNG.random(400)))
     assert same == pytest.approx(negative, rel=1e-9)
     assert same > 0.3
     assert same > folded > 2 * other  # one grey value of b is two of a
@@ -92,8 +91,15 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-def _scene(points: ControlPoints, measure: str = "ncc", stages: int = 1, smoothing: float = 0.0,
-           radius: bool = False, energy: float = 0.3, **fit: Any) -> Objective:
+def _scene(
+    points: ControlPoints,
+    measure: str = "ncc",
+    stages: int = 1,
+    smoothing: float = 0.0,
+    radius: bool = False,
+    energy: float = 0.3,
+    **fit: Any,
+) -> Objective:
     if radius:
         points = points.edit(2, radius=50.0).edit(4, radius=36.0)
     moving = picture(texture((96, 96)))

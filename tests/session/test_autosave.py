@@ -272,8 +272,17 @@ assert saving._job.entry.is_live
 """
 
 
-@pytest.mark.parametrize("last", ["", "del session, saving; gc.collect()", pytest.param(COPY, marks=pytest.mark.skipif(
-    not hasattr(os, "fork"), reason="processes are copied as on POSIX"))], ids=["open", "deleted", "copied"])
+@pytest.mark.parametrize(
+    "last",
+    [
+        "",
+        "del session, saving; gc.collect()",
+        pytest.param(
+            COPY, marks=pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are copied as on POSIX")
+        ),
+    ],
+    ids=["open", "deleted", "copied"],
+)
 def test_a_session_without_a_thread_is_closed_at_the_end_of_its_process_alone(state_folder: Path, last: str) -> None:
     subprocess.run([sys.executable, "-c", IDLE + last], check=True, timeout=120)
     (entry,) = entries(PHANTOMS["bar"].make((8, 8, 8)))
@@ -296,8 +305,9 @@ def test_the_file_is_text_that_can_be_read_without_the_program(session: Session)
     assert entry.path.parent.stat().st_mode & 0o077 == 0
 
 
-def test_what_could_not_be_written_is_tried_once_more_at_the_end(session: Session, state_folder: Path,
-                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_could_not_be_written_is_tried_once_more_at_the_end(
+    session: Session, state_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
     saving = Autosave(session, delay=0.01, on_trouble=told.append)
 

@@ -24,8 +24,9 @@ def a_volume(seed: int = 0, spacing: float = 1.0) -> Volume:
     return Volume(values, Grid((6, 7, 8), (spacing, 1.0, 1.0)), "noise")
 
 
-def written(folder: Path, *, minutes: float = 1.0, state: str = "open", volume: Volume | None = None,
-            strength: float = 1.0) -> SavedSession:
+def written(
+    folder: Path, *, minutes: float = 1.0, state: str = "open", volume: Volume | None = None, strength: float = 1.0
+) -> SavedSession:
     session = Session(volume or a_volume())
     session.change(strength=strength)
     reference = session.reference()
@@ -85,10 +86,20 @@ def test_skipping_is_remembered_and_deleting_leaves_nothing(tmp_path: Path) -> N
         restore(other)
 
 
-@pytest.mark.parametrize("damage", [
-    b"", b"{}\n", b"nothing", b"[1]\n{}", b'{"format": "deformnb-autosave"}\n', b"\xff\xfe\n{}", b"[" * 9000,
-    b'{"format": "deformnb-autosave", "state": "open", "edited": "2020"}\n', b"1e999\n",
-])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        b"",
+        b"{}\n",
+        b"nothing",
+        b"[1]\n{}",
+        b'{"format": "deformnb-autosave"}\n',
+        b"\xff\xfe\n{}",
+        b"[" * 9000,
+        b'{"format": "deformnb-autosave", "state": "open", "edited": "2020"}\n',
+        b"1e999\n",
+    ],
+)
 def test_a_damaged_file_is_no_session_and_goes_in_the_end(damage: bytes, tmp_path: Path) -> None:
     entry = written(tmp_path)
     bad = tmp_path / autosave_store.file_name(entry.volume, "ffffffff")
@@ -139,16 +150,18 @@ def test_few_are_kept_and_all_that_nobody_has_answered(tmp_path: Path, monkeypat
 @pytest.mark.parametrize("days", [-400, -40, 40, 400])
 def test_a_clock_that_goes_wrong_removes_nothing(days: float, tmp_path: Path) -> None:
     """What was edited in the future or a long time ago, as it seems now, was perhaps edited a minute ago."""
-    entries = [written(tmp_path, minutes=days * 24 * 60 + k, state=state)
-               for k, state in enumerate(autosave_store.STATES)]
+    entries = [
+        written(tmp_path, minutes=days * 24 * 60 + k, state=state) for k, state in enumerate(autosave_store.STATES)
+    ]
     written(tmp_path, minutes=0, state="closed")
     prune(tmp_path)
     assert {entry.path for entry in entries} <= set(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("days", [-40, 40])
-def test_the_session_that_began_last_stays_whatever_the_clock_says(days: float, tmp_path: Path,
-                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_session_that_began_last_stays_whatever_the_clock_says(
+    days: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(autosave_store, "MOST_PER_VOLUME", 2)
     made = written(tmp_path / "one")
     for k in range(4):
@@ -157,7 +170,7 @@ def test_the_session_that_began_last_stays_whatever_the_clock_says(days: float, 
         number = autosave_store.next_number(tmp_path)
         write_session(replace(made, path=path, state="closed", edited=edited, number=number), restore(made))
         prune(tmp_path)
-        assert [e.number for e in saved_sessions(a_volume(), tmp_path, every=True)] == [k + 1, k][:k + 1]
+        assert [e.number for e in saved_sessions(a_volume(), tmp_path, every=True)] == [k + 1, k][: k + 1]
 
 
 def test_what_was_lost_stays_until_it_is_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,8 +203,9 @@ def test_what_else_lies_in_the_folder_is_left_alone(tmp_path: Path) -> None:
     assert set(tmp_path.iterdir()) == {entry.path, *others}
 
 
-def test_what_is_written_while_the_folder_is_looked_through_stays(tmp_path: Path,
-                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_written_while_the_folder_is_looked_through_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     entry, late = written(tmp_path), list[SavedSession]()
     read_all = autosave_store._read_all
 

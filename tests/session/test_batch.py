@@ -91,8 +91,17 @@ def test_what_no_replay_has_made_is_not_overwritten(many: Path) -> None:
     assert states(replay(document, [many / "in"], many / "out", overwrite=True)) == ["done", "done", "kept"]
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", '{"format": "deformnb-replay", "version": 1, "files": 3}',
-                                    '{"format": "deformnb-replay", "version": 1, "files": {"a.nrrd": 3}}', "[" * 5000])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "",
+        "{",
+        "[]",
+        '{"format": "deformnb-replay", "version": 1, "files": 3}',
+        '{"format": "deformnb-replay", "version": 1, "files": {"a.nrrd": 3}}',
+        "[" * 5000,
+    ],
+)
 def test_a_damaged_record_takes_nothing_for_done(damage: str, many: Path) -> None:
     document = read_deformation(many / "pull.json")
     replay(document, [many / "in"], many / "out")
@@ -157,8 +166,9 @@ def test_the_command_deforms_resumes_and_sums_up(many: Path, monkeypatch: pytest
     assert "3 done, 0 done before" in capsys.readouterr().out
 
 
-def test_the_command_tells_of_failures_and_ends_with_2(many: Path, monkeypatch: pytest.MonkeyPatch,
-                                                       capsys: Any) -> None:
+def test_the_command_tells_of_failures_and_ends_with_2(
+    many: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     (many / "in" / "d.nrrd").write_bytes(b"NRRD")
     assert run(many, "replay pull.json in --out out", monkeypatch) == 2
     captured = capsys.readouterr()
@@ -176,8 +186,9 @@ def test_meshes_follow_in_the_space_of_the_volume(many: Path, monkeypatch: pytes
     np.testing.assert_allclose(read_mesh(many / "out" / "face.ply").points, expected.points, atol=1e-6)
 
 
-def test_another_box_or_another_volume_of_meshes_makes_them_again(many: Path, monkeypatch: pytest.MonkeyPatch,
-                                                                   capsys: Any) -> None:
+def test_another_box_or_another_volume_of_meshes_makes_them_again(
+    many: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     tiny, document = read_volume(many / "tiny.nrrd"), read_deformation(many / "pull.json")
     write_mesh(Mesh([[1, 2, 3], [6, 8, 3], [3, 6, 7]], [[0, 1, 2]]), many / "face.ply")
     shutil.copy(many / "tiny.nrrd", many / "space.nrrd")
@@ -185,7 +196,7 @@ def test_another_box_or_another_volume_of_meshes_makes_them_again(many: Path, mo
     for grid, state in ((tiny.grid, "1 done,"), (tiny.grid, "1 done before"), (wide, "1 done,")):
         made_on = replace(document, volume=VolumeReference.of(Volume(tiny.values, grid)))
         write_deformation(made_on, many / "made.json")
-        assert run(many, 'replay made.json in/a.nrrd --out boxes --align box', monkeypatch) == 0
+        assert run(many, "replay made.json in/a.nrrd --out boxes --align box", monkeypatch) == 0
         assert run(many, "replay pull.json face.ply --out faces --volume space.nrrd", monkeypatch) == 0
         told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("1 files")]
         assert [state in line for line in told] == [True, True]
@@ -193,12 +204,17 @@ def test_another_box_or_another_volume_of_meshes_makes_them_again(many: Path, mo
             write_volume(Volume(tiny.values, wide), many / "space.nrrd")
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ("--align there", "unknown alignment 'there'"), ("--suffix .xyz", "no kind of volume file"),
-    ("--volume face.ply", "is a mesh"),
-])
-def test_mistakes_are_told_before_any_work(options: str, message: str, many: Path, monkeypatch: pytest.MonkeyPatch,
-                                           capsys: Any) -> None:
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("--align there", "unknown alignment 'there'"),
+        ("--suffix .xyz", "no kind of volume file"),
+        ("--volume face.ply", "is a mesh"),
+    ],
+)
+def test_mistakes_are_told_before_any_work(
+    options: str, message: str, many: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     assert run(many, f"replay pull.json in --out out {options}", monkeypatch) == 2
     assert message in capsys.readouterr().err
     assert not (many / "out").exists()

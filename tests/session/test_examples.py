@@ -60,8 +60,11 @@ def test_examples_follow_a_subject_that_lies_across_the_picture(name: str, degre
     seen = ((c * x + s * y) / 30) ** 2 + ((c * y - s * x) / 9) ** 2 < 1
     session = Session(Volume.from_array(np.repeat(200 * seen[None].astype(np.uint8), 3, axis=0)), view="+z")
     apply_example(session, name)
-    way = (session.points.source.reshape(3, 5, 2)[1, -1] - session.points.source.reshape(3, 5, 2)[1, 0]
-           if name == "bend" else np.subtract(*session.step.cuts[0].region.vertices))
+    way = (
+        session.points.source.reshape(3, 5, 2)[1, -1] - session.points.source.reshape(3, 5, 2)[1, 0]
+        if name == "bend"
+        else np.subtract(*session.step.cuts[0].region.vertices)
+    )
     plane = session.step.plane
     turned = plane.from_plane([[*way, 0.0]])[0] - plane.from_plane([[0.0, 0.0, 0.0]])[0]
     assert (np.degrees(np.arctan2(turned[1], turned[0])) - degrees + 90) % 180 - 90 == pytest.approx(0, abs=1)

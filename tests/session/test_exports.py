@@ -31,8 +31,9 @@ def session() -> Session:
     return made
 
 
-def test_a_document_with_key_frames_is_exported_as_its_animation(session: Session, tmp_path: Path,
-                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_document_with_key_frames_is_exported_as_its_animation(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from PIL import Image
 
     monkeypatch.setattr("deformnb.session.exports._FRAME", (64, 48))
@@ -173,8 +174,9 @@ def test_what_cannot_be_written_is_said_before_the_work(session: Session, tmp_pa
     assert worked == []
 
 
-def test_a_result_beyond_the_memory_is_refused_with_numbers(session: Session, tmp_path: Path,
-                                                             monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_result_beyond_the_memory_is_refused_with_numbers(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("deformnb.io.memory.available_memory", lambda: 3000)
     with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB are free"):
         export(session, tmp_path / "egg.nrrd")
@@ -231,8 +233,9 @@ def test_a_volume_is_written_on_the_grid_of_the_result(session: Session, tmp_pat
 
 
 @pytest.mark.parametrize("is_seen", [True, False])
-def test_pictures_and_movies_show_what_lies_beyond_the_volume(session: Session, tmp_path: Path, is_seen: bool,
-                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_and_movies_show_what_lies_beyond_the_volume(
+    session: Session, tmp_path: Path, is_seen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from PIL import Image
 
     monkeypatch.setattr("deformnb.session.exports._FRAMES", 2)
@@ -264,13 +267,19 @@ def test_the_picture_before_has_the_same_box(session: Session, tmp_path: Path) -
 
 @pytest.mark.sampled(4)
 @pytest.mark.needs_gl
-@pytest.mark.parametrize("look", [
-    {"camera": {"direction": (0, 1, 0), "zoom": 2.0}},
-    {"camera": {"direction": (0, 1, 0), "zoom": 1.0, "pan": (9.0, 3.0)}},
-    {"camera": {"direction": (0.4, 1, -0.3), "perspective": True}},
-    {"projection": "composite"}, {"background": "light"}, {"shows": "original"},
-    {"shows": "side_by_side"}, {"clip": ((0.0, 0.4), (0.0, 1.0), (0.3, 1.0))},
-])
+@pytest.mark.parametrize(
+    "look",
+    [
+        {"camera": {"direction": (0, 1, 0), "zoom": 2.0}},
+        {"camera": {"direction": (0, 1, 0), "zoom": 1.0, "pan": (9.0, 3.0)}},
+        {"camera": {"direction": (0.4, 1, -0.3), "perspective": True}},
+        {"projection": "composite"},
+        {"background": "light"},
+        {"shows": "original"},
+        {"shows": "side_by_side"},
+        {"clip": ((0.0, 0.4), (0.0, 1.0), (0.3, 1.0))},
+    ],
+)
 def test_a_rendering_shows_what_the_view_shows(session: Session, tmp_path: Path, look: dict[str, Any]) -> None:
     from PIL import Image
 
@@ -289,8 +298,9 @@ def test_a_rendering_shows_what_the_view_shows(session: Session, tmp_path: Path,
         shown.close()
 
 
-def test_a_movie_has_the_size_the_rate_and_the_looks_asked_for(session: Session, tmp_path: Path,
-                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_movie_has_the_size_the_rate_and_the_looks_asked_for(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from PIL import Image
 
     monkeypatch.setattr("deformnb.session.exports._FRAMES", 4)
@@ -308,13 +318,21 @@ def test_a_movie_has_the_size_the_rate_and_the_looks_asked_for(session: Session,
     view.close()
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"size": (8, 100)}, "whole pixels from 16"), ({"size": (100.5, 100)}, "whole pixels"), ({"size": 100}, "whole"),
-    ({"size": (100, 10**6)}, "to 8192"), ({"fps": 0}, "more than 0"), ({"fps": np.nan}, "at most 120"),
-    ({"fps": True}, "pictures a second"),
-])
-def test_sizes_and_rates_that_are_none_are_refused(session: Session, tmp_path: Path, options: dict[str, Any],
-                                                   message: str) -> None:
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"size": (8, 100)}, "whole pixels from 16"),
+        ({"size": (100.5, 100)}, "whole pixels"),
+        ({"size": 100}, "whole"),
+        ({"size": (100, 10**6)}, "to 8192"),
+        ({"fps": 0}, "more than 0"),
+        ({"fps": np.nan}, "at most 120"),
+        ({"fps": True}, "pictures a second"),
+    ],
+)
+def test_sizes_and_rates_that_are_none_are_refused(
+    session: Session, tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(DeformError, match=message):
         export(session, tmp_path / "egg.gif", **options)
     assert list(tmp_path.iterdir()) == []

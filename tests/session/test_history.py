@@ -341,10 +341,16 @@ def test_a_session_goes_to_any_state_and_observers_see_one_change() -> None:
     session.change(kernel="gaussian")
     tree = session.history_tree()
     assert [(n.id, n.parent, n.label, n.is_current) for n in tree] == [
-        (0, None, "", False), (1, 0, "change trend", False), (2, 1, "add a step", False), (3, 0, "change kernel", True)]
+        (0, None, "", False),
+        (1, 0, "change trend", False),
+        (2, 1, "add a step", False),
+        (3, 0, "change kernel", True),
+    ]
     seen: list[Any] = []
-    session.observe(lambda change: seen.append((len(session.deformation.steps), session.index,
-                                                session.history["undo"])), ["deformation", "index", "history"])
+    session.observe(
+        lambda change: seen.append((len(session.deformation.steps), session.index, session.history["undo"])),
+        ["deformation", "index", "history"],
+    )
     assert session.go_to(2) == "add a step"
     assert (session.deformation, session.index) == (second, index)
     assert set(seen) == {(2, 1, "add a step")}

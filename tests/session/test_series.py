@@ -22,8 +22,10 @@ BUMP = dn.Deformation.in_space(dn.ControlPoints.from_arrays([[8, 6, 4]], [[11, 6
 
 def _moments(count: int, channels: int, kind: str = "channels") -> list[Channels]:
     rng = np.random.default_rng(3)
-    return [Channels.from_array(rng.integers(0, 200, (*GRID.shape, channels)).astype(np.uint8), GRID, kind=kind)
-            for _ in range(count)]
+    return [
+        Channels.from_array(rng.integers(0, 200, (*GRID.shape, channels)).astype(np.uint8), GRID, kind=kind)
+        for _ in range(count)
+    ]
 
 
 def test_every_channel_at_every_moment_moves_as_a_volume_does(tmp_path: Path) -> None:
@@ -45,6 +47,7 @@ def test_the_map_is_evaluated_once_for_all_channels(monkeypatch: pytest.MonkeyPa
     def counted(*given: Any) -> Any:
         calls.append(1)
         return seen(*given)
+
     monkeypatch.setattr(warper.planning, "seen", counted)
     [four] = _moments(1, 4)
     dn.warp(four[0], BUMP)
@@ -69,8 +72,9 @@ def test_moments_of_an_animation_have_maps_of_their_own(tmp_path: Path) -> None:
     assert np.array_equal(last[0].values, dn.warp(moments[2][0], BUMP).values)
 
 
-def test_the_command_deforms_a_photograph_in_colour_and_a_series(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                                 capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_deforms_a_photograph_in_colour_and_a_series(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     values = np.zeros((20, 30, 3), np.uint8)
     values[10, 12] = (250, 120, 40)
@@ -100,21 +104,32 @@ def test_labels_of_a_series_stay_labels(tmp_path: Path) -> None:
     assert set(np.unique(result[1].values)) == {0, 7}
 
 
-def test_the_command_writes_a_segmentation_back_with_a_table_of_volumes(tmp_path: Path,
-                                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_writes_a_segmentation_back_with_a_table_of_volumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     nrrd = pytest.importorskip("nrrd")
     monkeypatch.chdir(tmp_path)
     values = np.zeros(GRID.shape[::-1], np.uint8)
     values[3:7, 3:7, 2:6] = 4
-    nrrd.write("a.seg.nrrd", values, {
-        "space": "left-posterior-superior", "space directions": np.diag(GRID.spacing), "space origin": [0, 0, 0],
-        "kinds": ["domain"] * 3, "Segment0_Name": "liver", "Segment0_LabelValue": "4"})
+    nrrd.write(
+        "a.seg.nrrd",
+        values,
+        {
+            "space": "left-posterior-superior",
+            "space directions": np.diag(GRID.spacing),
+            "space origin": [0, 0, 0],
+            "kinds": ["domain"] * 3,
+            "Segment0_Name": "liver",
+            "Segment0_LabelValue": "4",
+        },
+    )
     dn.write_deformation(BUMP, "bump.json")
     assert main(["warp", "bump.json", "a.seg.nrrd", "b.seg.nrrd", "--volumes", "sizes.csv"]) == 0
     warped = dn.read_volume("b.seg.nrrd")
     assert warped.is_labels
     assert np.array_equal(warped.values, dn.warp(dn.read_volume("a.seg.nrrd"), BUMP).values)
     after = 3.0 * np.count_nonzero(warped.values)
-    assert Path("sizes.csv").read_text(encoding="utf-8") == ("label,name,before_mm3,after_mm3,change_percent\n"
-                                             f"4,liver,192,{after:.6g},{100 * (after - 192) / 192:.4g}\n")
+    assert Path("sizes.csv").read_text(encoding="utf-8") == (
+        f"label,name,before_mm3,after_mm3,change_percent\n4,liver,192,{after:.6g},{100 * (after - 192) / 192:.4g}\n"
+    )
     assert dn.io.read_label_names("b.seg.nrrd") == {4: "liver"}

@@ -86,9 +86,14 @@ def test_an_edit_makes_the_next_document_and_observers_see_it_whole(session: Ses
 def test_what_cannot_be_fitted_changes_nothing(session: Session) -> None:
     before, history = session.deformation, session.history
     twice = ControlPoints.from_arrays([[0, 0], [5, 0], [0, 5], [3, 3]], [[0, 0], [5, 0], [2, 2], [2, 2]])
-    for edit in (lambda: session.edit_points(twice), lambda: session.change(kernel="round"),
-                 lambda: session.change(curve="z +", extrusion="modulate"), lambda: session.change(strength=np.inf),
-                 lambda: session.edit_step(3), lambda: session.set_view("up")):
+    for edit in (
+        lambda: session.edit_points(twice),
+        lambda: session.change(kernel="round"),
+        lambda: session.change(curve="z +", extrusion="modulate"),
+        lambda: session.change(strength=np.inf),
+        lambda: session.edit_step(3),
+        lambda: session.set_view("up"),
+    ):
         with pytest.raises(DeformError):
             edit()
     assert session.deformation is before
@@ -465,8 +470,9 @@ def test_edits_from_many_threads_all_count(session: Session) -> None:
     assert session.step.strength == 1.0
 
 
-def test_a_picture_that_an_edit_overtakes_is_of_its_own_moment_and_not_kept(session: Session,
-                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_that_an_edit_overtakes_is_of_its_own_moment_and_not_kept(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from deformnb.session import session as module
 
     before, made = session.plane, []

@@ -103,8 +103,9 @@ def test_another_order_is_the_composition_in_that_order(session: Session, index:
     expected = warp(session.volume, compose(*(steps[name].field(GRID) for name in order)))
     assert_array_equal(session.result().values, expected.values)
     assert session.step.name == "c"  # the one that was edited, wherever it is
-    assert session.history["undo"] == ("rename step 3" if index == to else
-                                       f"do step {index + 1} {'earlier' if to < index else 'later'}")
+    assert session.history["undo"] == (
+        "rename step 3" if index == to else f"do step {index + 1} {'earlier' if to < index else 'later'}"
+    )
 
 
 def test_the_order_matters_unless_the_steps_are_added_up(session: Session) -> None:
@@ -168,10 +169,18 @@ def test_a_step_done_twice_is_composed_with_itself(session: Session) -> None:
 
 def test_what_names_no_step_is_refused_and_changes_nothing(session: Session) -> None:
     before, history = session.deformation, session.history
-    for edit in (lambda: session.move_step(0, 3), lambda: session.move_step(3, 0), lambda: session.move_step(-1, 0),
-                 lambda: session.set_step_enabled(7, False), lambda: session.rename_step(-1, "x"),
-                 lambda: session.remove_step(3), lambda: session.duplicate_step(9), lambda: session.set_mode("mix"),
-                 lambda: session.change(cut_rule="free"), lambda: session.edit_document(before, "nothing", index=4)):
+    for edit in (
+        lambda: session.move_step(0, 3),
+        lambda: session.move_step(3, 0),
+        lambda: session.move_step(-1, 0),
+        lambda: session.set_step_enabled(7, False),
+        lambda: session.rename_step(-1, "x"),
+        lambda: session.remove_step(3),
+        lambda: session.duplicate_step(9),
+        lambda: session.set_mode("mix"),
+        lambda: session.change(cut_rule="free"),
+        lambda: session.edit_document(before, "nothing", index=4),
+    ):
         with pytest.raises(DeformError):
             edit()
     assert session.deformation is before
@@ -226,8 +235,11 @@ def test_a_rigid_part_keeps_its_form_and_a_point_in_it_is_refused() -> None:
     ground = HalfSpace(tuple(middle), (0.0, -1.0))  # below the middle of the picture
     a_drag(session)
     inside = middle + np.array([0, 2])
-    torn = replace(session.step, parts=(RigidPart(ground, name="ground"),),
-                   maps=(session.points.add(inside, inside + np.array([2, 0])),))
+    torn = replace(
+        session.step,
+        parts=(RigidPart(ground, name="ground"),),
+        maps=(session.points.add(inside, inside + np.array([2, 0])),),
+    )
     with pytest.raises(DeformError, match="ground"):
         session.edit_document(session.deformation.with_step(0, torn), "both")
     assert session.step.parts == ()
@@ -268,10 +280,16 @@ def test_an_untouched_picture_with_a_cut_is_not_thrown_away_by_a_turn() -> None:
 def test_cuts_parts_and_steps_survive_files_and_code(session: Session) -> None:
     session.edit_parts([RigidPart(HalfSpace((0.0, 0.0, 6.0), (0.0, 0.0, 1.0)), name="table")])
     session.set_view("+y")
-    session.edit_cuts([Cut(Line([(9.0, 0.0), (11.0, 9.0)]), "line"),
-                       Cut(HalfSpace((2.0, 2.0), (1.0, 0.0)), enabled=False)])
-    session.edit_parts([RigidPart(Polygon([(20, 1), (24, 1), (24, 6), (20, 6)]),
-                                  RigidMotion.turn(5, (22, 3)), "distance", 7.0, "bone")])
+    session.edit_cuts(
+        [Cut(Line([(9.0, 0.0), (11.0, 9.0)]), "line"), Cut(HalfSpace((2.0, 2.0), (1.0, 0.0)), enabled=False)]
+    )
+    session.edit_parts(
+        [
+            RigidPart(
+                Polygon([(20, 1), (24, 1), (24, 6), (20, 6)]), RigidMotion.turn(5, (22, 3)), "distance", 7.0, "bone"
+            )
+        ]
+    )
     session.change(cut_rule="paper")
     session.set_mode("blend")
     assert from_json(to_json(session.deformation)) == session.deformation

@@ -42,12 +42,16 @@ def transfers(draw: st.DrawFn) -> TransferFunction:
     return TransferFunction(rows(3), rows(1), draw(st.floats(1e-3, 1e3)))
 
 
-@given(transfer=st.none() | st.sampled_from(list(PRESETS)) | transfers(),
-       method=st.none() | st.sampled_from(list(PROJECTIONS)), depth=st.none() | _value,
-       window=st.none() | st.tuples(st.floats(-1e6, 0), st.floats(1e-3, 1e6)),
-       colour_map=st.none() | st.sampled_from(COLOUR_MAPS[1:]))
-def test_what_was_added_is_parted_again(transfer: Any, method: str | None, depth: float | None,
-                                        window: tuple[float, float] | None, colour_map: str | None) -> None:
+@given(
+    transfer=st.none() | st.sampled_from(list(PRESETS)) | transfers(),
+    method=st.none() | st.sampled_from(list(PROJECTIONS)),
+    depth=st.none() | _value,
+    window=st.none() | st.tuples(st.floats(-1e6, 0), st.floats(1e-3, 1e6)),
+    colour_map=st.none() | st.sampled_from(COLOUR_MAPS[1:]),
+)
+def test_what_was_added_is_parted_again(
+    transfer: Any, method: str | None, depth: float | None, window: tuple[float, float] | None, colour_map: str | None
+) -> None:
     look = ViewState(transfer, method, depth, window, colour_map)
     document = Deformation(name="bent", extra={"later": [1]})
     assert ViewState.split(from_json(to_json(look.added_to(document)))) == (document, look)
@@ -175,17 +179,20 @@ def test_what_a_later_version_may_know_is_passed_over() -> None:
     assert ViewState.split(document)[1] == ViewState()
 
 
-@pytest.mark.parametrize(("look", "place"), [
-    ([], "document.look must be an object"),
-    ({"transfer": 3}, "document.look.transfer"),
-    ({"method": 3}, "document.look.method"),
-    ({"depth": "deep"}, "document.look.depth"),
-    ({"transfer": {}}, "document.look.transfer"),
-    ({"transfer": {"colors": [[0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "colors must have 4 numbers"),
-    ({"transfer": {"colors": [[0, 0, 0, 0]], "opacities": [[0, 0]], "unit": 0}}, "document.look.transfer: .*unit"),
-    ({"transfer": {"colors": [[5, 0, 0, 0], [1, 0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "must rise"),
-    ({"transfer": {"colors": [[0, 0, 0, 0]] * (MOST_NODES + 1), "opacities": [[0, 0]], "unit": 1}}, "nodes"),
-])
+@pytest.mark.parametrize(
+    ("look", "place"),
+    [
+        ([], "document.look must be an object"),
+        ({"transfer": 3}, "document.look.transfer"),
+        ({"method": 3}, "document.look.method"),
+        ({"depth": "deep"}, "document.look.depth"),
+        ({"transfer": {}}, "document.look.transfer"),
+        ({"transfer": {"colors": [[0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "colors must have 4 numbers"),
+        ({"transfer": {"colors": [[0, 0, 0, 0]], "opacities": [[0, 0]], "unit": 0}}, "document.look.transfer: .*unit"),
+        ({"transfer": {"colors": [[5, 0, 0, 0], [1, 0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "must rise"),
+        ({"transfer": {"colors": [[0, 0, 0, 0]] * (MOST_NODES + 1), "opacities": [[0, 0]], "unit": 1}}, "nodes"),
+    ],
+)
 def test_a_malformed_look_is_refused_at_its_place_and_nothing_changes(look: Any, place: str) -> None:
     session = Session(BAR)
     document = from_json(json.dumps({**json.loads(to_json(Deformation(name="x"))), "look": look}))

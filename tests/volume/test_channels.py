@@ -40,14 +40,18 @@ def test_a_channel_is_found_by_number_and_name() -> None:
             stained[which]  # type: ignore[index]
 
 
-@pytest.mark.parametrize(("volumes", "more", "said"), [
-    ((), {}, "one or more volumes"),
-    ((Volume.from_array(np.zeros((2, 2))), Volume.from_array(np.zeros((2, 3)))), {}, "one grid"),
-    ((Volume.from_array(np.zeros((2, 2))), Volume.from_array(np.zeros((2, 2), np.uint8))), {}, "one voxel type"),
-    ((Volume.from_array(np.zeros((2, 2))),), {"kind": "rgb"}, "cannot be of the kind"),
-    ((Volume.from_array(np.zeros((2, 2))),), {"kind": "cmyk"}, "cannot be of the kind"),
-    ((Volume.from_array(np.zeros((2, 2))),), {"colours": ((1, 0, 0),) * 2}, "as many colours"),
-], ids=["none", "grids", "types", "rgb", "cmyk", "colours"])
+@pytest.mark.parametrize(
+    ("volumes", "more", "said"),
+    [
+        ((), {}, "one or more volumes"),
+        ((Volume.from_array(np.zeros((2, 2))), Volume.from_array(np.zeros((2, 3)))), {}, "one grid"),
+        ((Volume.from_array(np.zeros((2, 2))), Volume.from_array(np.zeros((2, 2), np.uint8))), {}, "one voxel type"),
+        ((Volume.from_array(np.zeros((2, 2))),), {"kind": "rgb"}, "cannot be of the kind"),
+        ((Volume.from_array(np.zeros((2, 2))),), {"kind": "cmyk"}, "cannot be of the kind"),
+        ((Volume.from_array(np.zeros((2, 2))),), {"colours": ((1, 0, 0),) * 2}, "as many colours"),
+    ],
+    ids=["none", "grids", "types", "rgb", "cmyk", "colours"],
+)
 def test_what_does_not_belong_together_is_refused(volumes: object, more: dict[str, object], said: str) -> None:
     with pytest.raises(DeformError, match=said):
         Channels(volumes, **more)  # type: ignore[arg-type]

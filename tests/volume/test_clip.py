@@ -15,11 +15,25 @@ TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 GRID = Grid((4, 6, 10), (0.5, 1.0, 2.0), (3.0, -4.0, 5.0), TURNED)
 
 
-@pytest.mark.parametrize("value", [
-    None, 3, "clip", [], [(0, 1), (0, 1)], [(0, 1)] * 4, [(0, 1, 1)] * 3, [(0, 1), (0, 1), (0, "a")],
-    [(0, 1), (0, 1), (0.5, 0.5)], [(0, 1), (0, 1), (0.6, 0.5)], [(-0.1, 1), (0, 1), (0, 1)], [(0, 1.1), (0, 1), (0, 1)],
-    [(0, float("nan")), (0, 1), (0, 1)], [(0, 1), (0, 1), None],
-])
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        3,
+        "clip",
+        [],
+        [(0, 1), (0, 1)],
+        [(0, 1)] * 4,
+        [(0, 1, 1)] * 3,
+        [(0, 1), (0, 1), (0, "a")],
+        [(0, 1), (0, 1), (0.5, 0.5)],
+        [(0, 1), (0, 1), (0.6, 0.5)],
+        [(-0.1, 1), (0, 1), (0, 1)],
+        [(0, 1.1), (0, 1), (0, 1)],
+        [(0, float("nan")), (0, 1), (0, 1)],
+        [(0, 1), (0, 1), None],
+    ],
+)
 def test_what_is_no_clip_is_refused(value: Any) -> None:
     with pytest.raises(DeformError, match=r"three pairs|shares of a clip"):
         checked_clip(value)
@@ -31,10 +45,17 @@ def test_a_clip_is_plain_numbers_whatever_it_came_as() -> None:
     assert all(type(share) is float for pair in checked_clip(np.array(wanted)) for share in pair)
 
 
-@pytest.mark.parametrize(("axis", "pair", "wanted"), [
-    (0, (0.0, 0.3), [0, 1, 2]), (0, (0.7, 1.0), [7, 8, 9]), (1, (0.5, 1.0), [3, 4, 5]), (1, (0.0, 0.5), [0, 1, 2]),
-    (2, (0.25, 0.75), [1, 2]), (2, (0.0, 0.25), [0]),
-])
+@pytest.mark.parametrize(
+    ("axis", "pair", "wanted"),
+    [
+        (0, (0.0, 0.3), [0, 1, 2]),
+        (0, (0.7, 1.0), [7, 8, 9]),
+        (1, (0.5, 1.0), [3, 4, 5]),
+        (1, (0.0, 0.5), [0, 1, 2]),
+        (2, (0.25, 0.75), [1, 2]),
+        (2, (0.0, 0.25), [0]),
+    ],
+)
 def test_shares_count_along_the_index_axes(axis: int, pair: tuple[float, float], wanted: list[int]) -> None:
     clip = [list(p) for p in WHOLE]
     clip[axis] = list(pair)

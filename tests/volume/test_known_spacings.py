@@ -34,8 +34,15 @@ def in_file(monkeypatch: pytest.MonkeyPatch) -> Volume:
     values = np.zeros((9, 12, 10), np.uint8)
     values[2:7, 3:9, 2:8] = np.random.default_rng(4).integers(50, 250, (5, 6, 6))
     volume = Volume.from_array(values, origin=(3.0, -2.0, 5.0), name="fish")
-    row = KnownSpacing("fish of the tests", volume.shape, "uint8", VolumeReference.of(volume).sha256,
-                       (1.0, 1.0, 1.0), TRUE, "its anatomy")
+    row = KnownSpacing(
+        "fish of the tests",
+        volume.shape,
+        "uint8",
+        VolumeReference.of(volume).sha256,
+        (1.0, 1.0, 1.0),
+        TRUE,
+        "its anatomy",
+    )
     monkeypatch.setattr(module, "known_spacings", lambda: (row,))
     return volume
 
@@ -79,8 +86,9 @@ def test_the_carp_has_one_shape_wherever_it_is_read(real_data: Callable[[str], P
 
 
 @pytest.mark.parametrize("name", ["lobster.nrrd", "head_ct.nii.gz", "abdomen_ct.nii.gz", "knee_mr_bent.nrrd"])
-def test_no_other_volume_is_hashed_or_changed(name: str, real_data: Callable[[str], Path],
-                                              monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_other_volume_is_hashed_or_changed(
+    name: str, real_data: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     from deformnb.io import formats
 
     monkeypatch.setattr(formats, "voxel_checksum", None)  # would fail if called

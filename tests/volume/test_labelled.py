@@ -14,8 +14,13 @@ SHIFT = Affine(np.eye(3), np.array([1.0, 0.0, 0.0]))  # output(x) = input(x + 1)
 
 def _array() -> xarray.DataArray:
     values = np.arange(24.0).reshape(2, 3, 4)
-    coords = {"z": [10.0, 12.0], "y": [0.0, 1.0, 2.0], "x": [5.0, 6.0, 7.0, 8.0], "subject": 7,
-              "name": ("z", ["a", "b"])}
+    coords = {
+        "z": [10.0, 12.0],
+        "y": [0.0, 1.0, 2.0],
+        "x": [5.0, 6.0, 7.0, 8.0],
+        "subject": 7,
+        "name": ("z", ["a", "b"]),
+    }
     return xarray.DataArray(values, coords, ("z", "y", "x"), "grey", {"unit": "HU"})
 
 
@@ -65,14 +70,18 @@ def test_a_picture_is_one_slice() -> None:
     assert dn.warp(picture, SHIFT).values[:, :3].tolist() == picture.values[:, 1:].tolist()
 
 
-@pytest.mark.parametrize(("array", "said"), [
-    (_array().assign_coords(x=[0.0, 1.0, 2.0, 9.0]), "not evenly spaced"),
-    (_array().rename(x="time"), "dimensions z, y, x"),
-    (_array().expand_dims(t=2), "has t too"),
-    (_array().assign_coords(x=list("abcd")), "no places"),
-    (_array().assign_attrs(direction=[1, 2]), "3 x 3"),
-    ([1, 2], "DataArray"),
-], ids=["uneven", "time", "four", "text", "direction", "list"])
+@pytest.mark.parametrize(
+    ("array", "said"),
+    [
+        (_array().assign_coords(x=[0.0, 1.0, 2.0, 9.0]), "not evenly spaced"),
+        (_array().rename(x="time"), "dimensions z, y, x"),
+        (_array().expand_dims(t=2), "has t too"),
+        (_array().assign_coords(x=list("abcd")), "no places"),
+        (_array().assign_attrs(direction=[1, 2]), "3 x 3"),
+        ([1, 2], "DataArray"),
+    ],
+    ids=["uneven", "time", "four", "text", "direction", "list"],
+)
 def test_what_is_no_volume_is_refused(array: object, said: str) -> None:
     with pytest.raises(dn.DeformError, match=said):
         dn.volume.from_xarray(array)
@@ -90,4 +99,3 @@ class _InChunks:
 def test_an_array_in_chunks_is_never_loaded_without_a_word() -> None:
     with pytest.raises(dn.DeformError, match=r"8192 MiB.*chunked\.warp"):
         dn.Volume.from_array(_InChunks())  # type: ignore[arg-type]
-

@@ -25,8 +25,11 @@ def grid_of(direction: Any) -> Grid:
 
 
 # All 48 ways to store a volume along the axes of the body: RAS, LPS, PIR, ...
-SIGNED_AXES = [np.eye(3)[:, list(p)] * np.array(s) for p in itertools.permutations(range(3))
-               for s in itertools.product([1.0, -1.0], repeat=3)]
+SIGNED_AXES = [
+    np.eye(3)[:, list(p)] * np.array(s)
+    for p in itertools.permutations(range(3))
+    for s in itertools.product([1.0, -1.0], repeat=3)
+]
 
 
 def check(plane: Plane) -> None:
@@ -75,19 +78,32 @@ def test_default_up_is_the_head_and_the_front_in_axial_pictures() -> None:
     assert tilted.v[2] < 0
 
 
-@pytest.mark.parametrize(("u", "v"), [
-    ((1, 0, 0), (1, 0, 0)), ((2, 0, 0), (0, 1, 0)), ((1, 0, 0), (0, 0, 0)), ((1, 0, 0), (1e-5, 1, 0)),
-    ((np.nan, 0, 0), (0, 1, 0)), ((1, 0, 0), (0, np.inf, 0)), ((1, 0), (0, 1)),
-])
+@pytest.mark.parametrize(
+    ("u", "v"),
+    [
+        ((1, 0, 0), (1, 0, 0)),
+        ((2, 0, 0), (0, 1, 0)),
+        ((1, 0, 0), (0, 0, 0)),
+        ((1, 0, 0), (1e-5, 1, 0)),
+        ((np.nan, 0, 0), (0, 1, 0)),
+        ((1, 0, 0), (0, np.inf, 0)),
+        ((1, 0), (0, 1)),
+    ],
+)
 def test_frames_that_are_not_orthonormal_are_refused(u: Any, v: Any) -> None:
     with pytest.raises(DeformError):
         Plane((0, 0, 0), u, v)
 
 
-@pytest.mark.parametrize(("normal", "up", "message"), [
-    ((0, 0, 0), None, "must not be zero"), ((1, 0, 0), (-2, 0, 0), "up must not be parallel"),
-    ((np.nan, 0, 1), None, "three finite numbers"), ((1, 0), None, "three finite numbers"),
-])
+@pytest.mark.parametrize(
+    ("normal", "up", "message"),
+    [
+        ((0, 0, 0), None, "must not be zero"),
+        ((1, 0, 0), (-2, 0, 0), "up must not be parallel"),
+        ((np.nan, 0, 1), None, "three finite numbers"),
+        ((1, 0), None, "three finite numbers"),
+    ],
+)
 def test_directions_that_are_none_are_refused(normal: Any, up: Any, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         Plane.through((0, 0, 0), normal, up)
@@ -181,10 +197,17 @@ def test_raster_points_rows_and_box_agree() -> None:
     assert raster.diagonal == pytest.approx(np.hypot(2, 6))
 
 
-@pytest.mark.parametrize("arguments", [
-    ((0, 4), (1, 1), (0, 0)), ((3,), (1, 1), (0, 0)), ((3, 4), (0, 1), (0, 0)), ((3, 4), (1, -1), (0, 0)),
-    ((3, 4), (1, np.nan), (0, 0)), ((3, 4), (1, 1), (np.inf, 0)),
-])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ((0, 4), (1, 1), (0, 0)),
+        ((3,), (1, 1), (0, 0)),
+        ((3, 4), (0, 1), (0, 0)),
+        ((3, 4), (1, -1), (0, 0)),
+        ((3, 4), (1, np.nan), (0, 0)),
+        ((3, 4), (1, 1), (np.inf, 0)),
+    ],
+)
 def test_rasters_without_pixels_are_refused(arguments: Any) -> None:
     with pytest.raises(DeformError):
         Raster(*arguments)

@@ -24,8 +24,9 @@ def _value(method: str, row: np.ndarray, place: float) -> float:
         axis = Axis(len(row), 1, jnp.asarray(whole, jnp.int32), jnp.asarray(place - whole))
         source = sampling.spline_coefficients(row, "float64", axes=(0,)) if METHODS[method].is_spline else row
         taps = METHODS[method].taps(axis)
-        return float(sum(source[int(index) + step] * (1.0 if weight is None else float(weight))
-                         for index, step, weight in taps))
+        return float(
+            sum(source[int(index) + step] * (1.0 if weight is None else float(weight)) for index, step, weight in taps)
+        )
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -77,15 +78,17 @@ def test_split_keeps_the_place(whole: int, move: float, near: bool) -> None:
 
 @given(move=st.floats(-(2.0**22), 2.0**22, width=32))
 def test_near_places_are_split_as_others_are(move: float) -> None:
-    quick, plain = (sampling.split(jnp.asarray(7, jnp.int32), jnp.asarray(move, jnp.float32), near=near)
-                    for near in (True, False))
+    quick, plain = (
+        sampling.split(jnp.asarray(7, jnp.int32), jnp.asarray(move, jnp.float32), near=near) for near in (True, False)
+    )
     assert quick == plain
 
 
 @pytest.mark.parametrize("move", [2.0**22, -(2.0**22), 2.0**23, -1e9, 3e38, -3e38])
 def test_a_place_beyond_the_near_ones_stays_outside(move: float) -> None:
-    index, fraction = sampling.split(jnp.asarray(-np.sign(move) * sampling.NEAR, jnp.int32),
-                                     jnp.asarray(move, jnp.float32), near=True)
+    index, fraction = sampling.split(
+        jnp.asarray(-np.sign(move) * sampling.NEAR, jnp.int32), jnp.asarray(move, jnp.float32), near=True
+    )
     assert not sampling.inside([Axis(sampling.NEAR, 1, index, fraction)])
 
 
@@ -131,7 +134,7 @@ def test_parts_of_a_larger_array_are_shared_wherever_they_begin(dtype: str) -> N
     count = 9 * 8 * 5 * 3
     whole = sampling.aligned_empty((count + 1,), np.dtype(dtype))[1:].reshape(9, 8, 5, 3)
     whole[...] = np.arange(count).reshape(whole.shape) % 251
-    parts = [whole[k:k + 3] for k in (0, 3, 6)]
+    parts = [whole[k : k + 3] for k in (0, 3, 6)]
     seen = [sampling.shared(part) for part in parts]
     assert len({(each.row.shape, each.shape) for each in seen}) == 1
     for part, each in zip(parts, seen, strict=True):
@@ -149,7 +152,7 @@ def test_a_whole_array_is_shared_wherever_it_begins(dtype: str, first: int) -> N
     with sampling.arithmetic(np.dtype(dtype), 0):
         size = np.dtype(dtype).itemsize
         memory = memoryview(sampling.aligned_empty((100 * size,), np.dtype(np.uint8)))
-        whole = np.frombuffer(memory[first * size:(first + 90) * size], dtype).reshape(9, 10)
+        whole = np.frombuffer(memory[first * size : (first + 90) * size], dtype).reshape(9, 10)
         whole[...] = np.arange(90).reshape(9, 10)
         seen = sampling.shared(whole)
         np.testing.assert_array_equal(seen, whole)
@@ -159,8 +162,10 @@ def test_a_whole_array_is_shared_wherever_it_begins(dtype: str, first: int) -> N
         np.testing.assert_array_equal(seen, np.arange(90).reshape(9, 10))
 
 
-@pytest.mark.parametrize(("dtype", "size", "wide"), [("uint8", 8, False), ("float32", 8, False), ("int32", 8, True),
-                                                     ("float64", 8, True), ("uint8", 2**31, True)])
+@pytest.mark.parametrize(
+    ("dtype", "size", "wide"),
+    [("uint8", 8, False), ("float32", 8, False), ("int32", 8, True), ("float64", 8, True), ("uint8", 2**31, True)],
+)
 def test_64_bits_only_where_they_are_needed(dtype: str, size: int, wide: bool) -> None:
     with sampling.arithmetic(np.dtype(dtype), size):
         assert (jnp.asarray(np.zeros(1)).dtype == np.float64) is wide
@@ -175,7 +180,8 @@ def test_a_large_index_does_not_blur_the_fraction() -> None:
 def test_products_are_the_nested_sum() -> None:
     rng = np.random.default_rng(2)
     table = rng.random(50)
-    taps: list[Any] = [list(zip(rng.integers(0, 9, 3).tolist(), [0, 1, 2], rng.random(3).tolist(), strict=True))
-                       for _ in range(2)]
+    taps: list[Any] = [
+        list(zip(rng.integers(0, 9, 3).tolist(), [0, 1, 2], rng.random(3).tolist(), strict=True)) for _ in range(2)
+    ]
     nested = sampling._nested(lambda k, shift: table[k + shift], taps)
     assert sum(w * table[k + shift] for k, shift, w in sampling._products(taps)) == pytest.approx(nested, abs=1e-14)

@@ -25,8 +25,15 @@ from deformnb.volume.transfer import (
 from deformnb.volume.volume import Volume
 
 RAMP = TransferFunction(((0, 0, 0, 0), (10, 1, 0.5, 0), (20, 1, 1, 1)), ((0, 0), (20, 0.5)), unit=2.0)
-SMALL = {"bar": (24, 16, 32), "fish": (24, 48, 24), "knee": (40, 32, 24), "lobster": (14, 48, 40), "head": (32, 36, 28),
-         "horse": (32, 40, 16), "abdomen": (28, 24, 32)}
+SMALL = {
+    "bar": (24, 16, 32),
+    "fish": (24, 48, 24),
+    "knee": (40, 32, 24),
+    "lobster": (14, 48, 40),
+    "head": (32, 36, 28),
+    "horse": (32, 40, 16),
+    "abdomen": (28, 24, 32),
+}
 
 
 def volume_of(values: Any) -> Volume:
@@ -46,7 +53,8 @@ def test_values_between_nodes_are_interpolated_and_those_beyond_are_clamped(valu
 FUNCTIONS = st.builds(
     lambda colors, opacities: TransferFunction(tuple(sorted(colors)), tuple(sorted(opacities))),
     st.lists(st.tuples(st.integers(-30, 130).map(float), *[st.floats(0, 1)] * 3), min_size=1, max_size=9),
-    st.lists(st.tuples(st.integers(-30, 130).map(float), st.floats(0, 1)), min_size=1, max_size=9))
+    st.lists(st.tuples(st.integers(-30, 130).map(float), st.floats(0, 1)), min_size=1, max_size=9),
+)
 
 
 @given(function=FUNCTIONS)
@@ -60,8 +68,9 @@ def test_knots_are_the_function_itself_with_its_jumps(function: TransferFunction
 
 
 @given(function=FUNCTIONS, low=st.floats(-40, 60), width=st.floats(1, 500))
-def test_a_table_is_read_linearly_within_the_bound_that_it_states(function: TransferFunction, low: float,
-                                                                  width: float) -> None:
+def test_a_table_is_read_linearly_within_the_bound_that_it_states(
+    function: TransferFunction, low: float, width: float
+) -> None:
     table = function.table(low, low + width)
     each = (len(table) - 1) // 255
     assert len(table) == 255 * each + 1 <= 2048
@@ -95,8 +104,18 @@ def test_a_step_is_two_nodes_at_one_value() -> None:
 # ---- what is refused, what is clipped --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("nodes", [((2, 0, 0, 0), (1, 1, 1, 1)), ((0, 0, 0, np.nan),), ((np.inf, 0, 0, 0),), (),
-                                   ((0, 0, 0),), ((0, 0, 0, 0, 0),), (1, 2, 3, 4)])
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        ((2, 0, 0, 0), (1, 1, 1, 1)),
+        ((0, 0, 0, np.nan),),
+        ((np.inf, 0, 0, 0),),
+        (),
+        ((0, 0, 0),),
+        ((0, 0, 0, 0, 0),),
+        (1, 2, 3, 4),
+    ],
+)
 def test_wrong_colours_are_refused_by_name(nodes: Any) -> None:
     with pytest.raises(DeformError, match="colors"):
         TransferFunction(nodes, ((0, 0),))
@@ -155,8 +174,10 @@ def test_levels_are_those_of_scikit_image(name: str) -> None:
     assert low < air < dense < high <= volume.values.max()
 
 
-@given(numbers=st.lists(st.integers(-1000, 3000), min_size=3, max_size=60).filter(lambda v: len(set(v)) > 2),
-       dtype=st.sampled_from(["float64", "int16"]))
+@given(
+    numbers=st.lists(st.integers(-1000, 3000), min_size=3, max_size=60).filter(lambda v: len(set(v)) > 2),
+    dtype=st.sampled_from(["float64", "int16"]),
+)
 def test_levels_of_any_few_values_are_those_of_scikit_image(numbers: list[int], dtype: str) -> None:
     values = np.array(numbers, dtype).reshape(1, 1, -1)
     found = levels(volume_of(values))
@@ -231,12 +252,20 @@ def test_a_constant_volume_has_one_level(value: float) -> None:
     assert set(found) == {0.0 if np.isnan(value) else float(np.float32(value))}
 
 
-@pytest.mark.parametrize("values", [
-    np.array([0, 1], bool), np.array([0, 255], np.uint8), np.array([-128, 127], np.int8),
-    np.array([0, 65535], np.uint16), np.array([-(2**31), 2**31 - 1], np.int32),
-    np.array([1, np.nextafter(np.float32(1), 2)], np.float32),
-    np.array([0, 5e-324]), np.array([-1e300, 1e300]), np.array([0, np.nan, 1, np.inf], np.float32),
-])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.array([0, 1], bool),
+        np.array([0, 255], np.uint8),
+        np.array([-128, 127], np.int8),
+        np.array([0, 65535], np.uint16),
+        np.array([-(2**31), 2**31 - 1], np.int32),
+        np.array([1, np.nextafter(np.float32(1), 2)], np.float32),
+        np.array([0, 5e-324]),
+        np.array([-1e300, 1e300]),
+        np.array([0, np.nan, 1, np.inf], np.float32),
+    ],
+)
 def test_levels_of_two_values_lie_between_them(values: np.ndarray) -> None:
     low, air, dense, high = levels(volume_of(values.reshape(1, 1, -1)))
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
@@ -273,10 +302,19 @@ def test_presets_leave_air_empty_and_show_the_dense(kind: str, name: str) -> Non
 
 
 @pytest.mark.parametrize("kind", PRESETS)
-@pytest.mark.parametrize("values", [
-    np.zeros((2, 2, 2)), np.full((1, 1, 1), -1000.0), np.array([[[0, 1]]], np.uint8), np.array([[[False, True]]]),
-    np.full((2, 2, 2), np.nan), np.array([[[0, 1e300]]]), np.array([[[-1024, -1023]]], np.int16),
-], ids=["zero", "one voxel", "two values", "bool", "nan", "huge", "two close values"])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((2, 2, 2)),
+        np.full((1, 1, 1), -1000.0),
+        np.array([[[0, 1]]], np.uint8),
+        np.array([[[False, True]]]),
+        np.full((2, 2, 2), np.nan),
+        np.array([[[0, 1e300]]]),
+        np.array([[[-1024, -1023]]], np.int16),
+    ],
+    ids=["zero", "one voxel", "two values", "bool", "nan", "huge", "two close values"],
+)
 def test_presets_are_valid_for_poor_volumes(kind: str, values: np.ndarray) -> None:
     function = preset(kind, volume_of(values))
     table = function.table(*volume_of(values).value_range)
@@ -411,11 +449,20 @@ def test_other_colours_keep_opacities_and_unit() -> None:
     assert (painted.opacities, painted.unit) == (RAMP.opacities, RAMP.unit)
 
 
-@pytest.mark.parametrize(("stops", "words"), [
-    ([(0, "red")], "#rrggbb"), ([(0, "#12345g")], "#rrggbb"), ([(0, "#1234567")], "#rrggbb"), ([(0, 3)], "pairs"),
-    ([0], "pairs"), ([(0, (1, 1))], "4 finite numbers"), ([], "4 finite"), ([(3, "#000000"), (0, "#000000")], "rise"),
-    ([(float("nan"), "#000000")], "finite"),
-])
+@pytest.mark.parametrize(
+    ("stops", "words"),
+    [
+        ([(0, "red")], "#rrggbb"),
+        ([(0, "#12345g")], "#rrggbb"),
+        ([(0, "#1234567")], "#rrggbb"),
+        ([(0, 3)], "pairs"),
+        ([0], "pairs"),
+        ([(0, (1, 1))], "4 finite numbers"),
+        ([], "4 finite"),
+        ([(3, "#000000"), (0, "#000000")], "rise"),
+        ([(float("nan"), "#000000")], "finite"),
+    ],
+)
 def test_wrong_stops_are_refused(stops: Any, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         RAMP.with_colors(stops)

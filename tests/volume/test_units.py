@@ -32,8 +32,16 @@ sitk, tifffile = pytest.importorskip("SimpleITK"), pytest.importorskip("tifffile
 zarr, pyvista, xarray = pytest.importorskip("zarr"), pytest.importorskip("pyvista"), pytest.importorskip("xarray")
 
 METRES = {"pm": 1e-12, "\u00c5": 1e-10, "nm": 1e-9, "\u00b5m": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-NAMES = {"pm": "picometer", "\u00c5": "angstrom", "nm": "nanometer", "\u00b5m": "micrometer", "mm": "millimeter",
-         "cm": "centimeter", "m": "meter", "in": "inch"}
+NAMES = {
+    "pm": "picometer",
+    "\u00c5": "angstrom",
+    "nm": "nanometer",
+    "\u00b5m": "micrometer",
+    "mm": "millimeter",
+    "cm": "centimeter",
+    "m": "meter",
+    "in": "inch",
+}
 SPACING = (0.5, 0.75, 2.0)
 VALUES = np.arange(4 * 5 * 6, dtype=np.uint8).reshape(4, 5, 6)
 
@@ -49,24 +57,39 @@ def _nifti(path: Path, unit: str) -> Path:
 
 
 def _ome(path: Path, unit: str) -> Path:
-    about = {key: value for axis, length in zip("XYZ", SPACING, strict=True) for key, value in
-             ((f"PhysicalSize{axis}", length), (f"PhysicalSize{axis}Unit", unit))}
+    about = {
+        key: value
+        for axis, length in zip("XYZ", SPACING, strict=True)
+        for key, value in ((f"PhysicalSize{axis}", length), (f"PhysicalSize{axis}Unit", unit))
+    }
     tifffile.imwrite(path / "a.ome.tif", VALUES, metadata={"axes": "ZYX", **about}, photometric="minisblack")
     return path / "a.ome.tif"
 
 
 def _imagej(path: Path, unit: str) -> Path:
     words = {"\u00b5m": "micron", "in": "inch"}
-    tifffile.imwrite(path / "a.tif", VALUES, imagej=True, resolution=(1 / SPACING[0], 1 / SPACING[1]),
-                     metadata={"axes": "ZYX", "spacing": SPACING[2], "unit": words.get(unit, unit)})
+    tifffile.imwrite(
+        path / "a.tif",
+        VALUES,
+        imagej=True,
+        resolution=(1 / SPACING[0], 1 / SPACING[1]),
+        metadata={"axes": "ZYX", "spacing": SPACING[2], "unit": words.get(unit, unit)},
+    )
     return path / "a.tif"
 
 
 def _nrrd(path: Path, unit: str) -> Path:
     word = {"\u00b5m": "um", "\u00c5": "angstrom"}.get(unit, unit)  # pynrrd writes ASCII
-    nrrd.write(str(path / "a.nrrd"), VALUES.transpose(2, 1, 0), {
-        "space": "left-posterior-superior", "space directions": np.diag(SPACING), "space origin": [0, 0, 0],
-        "space units": [word] * 3})
+    nrrd.write(
+        str(path / "a.nrrd"),
+        VALUES.transpose(2, 1, 0),
+        {
+            "space": "left-posterior-superior",
+            "space directions": np.diag(SPACING),
+            "space origin": [0, 0, 0],
+            "space units": [word] * 3,
+        },
+    )
     return path / "a.nrrd"
 
 
@@ -80,15 +103,17 @@ def _zarr(path: Path, unit: str) -> Path:
     group.create_array("0", data=VALUES, chunks=VALUES.shape)
     scale = [{"type": "scale", "scale": list(SPACING[::-1])}]
     axes = [{"name": name, "type": "space", "unit": NAMES[unit]} for name in "zyx"]
-    group.attrs["multiscales"] = [{"version": "0.4", "axes": axes,
-                                   "datasets": [{"path": "0", "coordinateTransformations": scale}]}]
+    group.attrs["multiscales"] = [
+        {"version": "0.4", "axes": axes, "datasets": [{"path": "0", "coordinateTransformations": scale}]}
+    ]
     return path / "a.zarr"
 
 
 def _raw(path: Path, unit: str) -> Path:
     VALUES.tofile(path / "a.raw")
-    (path / "a.raw.json").write_text(json.dumps({"shape": VALUES.shape, "dtype": "uint8", "spacing": SPACING,
-                                                 "unit": NAMES[unit]}), encoding="utf-8")
+    (path / "a.raw.json").write_text(
+        json.dumps({"shape": VALUES.shape, "dtype": "uint8", "spacing": SPACING, "unit": NAMES[unit]}), encoding="utf-8"
+    )
     return path / "a.raw"
 
 
@@ -98,6 +123,7 @@ def _sitk(suffix: str) -> Callable[[Path, str], Path]:
         image.SetSpacing(SPACING)
         sitk.WriteImage(image, str(path / f"a{suffix}"))
         return path / f"a{suffix}"
+
     return made
 
 
@@ -109,10 +135,17 @@ def _vti(path: Path, _unit: str) -> Path:
 
 
 SOURCES: dict[str, tuple[Callable[[Path, str], Path], tuple[str, ...]]] = {
-    "nifti": (_nifti, ("m", "mm", "\u00b5m")), "ome": (_ome, tuple(METRES)),
-    "imagej": (_imagej, ("nm", "\u00b5m", "mm", "cm", "m", "in")), "nrrd": (_nrrd, tuple(METRES)),
-    "nrrd of axes": (_nrrd_axes, tuple(METRES)), "zarr": (_zarr, tuple(METRES)), "raw": (_raw, tuple(METRES)),
-    "mha of itk": (_sitk(".mha"), ("mm",)), "nrrd of itk": (_sitk(".nrrd"), ("mm",)), "vti": (_vti, ("mm",))}
+    "nifti": (_nifti, ("m", "mm", "\u00b5m")),
+    "ome": (_ome, tuple(METRES)),
+    "imagej": (_imagej, ("nm", "\u00b5m", "mm", "cm", "m", "in")),
+    "nrrd": (_nrrd, tuple(METRES)),
+    "nrrd of axes": (_nrrd_axes, tuple(METRES)),
+    "zarr": (_zarr, tuple(METRES)),
+    "raw": (_raw, tuple(METRES)),
+    "mha of itk": (_sitk(".mha"), ("mm",)),
+    "nrrd of itk": (_sitk(".nrrd"), ("mm",)),
+    "vti": (_vti, ("mm",)),
+}
 
 
 # ---- measured by other libraries -------------------------------------------------------------------------------------
@@ -135,8 +168,9 @@ def _of_ome(path: Path) -> Sizes:
         tags, centimetre = file.pages[0].tags, 1e-2
         across = [tags[name].value for name in ("XResolution", "YResolution")]
         states_size = tags["ResolutionUnit"].value == 3
-    sizes = tuple(METRES[pixels.get(f"PhysicalSize{axis}Unit")] * float(pixels.get(f"PhysicalSize{axis}"))
-                  for axis in "XYZ")
+    sizes = tuple(
+        METRES[pixels.get(f"PhysicalSize{axis}Unit")] * float(pixels.get(f"PhysicalSize{axis}")) for axis in "XYZ"
+    )
     assert states_size == (sizes[0] > 1e-11)  # of less a rational of 32 bits cannot count the pixels of a centimetre
     if states_size:
         for (above, below), size in zip(across, sizes, strict=False):
@@ -170,9 +204,18 @@ def _of_json(path: Path) -> Sizes:
 
 
 READERS: dict[str, Callable[[Path], Sizes]] = {
-    ".nii.gz": lambda path: _of_nibabel(nibabel.load(path)), ".nii": _of_itk, ".nrrd": _of_nrrd, ".nhdr": _of_itk,
-    ".mha": _of_itk, ".mhd": _of_itk, ".vti": _of_vti, ".npy": _of_json, ".raw": _of_json, ".zarr": _of_zarr,
-    ".ome.tif": _of_ome}
+    ".nii.gz": lambda path: _of_nibabel(nibabel.load(path)),
+    ".nii": _of_itk,
+    ".nrrd": _of_nrrd,
+    ".nhdr": _of_itk,
+    ".mha": _of_itk,
+    ".mhd": _of_itk,
+    ".vti": _of_vti,
+    ".npy": _of_json,
+    ".raw": _of_json,
+    ".zarr": _of_zarr,
+    ".ome.tif": _of_ome,
+}
 
 
 def _written(suffix: str) -> Callable[[Path, Path], Sizes]:
@@ -180,13 +223,16 @@ def _written(suffix: str) -> Callable[[Path, Path], Sizes]:
         target = folder / f"out{suffix}"
         dn.write_volume(dn.read_volume(source), target)
         return READERS[suffix](target)
+
     return out
 
 
 def _napari(source: Path, _folder: Path) -> Sizes:
     [(_, attributes, _)] = dn.interop.to_napari(dn.read_volume(source))
-    return tuple(METRES[unit] * np.linalg.norm(row) for unit, row in zip(
-        attributes["units"], np.diag(attributes["scale"]), strict=True))[::-1]
+    return tuple(
+        METRES[unit] * np.linalg.norm(row)
+        for unit, row in zip(attributes["units"], np.diag(attributes["scale"]), strict=True)
+    )[::-1]
 
 
 def _xarray(source: Path, _folder: Path) -> Sizes:
@@ -206,6 +252,7 @@ def _command(suffix: str) -> Callable[[Path, Path], Sizes]:
         dn.write_deformation(document, folder / "d.json")
         assert main(["warp", str(folder / "d.json"), str(source), str(folder / f"out{suffix}")]) == 0
         return READERS[suffix](folder / f"out{suffix}")
+
     return out
 
 
@@ -216,8 +263,9 @@ def _session(source: Path, folder: Path) -> Sizes:
 
 def _shown(source: Path, _folder: Path) -> Sizes:
     """What repr says, which is read here as people do."""
-    *lengths, unit = re.search(r"spacing ([\d.e+-]+) x ([\d.e+-]+) x ([\d.e+-]+) (\S+)>", repr(dn.read_volume(source))
-                               ).groups()  # type: ignore[union-attr]
+    *lengths, unit = re.search(
+        r"spacing ([\d.e+-]+) x ([\d.e+-]+) x ([\d.e+-]+) (\S+)>", repr(dn.read_volume(source))
+    ).groups()  # type: ignore[union-attr]
     return tuple(METRES[unit] * float(length) for length in lengths)
 
 
@@ -226,17 +274,27 @@ WAYS: dict[str, Callable[[Path, Path], Sizes]] = {
     "to_nibabel": lambda source, _: _of_nibabel(dn.read_volume(source).to_nibabel()),
     "to_sitk": lambda source, _: tuple(1e-3 * s for s in dn.read_volume(source).to_sitk().GetSpacing()),
     "to_pyvista": lambda source, _: tuple(1e-3 * s for s in dn.read_volume(source).to_pyvista().spacing),
-    "to_napari": _napari, "to_xarray": _xarray, "chunked": _chunked, "command nifti": _command(".nii.gz"),
-    "command tiff": _command(".ome.tif"), "command zarr": _command(".zarr"), "session": _session, "repr": _shown}
+    "to_napari": _napari,
+    "to_xarray": _xarray,
+    "chunked": _chunked,
+    "command nifti": _command(".nii.gz"),
+    "command tiff": _command(".ome.tif"),
+    "command zarr": _command(".zarr"),
+    "session": _session,
+    "repr": _shown,
+}
 
 
 @pytest.mark.filterwarnings("ignore:.*resolution:UserWarning")
 @pytest.mark.parametrize("way", list(WAYS))
-@pytest.mark.parametrize(("name", "unit"), [pytest.param(name, unit, id=f"{name} {NAMES[unit]}")
-                                            for name, (_, some) in SOURCES.items() for unit in some])
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [pytest.param(name, unit, id=f"{name} {NAMES[unit]}") for name, (_, some) in SOURCES.items() for unit in some],
+)
 @pytest.mark.sampled(19)
-def test_metres_stay_the_same_from_every_format_by_every_way_out(name: str, unit: str, way: str,
-                                                                 tmp_path: Path) -> None:
+def test_metres_stay_the_same_from_every_format_by_every_way_out(
+    name: str, unit: str, way: str, tmp_path: Path
+) -> None:
     (tmp_path / "in").mkdir()
     found = WAYS[way](SOURCES[name][0](tmp_path / "in", unit), tmp_path)
     # NIfTI keeps seven digits of float32, and repr six.
@@ -245,40 +303,100 @@ def test_metres_stay_the_same_from_every_format_by_every_way_out(name: str, unit
 
 def test_every_format_that_is_written_and_every_unit_of_the_table_is_measured() -> None:
     assert {suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes} - set(READERS) == {
-        ".ome.tiff", ".tif", ".tiff", ".png", ".jpg", ".jpeg", ".webp"}  # the same, and pictures, which have no lengths
+        ".ome.tiff",
+        ".tif",
+        ".tiff",
+        ".png",
+        ".jpg",
+        ".jpeg",
+        ".webp",
+    }  # the same, and pictures, which have no lengths
     for symbol, metres in METRES.items():
         assert float(units.UNITS[symbol].metres) == pytest.approx(metres, rel=1e-15)
         assert find_unit(NAMES[symbol]) == find_unit(symbol) == symbol
     assert {unit.name for unit in units.UNITS.values()} >= {  # https://ngff.openmicroscopy.org/0.5, units of length
-        "angstrom", "attometer", "centimeter", "decimeter", "exameter", "femtometer", "foot", "gigameter", "hectometer",
-        "inch", "kilometer", "megameter", "meter", "micrometer", "mile", "millimeter", "nanometer", "parsec",
-        "petameter", "picometer", "terameter", "yard", "yoctometer", "yottameter", "zeptometer", "zettameter"}
+        "angstrom",
+        "attometer",
+        "centimeter",
+        "decimeter",
+        "exameter",
+        "femtometer",
+        "foot",
+        "gigameter",
+        "hectometer",
+        "inch",
+        "kilometer",
+        "megameter",
+        "meter",
+        "micrometer",
+        "mile",
+        "millimeter",
+        "nanometer",
+        "parsec",
+        "petameter",
+        "picometer",
+        "terameter",
+        "yard",
+        "yoctometer",
+        "yottameter",
+        "zeptometer",
+        "zettameter",
+    }
 
 
 # ---- units of one axis, and none -------------------------------------------------------------------------------------
 
 
 def test_axes_in_other_units_are_brought_to_that_of_x(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", VALUES, imagej=True, resolution=(2, 2),
-                     metadata={"axes": "ZYX", "spacing": 0.002, "unit": "\\u00B5m", "zunit": "mm"})
-    about = {"PhysicalSizeX": 0.5, "PhysicalSizeXUnit": "\u00b5m", "PhysicalSizeY": 0.5, "PhysicalSizeYUnit": "\u00b5m",
-             "PhysicalSizeZ": 2000.0, "PhysicalSizeZUnit": "nm"}
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        VALUES,
+        imagej=True,
+        resolution=(2, 2),
+        metadata={"axes": "ZYX", "spacing": 0.002, "unit": "\\u00B5m", "zunit": "mm"},
+    )
+    about = {
+        "PhysicalSizeX": 0.5,
+        "PhysicalSizeXUnit": "\u00b5m",
+        "PhysicalSizeY": 0.5,
+        "PhysicalSizeYUnit": "\u00b5m",
+        "PhysicalSizeZ": 2000.0,
+        "PhysicalSizeZUnit": "nm",
+    }
     tifffile.imwrite(tmp_path / "a.ome.tif", VALUES, metadata={"axes": "ZYX", **about}, photometric="minisblack")
     path = _zarr(tmp_path, "\u00b5m")
     attributes = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
     attributes["multiscales"][0]["axes"][0]["unit"] = "nanometer"
     attributes["multiscales"][0]["datasets"][0]["coordinateTransformations"] = [
-        {"type": "scale", "scale": [2000.0, 0.5, 0.5]}, {"type": "translation", "translation": [5000.0, 0, 0]}]
+        {"type": "scale", "scale": [2000.0, 0.5, 0.5]},
+        {"type": "translation", "translation": [5000.0, 0, 0]},
+    ]
     (path / ".zattrs").write_text(json.dumps(attributes), encoding="utf-8")
-    nrrd.write(str(tmp_path / "a.nrrd"), VALUES.transpose(2, 1, 0), {
-        "space": "left-posterior-superior", "space directions": np.diag([0.5, 0.5, 0.002]), "space origin": [0, 0, 0],
-        "space units": ["um", "um", "mm"]})
+    nrrd.write(
+        str(tmp_path / "a.nrrd"),
+        VALUES.transpose(2, 1, 0),
+        {
+            "space": "left-posterior-superior",
+            "space directions": np.diag([0.5, 0.5, 0.002]),
+            "space origin": [0, 0, 0],
+            "space units": ["um", "um", "mm"],
+        },
+    )
     layer = (VALUES, {"scale": (2000.0, 0.5, 0.5), "units": ("nm", "um", "um")}, "image")
-    array = xarray.DataArray(VALUES, {"z": ("z", np.arange(4) * 0.002, {"units": "mm"}),
-                                      "y": ("y", np.arange(5) * 0.5, {"units": "micrometer"}),
-                                      "x": ("x", np.arange(6) * 0.5, {"units": "um"})}, ("z", "y", "x"))
-    for volume in (*map(dn.read_volume, (tmp_path / "a.tif", tmp_path / "a.ome.tif", path, tmp_path / "a.nrrd")),
-                   dn.interop.from_napari(layer), dn.volume.from_xarray(array)):
+    array = xarray.DataArray(
+        VALUES,
+        {
+            "z": ("z", np.arange(4) * 0.002, {"units": "mm"}),
+            "y": ("y", np.arange(5) * 0.5, {"units": "micrometer"}),
+            "x": ("x", np.arange(6) * 0.5, {"units": "um"}),
+        },
+        ("z", "y", "x"),
+    )
+    for volume in (
+        *map(dn.read_volume, (tmp_path / "a.tif", tmp_path / "a.ome.tif", path, tmp_path / "a.nrrd")),
+        dn.interop.from_napari(layer),
+        dn.volume.from_xarray(array),
+    ):
         np.testing.assert_allclose(volume.grid.spacing, (0.5, 0.5, 2.0), rtol=1e-12)
         assert volume.grid.unit == "\u00b5m"
         assert any("different units" in note for note in volume.notes)
@@ -297,8 +415,13 @@ def test_a_unit_that_is_not_known_stays_unknown(suffix: str, tmp_path: Path) -> 
 
 
 def test_a_unit_that_is_none_is_said_and_its_numbers_stay(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", VALUES, imagej=True, resolution=(2, 2),
-                     metadata={"axes": "ZYX", "spacing": 2.0, "unit": "furlong"})
+    tifffile.imwrite(
+        tmp_path / "a.tif",
+        VALUES,
+        imagej=True,
+        resolution=(2, 2),
+        metadata={"axes": "ZYX", "spacing": 2.0, "unit": "furlong"},
+    )
     volume = dn.read_volume(tmp_path / "a.tif")
     assert (volume.grid.spacing, volume.grid.unit) == ((0.5, 0.5, 2.0), "")
     assert any("furlong" in note for note in volume.notes)
@@ -307,15 +430,17 @@ def test_a_unit_that_is_none_is_said_and_its_numbers_stay(tmp_path: Path) -> Non
         dn.read_volume(tmp_path / "a.tif", unit="furlong")
 
 
-@pytest.mark.parametrize("word", ["um", "\u00b5m", "\u03bcm", "\\u00B5m", "micron", "Microns", '"um"', "micrometre",
-                                  "\ufffdm", "UM"])
+@pytest.mark.parametrize(
+    "word", ["um", "\u00b5m", "\u03bcm", "\\u00B5m", "micron", "Microns", '"um"', "micrometre", "\ufffdm", "UM"]
+)
 def test_every_way_to_write_a_micrometre(word: str) -> None:
     assert find_unit(word) == "\u00b5m"
 
 
 def test_capitals_of_short_symbols_count() -> None:
-    assert [find_unit(word) for word in ("Mm", "mm", "pm", "Pm", "PM", "cM", "M", "ells", "pixel", "reference frame")
-            ] == ["Mm", "mm", "pm", "Pm", None, "cm", None, None, "", ""]
+    assert [
+        find_unit(word) for word in ("Mm", "mm", "pm", "Pm", "PM", "cM", "M", "ells", "pixel", "reference frame")
+    ] == ["Mm", "mm", "pm", "Pm", None, "cm", None, None, "", ""]
 
 
 # ---- two things meet by length ---------------------------------------------------------------------------------------
@@ -335,9 +460,14 @@ def test_a_document_meets_a_volume_by_length(unit: str, tmp_path: Path) -> None:
     read = dn.read_deformation(tmp_path / "d.json")
     assert (read, read.unit) == (DOCUMENT, "mm")
     session = Session(other, read)
-    for result in (read.apply(other), dn.warp(other, DOCUMENT), dn.warp(other, dn.fit_rbf(PAIRS.control_points(),
-                   support=9.0)), dn.chunked.warp(other, DOCUMENT, dn.Volume), session.result(),
-                   read.in_unit(unit).apply(BALL)):
+    for result in (
+        read.apply(other),
+        dn.warp(other, DOCUMENT),
+        dn.warp(other, dn.fit_rbf(PAIRS.control_points(), support=9.0)),
+        dn.chunked.warp(other, DOCUMENT, dn.Volume),
+        session.result(),
+        read.in_unit(unit).apply(BALL),
+    ):
         # A value at a half may be rounded either way.
         assert np.abs(result.values.astype(int) - known.values).max() <= 1
     assert any("converted" in note for note in read.apply(other).notes)
@@ -358,8 +488,11 @@ def test_a_document_without_a_unit_takes_numbers_as_they_are(tmp_path: Path) -> 
 
 def test_an_earlier_document_states_no_unit() -> None:
     fixtures = Path(__file__).parents[1] / "fixtures"
-    documents = [dn.read_deformation(path) for path in fixtures.glob("*.json") if "deformnb-deformation" in
-                 path.read_text("utf-8")]
+    documents = [
+        dn.read_deformation(path)
+        for path in fixtures.glob("*.json")
+        if "deformnb-deformation" in path.read_text("utf-8")
+    ]
     assert documents
     assert {document.unit for document in documents} == {""}
 
@@ -396,7 +529,9 @@ def test_transform_files_of_a_grid_in_micrometres_hold_millimetres(name: str, tm
     factor = 1e3 if name.endswith(".zarr") else 1.0
     found = dn.read_transform(tmp_path / name)
     assert (found.unit, dn.read_transform(tmp_path / name, own).unit) == (
-        "\u00b5m" if name.endswith(".zarr") else "mm", "\u00b5m")
+        "\u00b5m" if name.endswith(".zarr") else "mm",
+        "\u00b5m",
+    )
     np.testing.assert_allclose(found.displacement(np.array(place) * factor) / factor, known, atol=1e-5)
     at_grid = dn.read_transform(tmp_path / name, own).displacement(np.array(place) * 1e3)
     np.testing.assert_allclose(at_grid / 1e3, known, atol=1e-5)

@@ -67,43 +67,52 @@ def test_the_affine_holds_the_whole_grid(seed: int, mirrored: bool) -> None:
     np.testing.assert_allclose(again.spacing, ANISOTROPIC, rtol=1e-14)
 
 
-@pytest.mark.parametrize(("affine", "words"), [
-    (np.diag([1, 0, 1, 1]), "singular"),
-    ([[1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "singular"),
-    ([[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "sheared"),
-    (np.full((4, 4), np.nan), "finite"),
-    (np.eye(3), "4 x 4"),
-])
+@pytest.mark.parametrize(
+    ("affine", "words"),
+    [
+        (np.diag([1, 0, 1, 1]), "singular"),
+        ([[1, 1, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "singular"),
+        ([[1, 0.1, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "sheared"),
+        (np.full((4, 4), np.nan), "finite"),
+        (np.eye(3), "4 x 4"),
+    ],
+)
 def test_an_affine_that_is_no_grid_is_refused(affine: object, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         Grid.from_affine((2, 2, 2), affine)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"spacing": (1, 0, 1)}, "spacing must be positive"),
-    ({"spacing": (1, -1, 1)}, "flipped axis belongs into direction"),
-    ({"spacing": (1, np.nan, 1)}, "spacing must be three finite"),
-    ({"spacing": (1, 1)}, "spacing must be three finite"),
-    ({"origin": (0, np.inf, 0)}, "origin must be three finite"),
-    ({"direction": np.zeros((3, 3))}, "direction must be orthonormal"),
-    ({"direction": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, "sheared"),
-    ({"direction": np.full((3, 3), np.nan)}, "direction must be 3 x 3 finite"),
-    ({"shape": (0, 4, 5)}, "at least one voxel"),
-    ({"shape": (4, 5)}, "at least one voxel"),
-])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"spacing": (1, 0, 1)}, "spacing must be positive"),
+        ({"spacing": (1, -1, 1)}, "flipped axis belongs into direction"),
+        ({"spacing": (1, np.nan, 1)}, "spacing must be three finite"),
+        ({"spacing": (1, 1)}, "spacing must be three finite"),
+        ({"origin": (0, np.inf, 0)}, "origin must be three finite"),
+        ({"direction": np.zeros((3, 3))}, "direction must be orthonormal"),
+        ({"direction": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, "sheared"),
+        ({"direction": np.full((3, 3), np.nan)}, "direction must be 3 x 3 finite"),
+        ({"shape": (0, 4, 5)}, "at least one voxel"),
+        ({"shape": (4, 5)}, "at least one voxel"),
+    ],
+)
 def test_a_bad_grid_names_its_field(change: dict[str, object], words: str) -> None:
     with pytest.raises(DeformError, match=words):
         Grid(**{"shape": (2, 3, 4), **change})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("direction", "letters"), [
-    (IDENTITY, "LPS"),
-    (np.diag([-1, -1, 1]), "RAS"),
-    (np.diag([1, -1, -1]), "LAI"),
-    ([[0, 0, 1], [1, 0, 0], [0, -1, 0]], "PIL"),
-    # 46 degrees about z: the x axis is a little more posterior than left, and no letter may come twice
-    ([[np.cos(0.8), -np.sin(0.8), 0], [np.sin(0.8), np.cos(0.8), 0], [0, 0, 1]], "PRS"),
-])
+@pytest.mark.parametrize(
+    ("direction", "letters"),
+    [
+        (IDENTITY, "LPS"),
+        (np.diag([-1, -1, 1]), "RAS"),
+        (np.diag([1, -1, -1]), "LAI"),
+        ([[0, 0, 1], [1, 0, 0], [0, -1, 0]], "PIL"),
+        # 46 degrees about z: the x axis is a little more posterior than left, and no letter may come twice
+        ([[np.cos(0.8), -np.sin(0.8), 0], [np.sin(0.8), np.cos(0.8), 0], [0, 0, 1]], "PRS"),
+    ],
+)
 def test_orientation_letters(direction: object, letters: str) -> None:
     assert Grid((2, 3, 4), direction=direction).orientation == letters  # type: ignore[arg-type]
 
@@ -159,21 +168,24 @@ def test_kept_types_come_back_native_and_unchanged(dtype: str, order: str) -> No
     assert np.shares_memory(volume.values, array) == array.dtype.isnative
 
 
-@pytest.mark.parametrize(("dtype", "extreme", "expected"), [
-    ("int64", 2**31 - 1, "int32"),
-    ("int64", -(2**31), "int32"),
-    ("int64", 2**31, "float64"),
-    ("int64", -(2**53), "float64"),
-    ("int64", 2**60, "float64"),  # a power of two is exact
-    ("int64", 2**53 + 1, None),
-    ("int64", 2**63 - 1, None),
-    ("int64", -(2**63), "float64"),
-    ("uint32", 2**31 - 1, "int32"),
-    ("uint32", 2**32 - 1, "float64"),
-    ("uint64", 2**53, "float64"),
-    ("uint64", 2**64 - 1, None),
-    ("uint64", 2**63, "float64"),
-])
+@pytest.mark.parametrize(
+    ("dtype", "extreme", "expected"),
+    [
+        ("int64", 2**31 - 1, "int32"),
+        ("int64", -(2**31), "int32"),
+        ("int64", 2**31, "float64"),
+        ("int64", -(2**53), "float64"),
+        ("int64", 2**60, "float64"),  # a power of two is exact
+        ("int64", 2**53 + 1, None),
+        ("int64", 2**63 - 1, None),
+        ("int64", -(2**63), "float64"),
+        ("uint32", 2**31 - 1, "int32"),
+        ("uint32", 2**32 - 1, "float64"),
+        ("uint64", 2**53, "float64"),
+        ("uint64", 2**64 - 1, None),
+        ("uint64", 2**63, "float64"),
+    ],
+)
 def test_long_integers_keep_their_values_or_are_refused(dtype: str, extreme: int, expected: str | None) -> None:
     array = np.zeros((2, 2, 2), dtype=dtype)
     array[1, 1, 1] = extreme
@@ -198,19 +210,22 @@ def test_half_and_extended_floats() -> None:
             Volume.from_array(long + np.longdouble(2) ** -60)
 
 
-@pytest.mark.parametrize(("array", "words"), [
-    (np.zeros((2, 2, 2), complex), "complex"),
-    (np.zeros((2, 2, 2), object), "object"),
-    (np.zeros((2, 2, 2), "U3"), "text"),
-    (np.zeros((2, 2, 2), "datetime64[s]"), "dates"),
-    (np.zeros((2, 2, 2), [("a", "i2")]), "structured"),
-    (np.ma.masked_less(np.arange(8).reshape(2, 2, 2), 3), "masked"),
-    (np.zeros((2, 0, 2)), r"\(2, 0, 2\)"),
-    (np.zeros(5), r"shape \(5,\)"),
-    (np.float64(3), r"shape \(\)"),
-    (np.zeros((9, 20, 20, 20)), r"axis 0: 9, .*array\[0\]"),
-    (np.zeros((20, 20, 20, 3), np.uint8), r"axis 3: 3\).*array\[\.\.\., 0\]"),
-])
+@pytest.mark.parametrize(
+    ("array", "words"),
+    [
+        (np.zeros((2, 2, 2), complex), "complex"),
+        (np.zeros((2, 2, 2), object), "object"),
+        (np.zeros((2, 2, 2), "U3"), "text"),
+        (np.zeros((2, 2, 2), "datetime64[s]"), "dates"),
+        (np.zeros((2, 2, 2), [("a", "i2")]), "structured"),
+        (np.ma.masked_less(np.arange(8).reshape(2, 2, 2), 3), "masked"),
+        (np.zeros((2, 0, 2)), r"\(2, 0, 2\)"),
+        (np.zeros(5), r"shape \(5,\)"),
+        (np.float64(3), r"shape \(\)"),
+        (np.zeros((9, 20, 20, 20)), r"axis 0: 9, .*array\[0\]"),
+        (np.zeros((20, 20, 20, 3), np.uint8), r"axis 3: 3\).*array\[\.\.\., 0\]"),
+    ],
+)
 def test_what_is_no_volume_is_refused_by_name(array: object, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         Volume.from_array(array)  # type: ignore[arg-type]
@@ -369,8 +384,11 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_volume_is_printed_in_one_line() -> None:
     grid = Grid((4, 5, 6), (0.5, 1.0, 2.25), unit="mm")
     volume = Volume(np.zeros(grid.shape, np.int16), grid, "a fish")
-    assert repr(volume) == str(volume) == (
-        "<Volume 'a fish': 6 x 5 x 4 voxels (x, y, z), int16, spacing 0.5 x 1 x 2.25 mm>")
+    assert (
+        repr(volume)
+        == str(volume)
+        == ("<Volume 'a fish': 6 x 5 x 4 voxels (x, y, z), int16, spacing 0.5 x 1 x 2.25 mm>")
+    )
     labels = Volume.from_array(np.zeros((2, 3, 4), np.uint8), is_labels=True)
     assert repr(labels) == "<Volume: 4 x 3 x 2 voxels (x, y, z), uint8 labels, spacing 1 x 1 x 1>"
     assert "\n" not in repr(Volume.from_array(np.zeros((2, 3, 4)), name="two\nlines" * 50))
@@ -422,8 +440,10 @@ def test_a_mapped_file_cut_short_is_an_error_and_not_the_end_of_the_process(use:
     command = [sys.executable, "-c", CUT_SHORT, str(tmp_path), use]
     child = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert child.returncode == 0, child.stderr[-2000:]
-    assert re.search("the file 'a.npy' that the volume's voxels are mapped from is 5000 bytes long but 655488 are "
-                     "mapped", child.stdout)
+    assert re.search(
+        "the file 'a.npy' that the volume's voxels are mapped from is 5000 bytes long but 655488 are mapped",
+        child.stdout,
+    )
 
 
 def test_a_mapped_file_that_was_written_to_is_named(tmp_path: Path) -> None:
@@ -468,12 +488,21 @@ def test_maps_without_a_name_and_without_a_file(tmp_path: Path) -> None:
 # ---- what an array looks like --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "asks"), [
-    ("knee_labels.nrrd", True), ("abdomen_labels.nrrd", True), ("carp.nii.gz", False), ("lobster.nrrd", False),
-    ("abdomen_ct.nii.gz", False), ("knee_mr_straight.nrrd", False), ("knee_mr_bent.nrrd", False),
-])
-def test_labels_that_no_file_declares_are_asked_about_and_scans_are_not(name: str, asks: bool,
-                                                                        real_data: Callable[[str], Path]) -> None:
+@pytest.mark.parametrize(
+    ("name", "asks"),
+    [
+        ("knee_labels.nrrd", True),
+        ("abdomen_labels.nrrd", True),
+        ("carp.nii.gz", False),
+        ("lobster.nrrd", False),
+        ("abdomen_ct.nii.gz", False),
+        ("knee_mr_straight.nrrd", False),
+        ("knee_mr_bent.nrrd", False),
+    ],
+)
+def test_labels_that_no_file_declares_are_asked_about_and_scans_are_not(
+    name: str, asks: bool, real_data: Callable[[str], Path]
+) -> None:
     path = real_data(name)
     volume = read_volume(path)
     assert not volume.is_labels
@@ -500,13 +529,16 @@ def test_labels_of_a_phantom_are_asked_about_in_every_array() -> None:
         assert Volume.from_array(values, is_labels=False).notes == tuple(n for n in asked.notes if "became" in n)
 
 
-@pytest.mark.parametrize("values", [
-    np.random.default_rng(0).integers(0, 5, (20, 20, 20)),  # noise of five values
-    np.kron(np.eye(2, dtype=np.uint8)[None], np.full((20, 20, 20), 200, np.uint8)),  # two values are no question
-    np.tile(np.arange(40) // 8, (20, 20, 1)),  # a ramp in few steps
-    np.tile(np.arange(4).repeat(2), (2, 2, 1)),  # too few voxels to say
-    np.zeros((5, 5, 1), int),
-])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.random.default_rng(0).integers(0, 5, (20, 20, 20)),  # noise of five values
+        np.kron(np.eye(2, dtype=np.uint8)[None], np.full((20, 20, 20), 200, np.uint8)),  # two values are no question
+        np.tile(np.arange(40) // 8, (20, 20, 1)),  # a ramp in few steps
+        np.tile(np.arange(4).repeat(2), (2, 2, 1)),  # too few voxels to say
+        np.zeros((5, 5, 1), int),
+    ],
+)
 def test_no_question_is_asked_of_what_need_not_be_labels(values: Any) -> None:
     assert not [note for note in Volume.from_array(values.astype(np.int16)).notes if "labels" in note]
 

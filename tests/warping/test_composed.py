@@ -21,12 +21,13 @@ from deformnb.warping.node_table import ERROR
 GRID = Grid((20, 24, 28), (1.0, 0.5, 1.5), (100.0, -40.0, 7.0))
 
 
-def step(view: str, *, rule: str | None = None, stops: tuple[bool, bool] = (False, False),
-         **options: object) -> Step:
+def step(view: str, *, rule: str | None = None, stops: tuple[bool, bool] = (False, False), **options: object) -> Step:
     plane = Plane.along(GRID, view)
     a, b = plane.to_plane(np.array(GRID.center))[:2]
-    apart = ControlPoints.from_arrays([[a - 3, b], [a - 5, b + 2], [a + 3, b], [a + 5, b - 2]],
-                                      [[a - 5, b], [a - 6, b + 2], [a + 4, b + 1], [a + 7, b - 2]])
+    apart = ControlPoints.from_arrays(
+        [[a - 3, b], [a - 5, b + 2], [a + 3, b], [a + 5, b - 2]],
+        [[a - 5, b], [a - 6, b + 2], [a + 4, b + 1], [a + 7, b - 2]],
+    )
     line = Line(((a, b - 9), (a + 0.5, b), (a - 1, b + (2 if stops[1] else 9))), stops)
     cuts = () if rule is None else (Cut(line),)
     return Step((apart,), plane, cuts=cuts, cut_rule=rule or "source", **options)  # type: ignore[arg-type]

@@ -34,8 +34,12 @@ from deformnb.warping.warper import warp
 
 RASTER = Raster((31, 41), (2.5, 3.0), (0.0, 5.0))
 GRID = Grid((7, 9, 8), (3.0, 2.0, 4.0), (1.0, -5.0, 20.0))
-TILTED = Grid((7, 9, 8), (3.0, 2.0, 4.0), (1.0, -5.0, 20.0),
-              tuple(map(tuple, np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0].tolist())))
+TILTED = Grid(
+    (7, 9, 8),
+    (3.0, 2.0, 4.0),
+    (1.0, -5.0, 20.0),
+    tuple(map(tuple, np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0].tolist())),
+)
 
 
 def nodes(lattice: Grid | Raster) -> NDArray[np.float64]:
@@ -77,8 +81,9 @@ def dragged(seed: int, size: float, n: int = 8, dim: int = 2) -> ControlPoints:
 # ---- closed forms ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("m", [turned(30), turned(180), turned(-100) * 1.7, np.array([[1.0, 0.8], [0, 1]]),
-                               np.diag([3.0, 0.2])])
+@pytest.mark.parametrize(
+    "m", [turned(30), turned(180), turned(-100) * 1.7, np.array([[1.0, 0.8], [0, 1]]), np.diag([3.0, 0.2])]
+)
 def test_the_inverse_of_an_affine_map_on_a_plane(m: NDArray[np.float64]) -> None:
     about, shift = np.array([40.0, 50.0]), np.array([3.0, -2.0])
     inverse = invert(linear(m, shift, about), RASTER)
@@ -156,8 +161,10 @@ def test_what_has_no_place_is_flagged_and_finite() -> None:
 
 
 def test_a_large_drag_in_stages_is_inverted() -> None:
-    given = ControlPoints.from_arrays([[40, 40], [60, 40], [10, 10], [90, 90], [10, 90], [90, 10]],
-                                      [[75, 45], [50, 75], [10, 10], [90, 90], [10, 90], [90, 10]])
+    given = ControlPoints.from_arrays(
+        [[40, 40], [60, 40], [10, 10], [90, 90], [10, 90], [90, 10]],
+        [[75, 45], [50, 75], [10, 10], [90, 90], [10, 90], [90, 10]],
+    )
     field = fit_points(given, stages=16, support=50.0)
     assert folds_of(field, RASTER).share == 0
     inverse = invert(field, RASTER)
@@ -341,10 +348,15 @@ def test_progress_grows_to_one_and_may_cancel(monkeypatch: pytest.MonkeyPatch) -
         invert(field, RASTER, progress=stop)
 
 
-@pytest.mark.parametrize(("field", "lattice", "tolerance", "message"), [
-    (Identity(2), GRID, None, "of dimension 2"), (Identity(3), RASTER, None, "of dimension 3"),
-    (Identity(2), RASTER, 0.0, "tolerance"), (Identity(2), RASTER, float("nan"), "tolerance"),
-])
+@pytest.mark.parametrize(
+    ("field", "lattice", "tolerance", "message"),
+    [
+        (Identity(2), GRID, None, "of dimension 2"),
+        (Identity(3), RASTER, None, "of dimension 3"),
+        (Identity(2), RASTER, 0.0, "tolerance"),
+        (Identity(2), RASTER, float("nan"), "tolerance"),
+    ],
+)
 def test_what_has_no_inverse_is_refused(field: AbstractField, lattice: Any, tolerance: Any, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         invert(field, lattice, tolerance=tolerance)

@@ -60,29 +60,45 @@ def turned(degrees: float) -> RigidMotion:
 
 CASES: dict[str, tuple[Callable[[], Deformation], str]] = {
     "one point dragged as far as its radius": (lambda: on_picture(FAR), "folds"),
-    "a curve of depth that multiplies by five": (
-        lambda: on_picture(NEAR, extrusion="modulate", curve="5*z"), "folds"),
+    "a curve of depth that multiplies by five": (lambda: on_picture(NEAR, extrusion="modulate", curve="5*z"), "folds"),
     "parts of the same tissue with two motions": (
         lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, turned(10)), RigidPart(SQUARE, turned(20)))),
-        "parts 1 and 2 hold the same tissue"),
+        "parts 1 and 2 hold the same tissue",
+    ),
     "a part within another": (
-        lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, turned(5), name="femur"), RigidPart(
-            Polygon([(14, 14), (18, 14), (18, 18), (14, 18)]), turned(-5), name="marrow"))),
-        "parts femur and marrow hold the same tissue"),
+        lambda: on_picture(
+            EMPTY,
+            parts=(
+                RigidPart(SQUARE, turned(5), name="femur"),
+                RigidPart(Polygon([(14, 14), (18, 14), (18, 18), (14, 18)]), turned(-5), name="marrow"),
+            ),
+        ),
+        "parts femur and marrow hold the same tissue",
+    ),
     "parts pushed through each other": (
         lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, RigidMotion.turn(0, (0, 0), (6, 0))), RigidPart(BESIDE))),
-        "pushed into each other"),
+        "pushed into each other",
+    ),
     "tissue moved out of the box": (
-        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[35, 15]]), trend="translation"), "left side"),
+        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[35, 15]]), trend="translation"),
+        "left side",
+    ),
     "a radius below a voxel": (
-        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]), support=0.4), "smaller than a voxel"),
+        lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]), support=0.4),
+        "smaller than a voxel",
+    ),
     "a radius of its own below a voxel": (
         lambda: on_picture(ControlPoints.from_arrays([[15, 15]], [[15.1, 15]]).edit(0, radius=0.4)),
-        "smaller than a voxel"),
+        "smaller than a voxel",
+    ),
     "a cut beside the volume": (
-        lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(500, 0), (500, 9)]), "incision"),)), "cut incision lies outside"),
+        lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(500, 0), (500, 9)]), "incision"),)),
+        "cut incision lies outside",
+    ),
     "a slit beside the volume whose line goes on through it": (
-        lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(90, 20), (60, 20)], stops=(True, True))),)), "cut 1 lies outside"),
+        lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(90, 20), (60, 20)], stops=(True, True))),)),
+        "cut 1 lies outside",
+    ),
 }
 
 
@@ -96,14 +112,19 @@ GOOD: dict[str, Callable[[], Deformation]] = {
     "a short drag": lambda: on_picture(NEAR),
     "a long drag in stages": lambda: on_picture(FAR, stages=8),
     "a curve that ends at one": lambda: on_picture(NEAR, extrusion="modulate", curve="z"),
-    "parts side by side": lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, turned(3)), RigidPart(
-        Polygon([(24, 12), (29, 12), (29, 20), (24, 20)])))),
-    "parts that share an edge": lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE), RigidPart(
-        Polygon([(20, 12), (29, 12), (29, 20), (20, 20)])))),
-    "two names of one motion": lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE, turned(5)), RigidPart(
-        Polygon([(14, 14), (18, 14), (18, 18), (14, 18)]), turned(5)))),
-    "a switched off part": lambda: on_picture(EMPTY, parts=(RigidPart(SQUARE), RigidPart(
-        SQUARE, turned(9), enabled=False))),
+    "parts side by side": lambda: on_picture(
+        EMPTY, parts=(RigidPart(SQUARE, turned(3)), RigidPart(Polygon([(24, 12), (29, 12), (29, 20), (24, 20)])))
+    ),
+    "parts that share an edge": lambda: on_picture(
+        EMPTY, parts=(RigidPart(SQUARE), RigidPart(Polygon([(20, 12), (29, 12), (29, 20), (20, 20)])))
+    ),
+    "two names of one motion": lambda: on_picture(
+        EMPTY,
+        parts=(RigidPart(SQUARE, turned(5)), RigidPart(Polygon([(14, 14), (18, 14), (18, 18), (14, 18)]), turned(5))),
+    ),
+    "a switched off part": lambda: on_picture(
+        EMPTY, parts=(RigidPart(SQUARE), RigidPart(SQUARE, turned(9), enabled=False))
+    ),
     "a cut through the middle": lambda: on_picture(NEAR, cuts=(dn.Cut(Line([(22, 0), (22, 40)])),)),
     "a fold in air": lambda: on_picture(ControlPoints.from_arrays([[-8, 3]], [[3, 3]])),
     "nothing": lambda: Deformation(()),
@@ -124,8 +145,11 @@ def test_a_document_of_another_grid_says_so_and_one_of_the_same_does_not() -> No
     assert any("at another place or of another size" in text for text in applied(made, coarser))
 
 
-@pytest.mark.parametrize("values", [np.zeros((9, 9, 9), np.uint8), np.full((9, 9, 9), np.nan, np.float32),
-                                    np.full((9, 9, 9), 7, np.int16)], ids=["zero", "NaN", "seven"])
+@pytest.mark.parametrize(
+    "values",
+    [np.zeros((9, 9, 9), np.uint8), np.full((9, 9, 9), np.nan, np.float32), np.full((9, 9, 9), 7, np.int16)],
+    ids=["zero", "NaN", "seven"],
+)
 def test_a_volume_without_contrast_says_so(values: Any) -> None:
     volume = Volume(values, Grid((9, 9, 9)))
     assert any("there is nothing to see in this volume" in text for text in applied(on_picture(NEAR), volume))
@@ -176,8 +200,11 @@ def least_determinant(field: AbstractField, box: Grid, nodes: int) -> float:
     return float(np.linalg.det(np.eye(3) + j).min())
 
 
-@given(seed=st.integers(0, 10**6), reach=st.floats(1.0, 14.0),
-       kernel=st.sampled_from([name for name, kind in KERNELS.items() if kind.order < 3]))
+@given(
+    seed=st.integers(0, 10**6),
+    reach=st.floats(1.0, 14.0),
+    kernel=st.sampled_from([name for name, kind in KERNELS.items() if kind.order < 3]),
+)
 def test_folds_are_named_where_they_are_and_only_there(seed: int, reach: float, kernel: str) -> None:
     """On a body that fills its box, with few points on a picture: the determinant is that of the picture's map."""
     rng = np.random.default_rng(seed)
@@ -203,8 +230,9 @@ def test_a_fold_narrower_than_the_nodes_is_found_beside_its_point() -> None:
 
 def test_steps_fold_where_one_of_them_does_though_the_product_is_small() -> None:
     once = Step((FAR,), Plane.along(BODY, "+z"), support=10.0, trend="none")
-    squeeze = Step((ControlPoints.from_arrays([[0, 0], [30, 0], [0, 30]], [[0, 0], [15, 0], [0, 30]]),),
-                   Plane.along(BODY, "+z"))
+    squeeze = Step(
+        (ControlPoints.from_arrays([[0, 0], [30, 0], [0, 30]], [[0, 0], [15, 0], [0, 30]]),), Plane.along(BODY, "+z")
+    )
     for steps in ((once, squeeze), (squeeze, once)):
         assert map_notes(BODY, Deformation(steps).field(BODY.grid), BODY.grid)
     assert not map_notes(BODY, Deformation((squeeze,)).field(BODY.grid), BODY.grid)

@@ -46,8 +46,12 @@ def sphere(radius: float, centre: Any = (0, 0, 0), rings: int = 96) -> Mesh:
     number = np.arange(len(rows)).reshape(t.shape)
     a, b, c, d = number[:-1], np.roll(number, -1, 1)[:-1], number[1:], np.roll(number, -1, 1)[1:]
     top, bottom = np.full(rings, len(rows)), np.full(rings, len(rows) + 1)
-    faces = [(a, c, d), (a, d, b), (top, number[0], np.roll(number[0], -1)),
-             (bottom, np.roll(number[-1], -1), number[-1])]
+    faces = [
+        (a, c, d),
+        (a, d, b),
+        (top, number[0], np.roll(number[0], -1)),
+        (bottom, np.roll(number[-1], -1), number[-1]),
+    ]
     return Mesh(np.asarray(centre) + radius * points, np.concatenate([np.stack(f, -1).reshape(-1, 3) for f in faces]))
 
 
@@ -76,15 +80,18 @@ def box_distance(points: Array, low: Any, high: Any) -> Array:
 # ---- meshes ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("points", "faces", "match"), [
-    ([[0, 0, np.nan]], [], r"corner 0 of the mesh is not finite \(\[0.0, 0.0, nan\]\)"),
-    ([[0, 0, 0]], [[0, 0, 1]], r"face 0 of the mesh has the corners \[0, 0, 1\], but there are only 1 corners"),
-    ([[0, 0, 0]], [[0, -1, 0]], "face 0"),
-    ([[0, 0]], [], r"the corners of a mesh must be numbers of shape \(n, 3\)"),
-    ([[0, 0, 0]], [[0.5, 0, 0]], "the faces of a mesh must be whole numbers"),
-    ([[0, 0, 0]], [[0, 0, 0, 0]], "shape"),
-    ([["a", "b", "c"]], [], "numbers"),
-])
+@pytest.mark.parametrize(
+    ("points", "faces", "match"),
+    [
+        ([[0, 0, np.nan]], [], r"corner 0 of the mesh is not finite \(\[0.0, 0.0, nan\]\)"),
+        ([[0, 0, 0]], [[0, 0, 1]], r"face 0 of the mesh has the corners \[0, 0, 1\], but there are only 1 corners"),
+        ([[0, 0, 0]], [[0, -1, 0]], "face 0"),
+        ([[0, 0]], [], r"the corners of a mesh must be numbers of shape \(n, 3\)"),
+        ([[0, 0, 0]], [[0.5, 0, 0]], "the faces of a mesh must be whole numbers"),
+        ([[0, 0, 0]], [[0, 0, 0, 0]], "shape"),
+        ([["a", "b", "c"]], [], "numbers"),
+    ],
+)
 def test_what_is_no_mesh_is_refused(points: Any, faces: Any, match: str) -> None:
     with pytest.raises(DeformError, match=match):
         Mesh(points, faces)
@@ -206,15 +213,18 @@ def test_a_part_of_a_body_in_a_smaller_grid() -> None:
     assert_close(found[near], wanted[near], atol=1e-5)
 
 
-@pytest.mark.parametrize(("mesh", "options", "match"), [
-    (Mesh(cube().points, CUBE_FACES[2:]), {}, "is open: 4 edges have no face on their other side.*Close its holes"),
-    (Mesh([], []), {}, "no faces"),
-    (cube(), {"size": 1}, "size must be a whole number"),
-    (cube(), {"size": 12.5}, "size must be a whole number"),
-    (cube(), {"margin": -1}, "margin must be a length"),
-    (cube(), {"margin": math.nan}, "margin must be a length"),
-    (cube(), {"grid": Grid((4, 4, 4), origin=(50, 0, 0))}, "no face of the mesh passes through the grid"),
-])
+@pytest.mark.parametrize(
+    ("mesh", "options", "match"),
+    [
+        (Mesh(cube().points, CUBE_FACES[2:]), {}, "is open: 4 edges have no face on their other side.*Close its holes"),
+        (Mesh([], []), {}, "no faces"),
+        (cube(), {"size": 1}, "size must be a whole number"),
+        (cube(), {"size": 12.5}, "size must be a whole number"),
+        (cube(), {"margin": -1}, "margin must be a length"),
+        (cube(), {"margin": math.nan}, "margin must be a length"),
+        (cube(), {"grid": Grid((4, 4, 4), origin=(50, 0, 0))}, "no face of the mesh passes through the grid"),
+    ],
+)
 def test_mistakes_are_named(mesh: Mesh, options: dict[str, Any], match: str) -> None:
     with pytest.raises(DeformError, match=match):
         signed_distance(mesh, **options)
@@ -270,11 +280,15 @@ def test_isosurfaces_of_all_kinds_of_voxels(dtype: Any) -> None:
     assert_close(found.box, [[1.5, 1.5, 1.5], [5.5, 4.5, 3.5]])
 
 
-@pytest.mark.parametrize(("options", "match"), [
-    ({"level": 3}, "no surface has the value 3: the volume's values go from 0 to 1"),
-    ({"level": 0}, "no surface has the value 0: .* must lie between them"),
-    ({"level": math.nan}, "no surface has the value nan"), ({"level": 0.5, "inside": "left"}, "'below' or 'above'"),
-])
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"level": 3}, "no surface has the value 3: the volume's values go from 0 to 1"),
+        ({"level": 0}, "no surface has the value 0: .* must lie between them"),
+        ({"level": math.nan}, "no surface has the value nan"),
+        ({"level": 0.5, "inside": "left"}, "'below' or 'above'"),
+    ],
+)
 def test_no_surface(options: dict[str, Any], match: str) -> None:
     with pytest.raises(DeformError, match=match):
         isosurface(Volume.from_array(np.eye(3)[None].repeat(3, 0)), **options)
@@ -355,8 +369,9 @@ def test_corners_hidden_at_a_cut_are_counted_and_the_others_come_back() -> None:
     grid = Grid((4, 100, 100))
     flat = pushed(4.0, -3.0, rule="paper")
     plane = Plane.along(grid, "+z")
-    cut = Decoupled(tuple(extrude(plane, grid, [f], replicate()) for f in flat.fields), flat.sides, flat.regions, plane,
-                    "paper")
+    cut = Decoupled(
+        tuple(extrude(plane, grid, [f], replicate()) for f in flat.fields), flat.sides, flat.regions, plane, "paper"
+    )
     mesh = Mesh([[20, 30, 1], [48, 30, 1], [51, 60, 2], [70, 30, 1], [44, 20, 1]], [[0, 1, 2], [2, 3, 4]])
     moved = warp_mesh(mesh, cut)
     assert moved.notes[0].startswith("2 of 5 corners have no place in the result")

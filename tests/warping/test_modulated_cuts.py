@@ -24,19 +24,29 @@ from deformnb.warping.modulated_cuts import plan_cut
 from deformnb.warping.warper import warp, warp_picture
 
 
-def cut_field(grid: Grid, view: str | Plane = "+z", rule: str = "replicate", cut_rule: str = "source",
-              size: float = 1.3, shape: str = "line") -> Decoupled:
+def cut_field(
+    grid: Grid,
+    view: str | Plane = "+z",
+    rule: str = "replicate",
+    cut_rule: str = "source",
+    size: float = 1.3,
+    shape: str = "line",
+) -> Decoupled:
     """Two sides of a cut through the middle of a picture, each moved by a wave of its own."""
     plane = view if isinstance(view, Plane) else Plane.along(grid, view)
     centre = plane.to_plane(grid.corners(centres=True).mean(axis=0))[:2]
     bent = np.array([[0.4, 9.0], [-0.6, 0.3], [0.5, -9.0]]) * (1.0, 0.5) + centre
     regions: dict[str, tuple[AbstractRegion, ...]] = {
-        "line": (Line(bent[[0, 2]].tolist()),), "bent": (Line(bent.tolist()),),
-        "crossing": (Line(bent[[0, 2]].tolist()), HalfSpace(tuple(centre), (0.3, 1.0)))}
+        "line": (Line(bent[[0, 2]].tolist()),),
+        "bent": (Line(bent.tolist()),),
+        "crossing": (Line(bent[[0, 2]].tolist()), HalfSpace(tuple(centre), (0.3, 1.0))),
+    }
     sides = list(product((False, True), repeat=len(regions[shape])))[:3]  # one of the four regions has no points
     count, weights = RULES[rule]
-    fields = [extrude(plane, grid, [Wave(size * (1 + k), 0.15 + 0.05 * r, dim=2) for k in range(count)], weights)
-              for r in range(len(sides))]
+    fields = [
+        extrude(plane, grid, [Wave(size * (1 + k), 0.15 + 0.05 * r, dim=2) for k in range(count)], weights)
+        for r in range(len(sides))
+    ]
     return Decoupled(tuple(fields), tuple(sides), regions[shape], plane, cut_rule, float(np.mean(grid.spacing)))
 
 
@@ -59,10 +69,12 @@ def agrees(result: NDArray[Any], expected: NDArray[np.float64], share: float = 0
 
 @pytest.mark.parametrize("cut_rule", CUT_RULES)
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize(("view", "grid", "shape"), [("+x", OBLIQUE, "line"), ("-y", FLIPPED, "crossing"),
-                                                     ("+z", OBLIQUE, "crossing")])
-def test_beside_cuts_every_kernel_follows_the_definition(view: str, grid: Grid, shape: str, rule: str,
-                                                         cut_rule: str) -> None:
+@pytest.mark.parametrize(
+    ("view", "grid", "shape"), [("+x", OBLIQUE, "line"), ("-y", FLIPPED, "crossing"), ("+z", OBLIQUE, "crossing")]
+)
+def test_beside_cuts_every_kernel_follows_the_definition(
+    view: str, grid: Grid, shape: str, rule: str, cut_rule: str
+) -> None:
     field, volume = cut_field(grid, view, rule, cut_rule, shape=shape), noise(grid)
     assert 0.02 < np.mean(field.opacity(centres(grid)) < 1) < 0.9
     for method in ("linear", "nearest"):
@@ -77,8 +89,10 @@ def test_at_corners_of_modulated_cuts_little_is_lost(cut_rule: str) -> None:
     agrees(warp(volume, field, fill=0.0).values, slow_cut(volume, field, STRAIGHT, 0.0, "linear"), 0.96)
 
 
-@pytest.mark.parametrize(("rule", "cut_rule", "shape"), [("modulate", "source", "line"), ("modulate", "paper", "bent"),
-                                                         ("interpolate", "source", "crossing")])
+@pytest.mark.parametrize(
+    ("rule", "cut_rule", "shape"),
+    [("modulate", "source", "line"), ("modulate", "paper", "bent"), ("interpolate", "source", "crossing")],
+)
 def test_long_drags_beside_cuts_that_change_with_depth(rule: str, cut_rule: str, shape: str) -> None:
     """Many pixels are moved across the cut on some slices only, and more of them are near it and stay apart."""
     grid = Grid((12, 400, 60))
@@ -103,8 +117,11 @@ def test_cuts_on_oblique_planes_and_other_outputs(rule: str) -> None:
     oblique = cut_field(OBLIQUE, Plane.through((-38, 27, 10), (1, 2, 3)), rule)
     volume = noise(OBLIQUE)
     agrees(warp(volume, oblique, fill=0.0).values, slow_cut(volume, oblique, OBLIQUE, 0.0, "linear"), most=TABLE)
-    for output in (Grid((5, 6, 8), (0.9, 0.8, 1.1), (-39.0, 25.5, 9.0), rotation(9)),  # type: ignore[arg-type]
-                   OBLIQUE.crop((1, 2, 3), (4, 5, 6)), OBLIQUE.crop((-1, 0, 0), (4, 5, 6))):
+    for output in (
+        Grid((5, 6, 8), (0.9, 0.8, 1.1), (-39.0, 25.5, 9.0), rotation(9)),  # type: ignore[arg-type]
+        OBLIQUE.crop((1, 2, 3), (4, 5, 6)),
+        OBLIQUE.crop((-1, 0, 0), (4, 5, 6)),
+    ):
         field = cut_field(OBLIQUE, "+z", rule)
         result = warp(volume, field, output=output, fill=0.0)
         assert result.grid == output

@@ -36,8 +36,7 @@ def points(dim: int, seed: int, centre: np.ndarray, size: float, drag: float) ->
 
 def on_plane(view: str, seed: int, drag: float = 2.0, **options: object) -> Step:
     plane = Plane.along(GRID, view)
-    return Step((points(2, seed, plane.to_plane(np.array(GRID.center)), 12.0, drag),), plane, support=60.0,
-                **options)  # type: ignore[arg-type]
+    return Step((points(2, seed, plane.to_plane(np.array(GRID.center)), 12.0, drag),), plane, support=60.0, **options)  # type: ignore[arg-type]
 
 
 def in_space(seed: int, drag: float = 2.0, **options: object) -> Step:
@@ -74,16 +73,22 @@ CHAINS: dict[str, Callable[[int], tuple[Step, ...]]] = {
     "thin plates": lambda seed: (on_plane("+z", seed, 1.0, kernel="thin_plate"), on_plane("+x", seed, 1.0)),
     "modulated": lambda seed: (on_plane("+z", seed, extrusion="modulate", curve="sin(pi*z)"), on_plane("+y", seed)),
     "modulated by a pulse": lambda seed: (on_plane("+z", seed, extrusion="modulate", curve=PULSE), in_space(seed)),
-    "modulated by a ramp": lambda seed: (on_plane("+z", seed, extrusion="modulate", curve=(0, 0, 1.0, 1, 1)),
-                                         on_plane("-y", seed)),
+    "modulated by a ramp": lambda seed: (
+        on_plane("+z", seed, extrusion="modulate", curve=(0, 0, 1.0, 1, 1)),
+        on_plane("-y", seed),
+    ),
     "beside a rigid part": lambda seed: (on_plane("+z", seed, 0.5, parts=(part("+z"),)), on_plane("+y", seed, 0.5)),
     "beside a cut": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("+y", seed)),
     "beside two cuts": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"), across("+z"))), on_plane("+y", seed)),
     "cut twice": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("-y", seed, cuts=(cut("-y"),))),
-    "beside a cut that stops": lambda seed: (on_plane("+z", seed, cuts=(cut("+z", (False, True)),)),
-                                             on_plane("+y", seed)),
-    "beside a modulated cut": lambda seed: (on_plane("+y", seed), on_plane("+z", seed, cuts=(cut("+z"),),
-                                                                           extrusion="modulate", curve="z*z")),
+    "beside a cut that stops": lambda seed: (
+        on_plane("+z", seed, cuts=(cut("+z", (False, True)),)),
+        on_plane("+y", seed),
+    ),
+    "beside a modulated cut": lambda seed: (
+        on_plane("+y", seed),
+        on_plane("+z", seed, cuts=(cut("+z"),), extrusion="modulate", curve="z*z"),
+    ),
     "a rigid part in space": lambda seed: (in_space(seed, 0.5, parts=(SOLID,)), on_plane("+y", seed)),
     "cut by Eq. 8": lambda seed: (on_plane("+z", seed), on_plane("+x", seed, cuts=(cut("+x"),), cut_rule="paper")),
 }

@@ -30,8 +30,10 @@ from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp
 
 
-@pytest.mark.parametrize("field", [Wave(1.5, 0.3), Wave(1.5, 0.3, dim=2), Identity(3),
-                                   extruded(Plane.along(OBLIQUE, "+y"), OBLIQUE, "modulate")])
+@pytest.mark.parametrize(
+    "field",
+    [Wave(1.5, 0.3), Wave(1.5, 0.3, dim=2), Identity(3), extruded(Plane.along(OBLIQUE, "+y"), OBLIQUE, "modulate")],
+)
 def test_points_land_where_the_field_brings_them(field: AbstractField) -> None:
     points = np.random.default_rng(6).uniform(-20, 20, (40, 5, field.dim))
     moved, converged = warp_points(points, field)
@@ -166,10 +168,14 @@ def test_no_points() -> None:
     assert converged.shape == (0,)
 
 
-@pytest.mark.parametrize(("given", "field", "message"), [
-    ([[1.0, 2.0]], Wave(), "3 coordinates"), (3.0, Wave(), "3 coordinates"),
-    ([[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]], Wave(), "point 1"),
-])
+@pytest.mark.parametrize(
+    ("given", "field", "message"),
+    [
+        ([[1.0, 2.0]], Wave(), "3 coordinates"),
+        (3.0, Wave(), "3 coordinates"),
+        ([[1.0, 2.0, 3.0], [1.0, np.nan, 3.0]], Wave(), "point 1"),
+    ],
+)
 def test_what_are_no_points_is_refused(given: Any, field: AbstractField, message: str) -> None:
     with pytest.raises(DeformError, match=message):
         warp_points(given, field)

@@ -30,9 +30,12 @@ def random_points(seed: int, dim: int, count: int = 7) -> ControlPoints:
 
 CUT = Cut(Line([(11.3, -30.0), (11.3, 60.0)]))
 ON_PICTURE: dict[str, dict[str, Any]] = {
-    "replicated": {}, "modulated": {"extrusion": "modulate", "curve": "sin(pi*z)"}, "cut": {"cuts": (CUT,)},
+    "replicated": {},
+    "modulated": {"extrusion": "modulate", "curve": "sin(pi*z)"},
+    "cut": {"cuts": (CUT,)},
     "slit": {"cuts": (Cut(Line([(11.3, 4.0), (11.3, 20.0)], stops=(True, True))),)},
-    "rigid": {"parts": (RigidPart(HalfSpace((-8.0, 0.0), (1.0, 0.2))),)}, "staged": {"stages": 3},
+    "rigid": {"parts": (RigidPart(HalfSpace((-8.0, 0.0), (1.0, 0.2))),)},
+    "staged": {"stages": 3},
 }
 QUICK = ["cut", "wendland_c2", "thin_plate", "affine", "samples", "b-spline"]
 OTHERS = [*set(ON_PICTURE) - {"cut"}, *set(KERNELS) - {"wendland_c2", "thin_plate"}, "composed"]
@@ -45,15 +48,22 @@ def made(name: str) -> AbstractField:
         return Deformation.on_picture(GRID, "+y", random_points(1, 2), **ON_PICTURE[name]).field(GRID)
     if name in KERNELS:
         quadratic = KERNELS[name].order == 3
-        return fit_rbf(random_points(2, 3, 14 if quadratic else 7), kernel=name, support=20.0,
-                       trend="quadratic" if quadratic else "affine")
+        return fit_rbf(
+            random_points(2, 3, 14 if quadratic else 7),
+            kernel=name,
+            support=20.0,
+            trend="quadratic" if quadratic else "affine",
+        )
     if name == "composed":
         return compose(made("replicated"), made("wendland_c2"))
     if name == "samples":
         return DisplacementField.sample(made("wendland_c2"), GRID.resampled(shape=(5, 6, 7)))
     if name == "b-spline":
-        return BSplineField(np.random.default_rng(3).normal(0, 2, (7, 6, 8, 3)), (-4.0, -12.0, -6.0),
-                            ((4.0, 1.0, 0.0), (-1.0, 9.0, 0.0), (0.0, 0.0, 6.0)))
+        return BSplineField(
+            np.random.default_rng(3).normal(0, 2, (7, 6, 8, 3)),
+            (-4.0, -12.0, -6.0),
+            ((4.0, 1.0, 0.0), (-1.0, 9.0, 0.0), (0.0, 0.0, 6.0)),
+        )
     if name == "ripple":
         return Ripple()
     return Affine(np.array([[0.7, 0.3, 0], [-0.2, 1.1, 0.1], [0, 0.4, 0.9]]), np.array([1.0, 2.0, 3.0]))
@@ -118,7 +128,8 @@ def test_beside_a_cut_the_map_of_each_side_counts() -> None:
     points = ControlPoints.from_arrays([[4, 12], [20, 12]], [[-3, 12], [29, 12]])
     cut = Cut(Line([(11.3, -30.0), (11.3, 60.0)]))
     field = Deformation.on_picture(Grid((24, 26, 28)), "+z", points, cuts=(cut,), trend="translation").field(
-        Grid((24, 26, 28)))
+        Grid((24, 26, 28))
+    )
     low, high = DisplacementBounds(field, 1.0).over(np.array([5.0, 5, 5]), np.array([7.0, 7, 7]))
     assert low[0] <= -9  # tissue of the other side, which may be brought here
     assert high[0] >= 7
@@ -157,8 +168,9 @@ def test_a_block_needs_no_voxel_outside_its_part(name: str, start: tuple[int, in
 
 
 def test_a_block_that_does_not_move_reads_itself_alone() -> None:
-    part = source_part(DisplacementBounds(Identity(3), 1.0), Identity(3), GRID.crop((8, 8, 8), (4, 4, 4)), GRID,
-                       "linear")
+    part = source_part(
+        DisplacementBounds(Identity(3), 1.0), Identity(3), GRID.crop((8, 8, 8), (4, 4, 4)), GRID, "linear"
+    )
     assert part == (slice(8, 12),) * 3
     half = GRID.crop((8, 8, 8), (4, 4, 4)).resampled(spacing=GRID.spacing, margin=0)
     moved = Affine(np.eye(3), np.array([0.4, 0.0, 0.0]))

@@ -138,11 +138,14 @@ def test_the_definition(grid: Grid, method: str, step: int) -> None:
     assert (result == -7.0).any() or step > 1
 
 
-@pytest.mark.parametrize("output", [
-    Grid((5, 6, 8), (0.9, 0.8, 1.1), (-39.0, 25.5, 9.0), rotation(9)),  # type: ignore[arg-type]
-    OBLIQUE.resampled(spacing=(0.35, 2.6, 1.0), margin=1.5),
-    OBLIQUE.crop((2, -1, 3), (3, 9, 5)),
-])
+@pytest.mark.parametrize(
+    "output",
+    [
+        Grid((5, 6, 8), (0.9, 0.8, 1.1), (-39.0, 25.5, 9.0), rotation(9)),  # type: ignore[arg-type]
+        OBLIQUE.resampled(spacing=(0.35, 2.6, 1.0), margin=1.5),
+        OBLIQUE.crop((2, -1, 3), (3, 9, 5)),
+    ],
+)
 @pytest.mark.parametrize("method", ["nearest", "linear"])
 def test_another_field_of_view_and_resolution(output: Grid, method: str) -> None:
     volume, field = noise(OBLIQUE), Wave(1.0)
@@ -293,17 +296,26 @@ def test_short_cuts_into_a_part_or_another_resolution(view: str, rule: str) -> N
             assert np.mean(np.abs(result - expected) <= 2 * RANGE_SHARE * 200) > 0.999
 
 
-@pytest.mark.parametrize(("view", "output"), [
-    *product(["+z", "+y"], [
-        STRAIGHT,
-        STRAIGHT.crop((1, 2, 3), (4, 5, 6)),
-        STRAIGHT.crop((1, 2, 3), (2, 2, 2)),  # a small part of each slice
-    ]),
-    ("+z", STRAIGHT.crop((0, -3, -2), (6, 13, 12))),
-    ("+y", STRAIGHT.crop((-3, 0, -2), (12, 7, 12))),
-    ("+z", STRAIGHT.resampled(spacing=(STRAIGHT.spacing[0] / 2, STRAIGHT.spacing[1] / 3, STRAIGHT.spacing[2]))),
-    ("+z", Grid(STRAIGHT.shape, direction=((np.cos(0.3), -np.sin(0.3), 0), (np.sin(0.3), np.cos(0.3), 0), (0, 0, 1)))),
-])
+@pytest.mark.parametrize(
+    ("view", "output"),
+    [
+        *product(
+            ["+z", "+y"],
+            [
+                STRAIGHT,
+                STRAIGHT.crop((1, 2, 3), (4, 5, 6)),
+                STRAIGHT.crop((1, 2, 3), (2, 2, 2)),  # a small part of each slice
+            ],
+        ),
+        ("+z", STRAIGHT.crop((0, -3, -2), (6, 13, 12))),
+        ("+y", STRAIGHT.crop((-3, 0, -2), (12, 7, 12))),
+        ("+z", STRAIGHT.resampled(spacing=(STRAIGHT.spacing[0] / 2, STRAIGHT.spacing[1] / 3, STRAIGHT.spacing[2]))),
+        (
+            "+z",
+            Grid(STRAIGHT.shape, direction=((np.cos(0.3), -np.sin(0.3), 0), (np.sin(0.3), np.cos(0.3), 0), (0, 0, 1))),
+        ),
+    ],
+)
 @pytest.mark.parametrize("rule", ["modulate", "interpolate"])
 @pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16"])
 def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, view: str, output: Grid) -> None:
@@ -352,10 +364,15 @@ def test_modulated_slices_may_begin_anywhere_in_memory(dtype: str, monkeypatch: 
     np.testing.assert_array_equal(results[2], results[0])
 
 
-@pytest.mark.parametrize("plane", [
-    Plane.through((-38, 27, 10), (1, 2, 3)),
-    Plane((0, 0, 0), (np.cos(0.3), np.sin(0.3), 0), (-np.sin(0.3), np.cos(0.3), 0)),  # along z, but turned in itself
-])
+@pytest.mark.parametrize(
+    "plane",
+    [
+        Plane.through((-38, 27, 10), (1, 2, 3)),
+        Plane(
+            (0, 0, 0), (np.cos(0.3), np.sin(0.3), 0), (-np.sin(0.3), np.cos(0.3), 0)
+        ),  # along z, but turned in itself
+    ],
+)
 def test_oblique_planes_take_the_general_way(plane: Plane) -> None:
     grid = STRAIGHT if plane.origin == (0, 0, 0) else OBLIQUE
     field = extruded(plane, grid, "modulate")
@@ -393,8 +410,10 @@ def test_the_picture_is_the_mip_of_the_result(view: str) -> None:
     field = extruded(plane, FLIPPED, "replicate")
     normal = planning.shared_axis(plane, FLIPPED, FLIPPED)
     assert normal is not None
-    one = Volume(volume.values.max(axis=normal, keepdims=True), FLIPPED.crop((0, 0, 0), tuple(
-        1 if axis == normal else n for axis, n in enumerate(FLIPPED.shape))))  # type: ignore[arg-type]
+    one = Volume(
+        volume.values.max(axis=normal, keepdims=True),
+        FLIPPED.crop((0, 0, 0), tuple(1 if axis == normal else n for axis, n in enumerate(FLIPPED.shape))),
+    )  # type: ignore[arg-type]
     for result in ways(volume, field, method="nearest", fill=0):
         assert (result.max(axis=normal, keepdims=True) == warp(one, field, method="nearest", fill=0).values).all()
 
@@ -410,8 +429,10 @@ def test_results_of_prepared_axes_say_the_same_in_another_order_of_memory() -> N
 # -- exactness and types ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("dtype", "method"), [(d, m) for d in DTYPES for m in ("nearest", "linear")
-                                               if not (d == "bool" and METHODS[m].blends)])
+@pytest.mark.parametrize(
+    ("dtype", "method"),
+    [(d, m) for d in DTYPES for m in ("nearest", "linear") if not (d == "bool" and METHODS[m].blends)],
+)
 def test_identity_is_exact_bit_for_bit(dtype: str, method: str) -> None:
     volume = noise(OBLIQUE, dtype)
     if dtype in ("int32", "float64"):
@@ -510,8 +531,12 @@ def test_one_slice_extruded(shape: tuple[int, int, int], method: str) -> None:
 
 
 @settings(max_examples=15)
-@given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 99), method=st.sampled_from(list(METHODS)),
-       size=st.floats(0, 30))
+@given(
+    shape=st.tuples(*[st.integers(1, 6)] * 3),
+    seed=st.integers(0, 99),
+    method=st.sampled_from(list(METHODS)),
+    size=st.floats(0, 30),
+)
 def test_a_constant_volume_stays_constant(shape: tuple[int, int, int], seed: int, method: str, size: float) -> None:
     grid = Grid(shape, (0.5, 1.0, 3.0), (1.0, 2.0, 3.0), rotation(seed))  # type: ignore[arg-type]
     volume = Volume(np.full(shape, 41.5, np.float32), grid)
@@ -540,7 +565,7 @@ def test_the_error_of_step_is_bounded_by_the_second_derivative(step: int, spacin
     points = centres(grid)
     ramp = Volume(points[..., 0] + 100, grid)  # its value tells the displacement along x
     field = Wave(2.0, 0.25)
-    inside = ((points[..., 0] > 2) & (points[..., 0] < grid.lengths[0] - 3))
+    inside = (points[..., 0] > 2) & (points[..., 0] < grid.lengths[0] - 3)
     keep = Grid(grid.shape, spacing)
     exact, coarse = (warp(ramp, AlongX(field), output=keep, step=s).values[inside] for s in (1, step))
     h = step * np.array(spacing)
@@ -569,8 +594,13 @@ class AlongX(AbstractField):
 @pytest.mark.parametrize("step", [1, 4])
 def test_parts_of_any_size_give_the_same_voxels(threads: int, step: int, monkeypatch: pytest.MonkeyPatch) -> None:
     grid = Grid((13, 17, 11))
-    volume, fields = noise(grid), [scattered(grid), *(extruded(Plane.along(grid, v), grid, r)
-                                                     for v in ("+x", "+y", "+z") for r in ("replicate", "modulate"))]
+    volume, fields = (
+        noise(grid),
+        [
+            scattered(grid),
+            *(extruded(Plane.along(grid, v), grid, r) for v in ("+x", "+y", "+z") for r in ("replicate", "modulate")),
+        ],
+    )
     whole = [warp(volume, f, step=step).values for f in fields]
     monkeypatch.setattr(planning, "processors", lambda: threads)
     for voxels in (1, 100, 300):
@@ -619,9 +649,15 @@ GROWN = Affine(1.1 * np.eye(3), np.zeros(3))
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("field", [Wave(), compose(GROWN, GROWN),
-                                   extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate"),
-                                   extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate")])
+@pytest.mark.parametrize(
+    "field",
+    [
+        Wave(),
+        compose(GROWN, GROWN),
+        extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate"),
+        extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate"),
+    ],
+)
 def test_progress_and_cancellation(field: AbstractField, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "processors", lambda: threads)
     monkeypatch.setattr(planning, "BLOCK_VOXELS", 20)
@@ -688,8 +724,10 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "fill of words": (lambda: warp(noise(STRAIGHT), Wave(), fill="air"), "air"),  # type: ignore[arg-type]
     "infinite field": (lambda: warp(noise(STRAIGHT), Wave(np.inf)), "not finite"),
     "field not a number": (lambda: warp(noise(STRAIGHT), Wave(np.nan)), "not finite"),
-    "infinite map": (lambda: warp(noise(STRAIGHT), extrude(Plane.along(STRAIGHT), STRAIGHT, [Wave(np.inf, dim=2)],
-                                                           replicate())), "not finite"),
+    "infinite map": (
+        lambda: warp(noise(STRAIGHT), extrude(Plane.along(STRAIGHT), STRAIGHT, [Wave(np.inf, dim=2)], replicate())),
+        "not finite",
+    ),
 }
 SMALL = Raster((2, 3), (1.0, 1.0), (0.0, 0.0))
 

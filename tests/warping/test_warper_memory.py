@@ -30,18 +30,28 @@ print(timing.peak_memory(lambda: dn.warp(volume, field, step=step))[0] / values.
 
 @pytest.mark.nightly
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the peak of a process's memory is read from /proc")
-@pytest.mark.parametrize(("case", "most"), [
-    ("", 1.8),  # blocks of 2^20 voxels on their way in two threads, 0.5 to 0.7: larger volumes have no larger ones
-    ("step = 4", 1.2),
-    ("field = dn.Deformation(on_picture[:1])", 1.5),
-    ("field = dn.Deformation((replace(on_picture[0], extrusion='modulate'),))", 1.2),
-    ("field = dn.Deformation((replace(on_picture[0], cuts=(cut,)),))", 1.5),
-    ("field = dn.Deformation((replace(on_picture[0], extrusion='modulate', cuts=(cut,)),))", 1.4),
-    ("field = dn.Deformation(on_picture)", 1.8),  # a quarter of it displacements at every fourth voxel
-], ids=["every voxel", "every fourth voxel", "replicated", "modulated", "cut", "modulated cut", "two planes"])
+@pytest.mark.parametrize(
+    ("case", "most"),
+    [
+        ("", 1.8),  # blocks of 2^20 voxels on their way in two threads, 0.5 to 0.7: larger volumes have no larger ones
+        ("step = 4", 1.2),
+        ("field = dn.Deformation(on_picture[:1])", 1.5),
+        ("field = dn.Deformation((replace(on_picture[0], extrusion='modulate'),))", 1.2),
+        ("field = dn.Deformation((replace(on_picture[0], cuts=(cut,)),))", 1.5),
+        ("field = dn.Deformation((replace(on_picture[0], extrusion='modulate', cuts=(cut,)),))", 1.4),
+        ("field = dn.Deformation(on_picture)", 1.8),  # a quarter of it displacements at every fourth voxel
+    ],
+    ids=["every voxel", "every fourth voxel", "replicated", "modulated", "cut", "modulated cut", "two planes"],
+)
 def test_a_warp_takes_little_more_than_its_result(case: str, most: float) -> None:
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}  # which compile in haste
-    done = subprocess.run([sys.executable, "-c", _MEASURE.format(case=case)], capture_output=True, text=True,
-                          check=False, env=environment, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", _MEASURE.format(case=case)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stderr
     assert 1.0 <= float(done.stdout.split()[-1]) <= most

@@ -18,8 +18,12 @@ def test_every_animation_and_transition_ends_where_reduced_motion_is_preferred()
     moving = 0
     for path in SOURCES.rglob("*.css"):
         text = re.sub(r"/\*.*?\*/", "", path.read_text("utf-8"), flags=re.DOTALL)
-        still = {selector for block in _REDUCED.findall(text) for rule in _RULE.findall(block)
-                 for selector in _selectors(rule[0])}
+        still = {
+            selector
+            for block in _REDUCED.findall(text)
+            for rule in _RULE.findall(block)
+            for selector in _selectors(rule[0])
+        }
         for selectors, style in _RULE.findall(_REDUCED.sub("", text)):
             if re.search(r"\b(animation|transition): *(?!none)", style):
                 moving += 1

@@ -150,7 +150,8 @@ def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("view", ["live", "vtk"])
 def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written(
-        tmp_path: Path, view: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tmp_path: Path, view: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("deformnb.widgets.worker._IDLE", 0.01)
     volume, threads = a_volume(), Threads()
     studio = Studio(volume, folder=tmp_path, view=view)

@@ -34,7 +34,7 @@ def test_python_sends_what_the_table_holds() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in (PACKAGE / "widgets").rglob("*.py"))
     sent = set(re.findall(r'(\w+)\(type="\w+"', text)) | set(re.findall(r'message: (\w+) = \{"type": "', text))
     assert sent == {kind.shape.__name__ for kind in MESSAGES if kind.way == TO_FRONT_END}
-    assert not re.findall(r'(?:send\(|_post\()\{', text)  # a message without a type
+    assert not re.findall(r"(?:send\(|_post\()\{", text)  # a message without a type
 
 
 def test_no_kind_is_there_twice() -> None:
@@ -50,19 +50,46 @@ def test_the_page_of_the_documentation_is_written_from_the_table() -> None:
 @pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: f"{kind.shape.__name__} {kind.widgets}")
 def test_every_field_of_a_message_has_a_type_in_words(kind: MessageKind) -> None:
     assert all(name and words for name, words, _ in kind.fields())
-    assert {"sender", "seq"} <= {name for name, _, _ in kind.fields()} or kind.widgets not in (
-        "Editor", "Editor, SpaceEditor") or kind.way == TO_FRONT_END
+    assert (
+        {"sender", "seq"} <= {name for name, _, _ in kind.fields()}
+        or kind.widgets not in ("Editor", "Editor, SpaceEditor")
+        or kind.way == TO_FRONT_END
+    )
 
 
-@pytest.mark.parametrize("kind", [kind for kind in MESSAGES if kind.widgets.startswith("Editor") and
-                                  kind.way == TO_PYTHON], ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    "kind",
+    [kind for kind in MESSAGES if kind.widgets.startswith("Editor") and kind.way == TO_PYTHON],
+    ids=lambda kind: kind.name,
+)
 def test_editors_read_what_the_type_says(kind: MessageKind) -> None:
     """Each message is taken with all fields of its type; those that may not be missing are asked for."""
-    point = {"id": 0, "name": "", "source": [1.0, 2.0], "target": [2.0, 2.0], "active": True, "weight": 1.0,
-             "locked": False, "radius": None}
-    values = {"sender": "a", "seq": 3, "phase": "end", "kind": "add", "joins": False, "next_id": 1, "points": [point],
-              "drawn": {"hz": 60.0}, "what": "cuts", "shapes": [], "index": 0, "shape": {}, "way": "undo",
-              "part": {"index": 0, "motion": None}}
+    point = {
+        "id": 0,
+        "name": "",
+        "source": [1.0, 2.0],
+        "target": [2.0, 2.0],
+        "active": True,
+        "weight": 1.0,
+        "locked": False,
+        "radius": None,
+    }
+    values = {
+        "sender": "a",
+        "seq": 3,
+        "phase": "end",
+        "kind": "add",
+        "joins": False,
+        "next_id": 1,
+        "points": [point],
+        "drawn": {"hz": 60.0},
+        "what": "cuts",
+        "shapes": [],
+        "index": 0,
+        "shape": {},
+        "way": "undo",
+        "part": {"index": 0, "motion": None},
+    }
     names = [name for name, _, _ in kind.fields()]
     full = {"type": kind.name, **{name.rstrip("?"): values[name.rstrip("?")] for name in names}}
     read = {"shapes": shapes_from_page, "choose": choice_from_page}.get(kind.name, lambda it: message_from_page(it, 0))

@@ -20,10 +20,20 @@ from deformnb.widgets.edit_messages import OVERLAYS
 from deformnb.widgets.parameters import PARAMETERS, Choice, as_json, as_markdown
 
 
-@pytest.mark.parametrize(("name", "registry"), [
-    ("view", SIDES), ("method", PROJECTIONS), ("kernel", KERNELS), ("trend", TRENDS), ("extrusion", EXTRUSIONS),
-    ("shows", SHOWS), ("mode", MODES), ("overlay", OVERLAYS), ("cut_rule", CUT_RULES),
-])
+@pytest.mark.parametrize(
+    ("name", "registry"),
+    [
+        ("view", SIDES),
+        ("method", PROJECTIONS),
+        ("kernel", KERNELS),
+        ("trend", TRENDS),
+        ("extrusion", EXTRUSIONS),
+        ("shows", SHOWS),
+        ("mode", MODES),
+        ("overlay", OVERLAYS),
+        ("cut_rule", CUT_RULES),
+    ],
+)
 def test_menus_are_the_registries(name: str, registry: Any) -> None:
     parameter = PARAMETERS[name]
     assert isinstance(parameter, Choice)

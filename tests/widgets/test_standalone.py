@@ -201,8 +201,11 @@ def test_the_policy_knows_every_script_and_allows_no_network(page: str) -> None:
     assert rules["img-src"] == "data: blob:"
     assert set(rules) == {"default-src", "script-src", "style-src", "img-src", "base-uri", "form-action"}
     scripts = zip(elements.texts("script"), elements.all("script"), strict=True)
-    digests = [f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-               for text, a in scripts if a["type"] == "module"]
+    digests = [
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text, a in scripts
+        if a["type"] == "module"
+    ]
     assert rules["script-src"].split() == digests
     assert len(digests) == 3
     # Nothing refers to anything outside of the file.

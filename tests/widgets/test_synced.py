@@ -60,7 +60,8 @@ def made(request: Any) -> Any:
 
 
 def test_a_trait_that_another_thread_sets_while_held_ones_are_sent_reaches_the_page(
-        made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     widget, page = made[0], Page(made[0], monkeypatch)
 
     are_sent = threading.Event()
@@ -86,7 +87,8 @@ def test_a_trait_that_another_thread_sets_while_held_ones_are_sent_reaches_the_p
 
 @pytest.mark.parametrize("made", [name for name, (_, trait, _) in MAKERS.items() if trait], indirect=True)
 def test_the_page_is_told_last_what_python_holds_though_both_have_set_it_at_once(
-        made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     widget, name, value = made
     page = Page(widget, monkeypatch)
     page.traits[name] = value  # it has set it, and shows it

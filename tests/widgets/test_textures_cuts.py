@@ -40,8 +40,9 @@ PLANE = Plane.along(GRID, "+y")
 A, B = PLANE.to_plane(GRID.center)[:2]
 CUT = Cut(Line(((A - 1.0, B - 5.0), (A + 1.0, B + 5.0))))
 BESIDE = Cut(Polygon(((A + 6, B - 4), (A + 12, B - 4), (A + 12, B + 4), (A + 6, B + 4))))
-POINTS = ControlPoints.from_arrays([[A - 9, B], [A - 5, B + 2], [A + 4, B - 6]],
-                                   [[A - 12, B], [A - 7, B], [A + 5, B - 6]])
+POINTS = ControlPoints.from_arrays(
+    [[A - 9, B], [A - 5, B + 2], [A + 4, B - 6]], [[A - 12, B], [A - 7, B], [A + 5, B - 6]]
+)
 
 
 def shown() -> PackedVolume:
@@ -57,8 +58,9 @@ def told(field: AbstractField) -> FieldTextures:
 
 
 def at_nodes(content: dict[str, Any], shape: list[int]) -> np.ndarray:
-    b, a = np.meshgrid(*(content["origin"][k] + content["spacing"][k] * np.arange(shape[-1 - k]) for k in (1, 0)),
-                       indexing="ij")
+    b, a = np.meshgrid(
+        *(content["origin"][k] + content["spacing"][k] * np.arange(shape[-1 - k]) for k in (1, 0)), indexing="ij"
+    )
     return np.stack([a, b], axis=-1)
 
 
@@ -116,8 +118,11 @@ def test_keys_of_interpolation_are_cut_each() -> None:
 
 
 def test_what_is_no_cut_extrusion_is_sampled_in_space() -> None:
-    in_space = Step((ControlPoints.from_arrays(GRID.corners(), GRID.corners() * 1.01),), None,
-                    cuts=(Cut(HalfSpace(GRID.center, (1.0, 0.2, 0.0))),))
+    in_space = Step(
+        (ControlPoints.from_arrays(GRID.corners(), GRID.corners() * 1.01),),
+        None,
+        cuts=(Cut(HalfSpace(GRID.center, (1.0, 0.2, 0.0))),),
+    )
     content = told(in_space.field(GRID)).content
     assert content["planar"] is None
     assert content["space"]["cut"]["regions"] == 2
@@ -134,8 +139,9 @@ def test_cuts_without_points_move_nothing() -> None:
     assert not np.frombuffer(maps.buffer("maps"), "<f4").any()
 
 
-@pytest.mark.parametrize(("rule", "stops"), [("source", (False, False)), ("paper", (False, False)),
-                                             ("source", (True, True))])
+@pytest.mark.parametrize(
+    ("rule", "stops"), [("source", (False, False)), ("paper", (False, False)), ("source", (True, True))]
+)
 def test_layers_in_space_choose_as_the_core_does(rule: str, stops: tuple[bool, bool]) -> None:
     """By the rule of the shader, at places between which nothing is interpolated."""
     bend = Deformation.on_picture(GRID, "-z", _drags("-z")).steps[0]
@@ -197,8 +203,7 @@ def test_a_refit_divides_the_points_by_the_editors_cuts() -> None:
     assert isinstance(back, Composed)
     assert isinstance(back.then, Extrusion)
     following = Refit(start, 0)
-    kinds = [type(getattr(following(POINTS, replace(how, cuts=cuts)), "then", None))
-             for cuts in ((), how.cuts, ())]
+    kinds = [type(getattr(following(POINTS, replace(how, cuts=cuts)), "then", None)) for cuts in ((), how.cuts, ())]
     assert kinds == [Extrusion, Decoupled, Extrusion]  # a cut that is drawn or removed is taken in
 
 
@@ -227,8 +232,14 @@ def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
     assert not differ_only_in(0, cut, step(plane=Plane.along(GRID, "-y")).field(GRID))
 
 
-_FILES = ("maths/cuts.js", "maths/regions.js", "maths/rigid_stages.js", "view/follow_editor.js",
-          "view/volume_loader.js", "webgl/region_bits.js")
+_FILES = (
+    "maths/cuts.js",
+    "maths/regions.js",
+    "maths/rigid_stages.js",
+    "view/follow_editor.js",
+    "view/volume_loader.js",
+    "webgl/region_bits.js",
+)
 
 
 @pytest.mark.parametrize("stops", [(False, False), (True, False)])
@@ -236,10 +247,27 @@ def test_the_page_builds_the_layers_that_python_sends(stops: tuple[bool, bool]) 
     cut = replace(CUT, region=replace(CUT.region, stops=stops))
     maps = told(step(cuts=(cut, BESIDE), support=9.0).field(GRID))
     plain = told(step(cuts=(), support=9.0).field(GRID)).content["planar"]
-    points = [{"id": int(POINTS.ids[k]), "source": POINTS.source[k].tolist(), "target": POINTS.target[k].tolist(),
-               "active": True, "weight": 1.0} for k in range(len(POINTS))]
-    settings = {"kernel": "wendland_c2", "support": 9.0, "trend": "translation", "smoothing": 0, "strength": 1,
-                "lone_support": 9.0, "cuts": [cut_to_data(cut), cut_to_data(BESIDE)], "cut_rule": "source", "parts": []}
+    points = [
+        {
+            "id": int(POINTS.ids[k]),
+            "source": POINTS.source[k].tolist(),
+            "target": POINTS.target[k].tolist(),
+            "active": True,
+            "weight": 1.0,
+        }
+        for k in range(len(POINTS))
+    ]
+    settings = {
+        "kernel": "wendland_c2",
+        "support": 9.0,
+        "trend": "translation",
+        "smoothing": 0,
+        "strength": 1,
+        "lone_support": 9.0,
+        "cuts": [cut_to_data(cut), cut_to_data(BESIDE)],
+        "cut_rule": "source",
+        "parts": [],
+    }
     main = """({ base, points, settings, mapSize }) => {
       base.maps = new Float32Array(base.shape[0] * base.shape[1] * base.shape[2] * 2);
       const layered = layeredFit(points, settings), made = withLayers(base, layered, settings, 0);
@@ -256,8 +284,9 @@ def test_the_page_builds_the_layers_that_python_sends(stops: tuple[bool, bool]) 
     assert made["cut"]["shape"] == wanted["cut"]["shape"]
     np.testing.assert_allclose(made["cut"]["origin"], wanted["cut"]["origin"])
     np.testing.assert_allclose(made["cut"]["distances"], np.frombuffer(maps.buffer("distances"), "<f4"), atol=1e-4)
-    layers, others = (np.reshape(m, (wanted["shape"][0], -1)) for m in (
-        made["maps"], np.frombuffer(maps.buffer("maps"), "<f4")))
+    layers, others = (
+        np.reshape(m, (wanted["shape"][0], -1)) for m in (made["maps"], np.frombuffer(maps.buffer("maps"), "<f4"))
+    )
     order = [made["cut"]["sides"].index(side) for side in wanted["cut"]["sides"]]
     np.testing.assert_allclose(layers[order], others, atol=1e-3)
 

@@ -17,8 +17,9 @@ from deformnb.widgets.textures import field_textures
 GRID = Grid((12, 20, 30), (1.5, 1.0, 1.2), (5.0, -7.0, 30.0))
 VOLUME = Volume(np.zeros(GRID.shape, np.uint8), GRID)
 SHOWN = packed_volume(VOLUME, 10**6, 2048)
-PAIRS = [(kernel, trend) for kernel, row in KERNELS.items() for trend, kind in TRENDS.items()
-         if kind.order >= row.order]
+PAIRS = [
+    (kernel, trend) for kernel, row in KERNELS.items() for trend, kind in TRENDS.items() if kind.order >= row.order
+]
 RANDOM = np.random.default_rng(3)
 
 

@@ -104,8 +104,15 @@ def test_a_process_that_ends_cancels_what_a_job_computes_between_two_programs(tm
         begun.wait()
     """
     environment = {**os.environ, "DEFORMNB_COMPILATION_CACHE": "off"}
-    ended = subprocess.run([sys.executable, "-c", compiling], cwd=tmp_path, env=environment, timeout=PATIENCE,
-                           capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", compiling],
+        cwd=tmp_path,
+        env=environment,
+        timeout=PATIENCE,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (ended.returncode, ended.stdout) == (0, ""), ended.stderr  # XLA torn out of its work: -6 or -11
 
 
@@ -209,9 +216,14 @@ def test_nothing_is_lost_while_threads_end_and_begin(monkeypatch: pytest.MonkeyP
         working.release()
 
     worker = Worker(at_end=put_away)
-    askers = [threading.Thread(target=lambda first=first: [
-        worker.call(lambda k=k: work(k)).result(PATIENCE) for k in range(first, first + 200)])
-        for first in (0, 1000, 2000)]
+    askers = [
+        threading.Thread(
+            target=lambda first=first: [
+                worker.call(lambda k=k: work(k)).result(PATIENCE) for k in range(first, first + 200)
+            ]
+        )
+        for first in (0, 1000, 2000)
+    ]
     for asker in askers:
         asker.start()
     for asker in askers:

@@ -91,9 +91,20 @@ def script_texts(folder: Path, into: Path) -> Iterator[tuple[Path, str]]:
     """
     node, _npm = find_node()
     modules = sorted(folder.rglob("*.js"))
-    subprocess.run([node, str(ROOT / "node_modules" / "esbuild" / "bin" / "esbuild"), *map(str, modules),
-                    f"--outdir={into}", f"--outbase={folder}", "--supported:template-literal=false", "--minify-syntax",
-                    "--charset=utf8", "--log-level=error"], check=True)
+    subprocess.run(
+        [
+            node,
+            str(ROOT / "node_modules" / "esbuild" / "bin" / "esbuild"),
+            *map(str, modules),
+            f"--outdir={into}",
+            f"--outbase={folder}",
+            "--supported:template-literal=false",
+            "--minify-syntax",
+            "--charset=utf8",
+            "--log-level=error",
+        ],
+        check=True,
+    )
     for module in modules:
         text = (into / module.relative_to(folder)).read_text("utf-8")
         for found in _Texts(list(_tokens(text))).read():

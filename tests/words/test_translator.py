@@ -16,36 +16,62 @@ from node_tasks import find_node
 PACKAGE = ROOT / "deformnb"
 OTHERS = [code for code in LANGUAGES if code != "en"]
 
-SHOWN = [*(PACKAGE / "widgets" / "studio").rglob("*.py"), *(PACKAGE / "widgets" / "inputs").glob("*.py"),
-                   PACKAGE / "widgets" / "parameters.py", PACKAGE / "widgets" / "camera.py",
-                   *(PACKAGE / "lessons").glob("*.py"), PACKAGE / "session" / "examples.py",
-                   PACKAGE / "document" / "edits.py"]
+SHOWN = [
+    *(PACKAGE / "widgets" / "studio").rglob("*.py"),
+    *(PACKAGE / "widgets" / "inputs").glob("*.py"),
+    PACKAGE / "widgets" / "parameters.py",
+    PACKAGE / "widgets" / "camera.py",
+    *(PACKAGE / "lessons").glob("*.py"),
+    PACKAGE / "session" / "examples.py",
+    PACKAGE / "document" / "edits.py",
+]
 """Modules of Python whose words are seen in a studio or a lesson. Texts of other modules may be keys, and need not."""
 
 ERRORS_ONLY = ("maths", "formats", "volume", "webgl")
 """Folders of JavaScript whose words are errors, most of them those of Python, which stay English."""
 
-NOT_SEEN = re.compile(r"""
+NOT_SEEN = re.compile(
+    r"""
     use\ strict | .*dnb-.* | [#.]?[\w-]+:.* | <.* | .*\bstyle=.* | .*[{}]\ ?/\ ?\{.*   # styles, classes, markup
     | (Arrow(Left|Right|Up|Down)|Page(Up|Down)?|Home|End|Enter|Escape|Tab|Delete|Backspace|AltGraph)  # keys of events
     | (Alt|Shift|Control)\+.+ | [A-Z][a-z]+([A-Z]\w*)+ | row\ wrap | jupyter-.* | linear-gradient.*   # names of code
     | Studio\(.* | Editor\(.* | \w+\(\{.*                                                              # of repr
-""", re.VERBOSE | re.DOTALL)
+""",
+    re.VERBOSE | re.DOTALL,
+)
 
 
 ELSEWHERE = {
-    "Antigonia", "Polyprion",  # animals have the same names everywhere
+    "Antigonia",
+    "Polyprion",  # animals have the same names everywhere
     # Parts of errors.
-    "a dictionary of direction, up, zoom, pan and perspective", "one of {}", "three rising pairs of shares from 0 to 1",
-    "a formula in z or a tuple of numbers", "rising numbers from 0 to 1", "the page has no {} of {}",
-    "the page makes no widgets of its own", "an edit could not be sent:", "there is no model {}",
+    "a dictionary of direction, up, zoom, pan and perspective",
+    "one of {}",
+    "three rising pairs of shares from 0 to 1",
+    "a formula in z or a tuple of numbers",
+    "rising numbers from 0 to 1",
+    "the page has no {} of {}",
+    "the page makes no widgets of its own",
+    "an edit could not be sent:",
+    "there is no model {}",
     "a volume or labels ({}), names of labels ({}), landmarks ({}) or a session ({})",
     # Of a page of the documentation, of repr, and names of jobs.
-    " times the volume's diagonal", "# Parameters", "## Buttons", ", on a logarithmic scale", "warm up", "result box",
-    "own grid", "the first drawing", "the second drawing", "xMidYMid meet", "deformnb as dn",
+    " times the volume's diagonal",
+    "# Parameters",
+    "## Buttons",
+    ", on a logarithmic scale",
+    "warm up",
+    "result box",
+    "own grid",
+    "the first drawing",
+    "the second drawing",
+    "xMidYMid meet",
+    "deformnb as dn",
     "DepthKeys(({}), selected={})",
-    ("What can be set in the studio and, partly, in an exported page, by the names that code uses. This page is "
-     "written by `python -m deformnb.widgets.parameters`."),
+    (
+        "What can be set in the studio and, partly, in an exported page, by the names that code uses. This page is "
+        "written by `python -m deformnb.widgets.parameters`."
+    ),
 }
 """Texts of these modules that no studio shows."""
 
@@ -66,13 +92,20 @@ def test_all_words_that_are_seen_are_in_the_table(code: str, texts: dict[Path, s
     def is_known(text: str) -> bool:
         """Whether it is a key, or of parts that are keys; or becomes a key, with its values or within a longer text."""
         whole, part, form = text.replace("{}", "5"), text.strip(_MARKS), wildcard(text)
-        return (translator.knows(whole) or translator.knows(whole.strip(_MARKS)) or any(map(form.fullmatch, keys))
-                or (" " in part and any(part in shape(key) for key in keys)))
+        return (
+            translator.knows(whole)
+            or translator.knows(whole.strip(_MARKS))
+            or any(map(form.fullmatch, keys))
+            or (" " in part and any(part in shape(key) for key in keys))
+        )
 
     scripts = {path for path in texts if path.suffix == ".js" and path.parent.name not in ERRORS_ONLY}
-    missing = {f"{path.relative_to(PACKAGE)}: {text}" for path in {*SHOWN, *scripts} for text in texts[path]
-               if reads_as_words(text) and text not in ELSEWHERE and not NOT_SEEN.fullmatch(text)
-               and not is_known(text)}
+    missing = {
+        f"{path.relative_to(PACKAGE)}: {text}"
+        for path in {*SHOWN, *scripts}
+        for text in texts[path]
+        if reads_as_words(text) and text not in ELSEWHERE and not NOT_SEEN.fullmatch(text) and not is_known(text)
+    }
     assert not missing, "\n".join([f"add to deformnb/words/{code}.json:", *sorted(missing)])
 
 
@@ -97,24 +130,47 @@ def test_no_key_is_left_over(code: str, texts: dict[Path, set[str]]) -> None:
 _MARKS = " ,;.:"
 
 
-CASES = ["Undo", "Undo (Ctrl+Z)", "3 points", "32 points, 28 dragged \u00b7 no folds", 'move "tail"', 'rename "Undo"',
-         "Undo: move 3 points", "  Redo\n", "Keep\u00a0fold-free", "B: select several: band, taps", "Other words",
-         "There are unsaved edits. Save the session in a.json (Ctrl+S)", "Node 1,2 of the grid", "12", "", "x",
-         "a.nii: Undo", "Point 4 corner, at 3, 5, not dragged", "Point 4, at 3, 5, not dragged",
-         "Save the session in $& and $1.json (Ctrl+S)", "Point 4 Undo, at 3, 5, dragged 3 right, 2 down, locked"]
+CASES = [
+    "Undo",
+    "Undo (Ctrl+Z)",
+    "3 points",
+    "32 points, 28 dragged \u00b7 no folds",
+    'move "tail"',
+    'rename "Undo"',
+    "Undo: move 3 points",
+    "  Redo\n",
+    "Keep\u00a0fold-free",
+    "B: select several: band, taps",
+    "Other words",
+    "There are unsaved edits. Save the session in a.json (Ctrl+S)",
+    "Node 1,2 of the grid",
+    "12",
+    "",
+    "x",
+    "a.nii: Undo",
+    "Point 4 corner, at 3, 5, not dragged",
+    "Point 4, at 3, 5, not dragged",
+    "Save the session in $& and $1.json (Ctrl+S)",
+    "Point 4 Undo, at 3, 5, dragged 3 right, 2 down, locked",
+]
 
 
 def test_front_ends_translate_as_python_does() -> None:
     node, _npm = find_node()
-    script = f"""import {{ Translator }} from "{(PACKAGE / 'widgets' / 'js' / 'ui' / 'words.js').as_uri()}";
+    script = f"""import {{ Translator }} from "{(PACKAGE / "widgets" / "js" / "ui" / "words.js").as_uri()}";
         const all = JSON.parse(await new Response(process.stdin).text());
         const translator = new Translator(all.table);
         console.log(JSON.stringify(all.texts.map((text) => translator.translate(text))));"""
     for code in OTHERS:
         table, translator = word_table(code), Translator(word_table(code))
         given = CASES + [key.replace("{n}", "3").replace("{text}", "x y") for key in table]
-        done = subprocess.run([node, "--input-type=module", "-e", script], capture_output=True, check=True,
-                              input=json.dumps({"table": table, "texts": given}), encoding="utf-8")
+        done = subprocess.run(
+            [node, "--input-type=module", "-e", script],
+            capture_output=True,
+            check=True,
+            input=json.dumps({"table": table, "texts": given}),
+            encoding="utf-8",
+        )
         assert json.loads(done.stdout) == [translator.translate(text) for text in given]
 
 

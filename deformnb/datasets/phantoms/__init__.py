@@ -56,8 +56,14 @@ class Phantom:
     projection: str
     axes: str
 
-    def make(self, shape: Shape3 | None = None, *, dtype: str = "uint8", noise: float | None = None,
-             progress: Progress | None = None) -> Volume:
+    def make(
+        self,
+        shape: Shape3 | None = None,
+        *,
+        dtype: str = "uint8",
+        noise: float | None = None,
+        progress: Progress | None = None,
+    ) -> Volume:
         """The volume; see :func:`render`."""
         return render(self.scene(), shape, dtype=dtype, noise=noise, progress=progress)
 
@@ -81,10 +87,12 @@ class Phantom:
 
 PHANTOMS: dict[str, Phantom] = {
     "bar": Phantom(bar.scene, "Checked bar", "1, 2", "+y", "mip", "x along the bar, y and z across"),
-    "fish": Phantom(fish.scene, "Carp", "3", "-x", "mip",
-                    "voxel x across, y tail to head (-y in space), z belly to back"),
-    "knee": Phantom(knee.scene, "Right knee, straight", "4", "-x", "mip",
-                    "x outer to inner side, y front to back, z up the leg"),
+    "fish": Phantom(
+        fish.scene, "Carp", "3", "-x", "mip", "voxel x across, y tail to head (-y in space), z belly to back"
+    ),
+    "knee": Phantom(
+        knee.scene, "Right knee, straight", "4", "-x", "mip", "x outer to inner side, y front to back, z up the leg"
+    ),
     "lobster": Phantom(lobster.scene, "Lobster", "5", "-z", "mip", "x right to left, y head to tail, z belly to back"),
     "head": Phantom(head.scene, "Human head", "6 a, b", "+x", "mip", "x right to left, y face to occiput, z up"),
     "horse": Phantom(horse.scene, "Horse", "6 c, d", "+x", "mip", "x right to left, y tail to head, z up"),

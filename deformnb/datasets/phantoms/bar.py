@@ -30,10 +30,12 @@ def scene() -> PhantomScene:
     rails = [((x0, y, z), (x1, y, z)) for y, z in (*corners, (64.0, z0), (64.0, z1), (y0, 96.0), (y1, 96.0))]
     wires = [Tube(line, (1.4,)) for line in (*rungs, *rails)]
     canal = Block((LOW[0] + 3, 56.0, 88.0), (HIGH[0] - 3, 72.0, 104.0), 7.9)
-    parts = (Part(Block(LOW, HIGH, 2.0), ((0.0, 150.0), (1.5, _checks))),
-             *(Part(wire, ((0.0, 230.0),)) for wire in wires),
-             Part(canal, ((0.0, 150.0), (1.5, 15.0))),
-             Part(Tube(((LOW[0] - 6, 64.0, 96.0), (HIGH[0] + 6, 64.0, 96.0)), (3.5,)), ((0.0, 255.0),)))
+    parts = (
+        Part(Block(LOW, HIGH, 2.0), ((0.0, 150.0), (1.5, _checks))),
+        *(Part(wire, ((0.0, 230.0),)) for wire in wires),
+        Part(canal, ((0.0, 150.0), (1.5, 15.0))),
+        Part(Tube(((LOW[0] - 6, 64.0, 96.0), (HIGH[0] + 6, 64.0, 96.0)), (3.5,)), ((0.0, 255.0),)),
+    )
     return PhantomScene("bar (phantom)", (256.0, 128.0, 192.0), (96, 64, 128), parts, texture=0.0, seed=1)
 
 

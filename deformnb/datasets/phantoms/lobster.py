@@ -55,10 +55,12 @@ def scene() -> PhantomScene:
 
 def _armour(value: float) -> Value:
     """Shell with the mottling of uneven lime."""
+
     def paint(x: Array, y: Array, z: Array) -> Array:
         spots = np.sin(0.33 * x + 1.1 * np.sin(0.19 * y)) * np.sin(0.29 * y + 0.21 * z)
         spots = spots + 0.5 * np.sin(0.8 * x - 0.7 * y + 0.5 * z)
         return np.asarray(np.float32(value) + np.float32(13) * spots)
+
     return paint
 
 
@@ -71,25 +73,49 @@ def _mirror(line: tuple[Triple, ...], side: float, count: int) -> tuple[Triple, 
 
 
 def _carapace() -> list[Part]:
-    hull = Loft("y", ((96, MIDDLE, 42, 3, 3), (101, MIDDLE, 41, 9, 10), (116, MIDDLE, 39, 17, 16),
-                      (140, MIDDLE, 38, 24, 21),
-                      (166, MIDDLE, 37, 26, 21.5), (190, MIDDLE, 36, 24, 20), (203, MIDDLE, 36, 20, 17)))
+    hull = Loft(
+        "y",
+        (
+            (96, MIDDLE, 42, 3, 3),
+            (101, MIDDLE, 41, 9, 10),
+            (116, MIDDLE, 39, 17, 16),
+            (140, MIDDLE, 38, 24, 21),
+            (166, MIDDLE, 37, 26, 21.5),
+            (190, MIDDLE, 36, 24, 20),
+            (203, MIDDLE, 36, 20, 17),
+        ),
+    )
     rostrum = Tube(((MIDDLE, 104, 51), (MIDDLE, 92, 54), (MIDDLE, 76, 58)), (5.0, 3.2, 0.6))
     parts = [_crust(hull, 205.0, 2.2), Part(rostrum, ((0.0, 200.0),))]
     organs = Both((Ellipsoid((MIDDLE, 150, 42), (16, 34, 11)), Shell(hull, 99.0, 4.0)))
-    parts += [Part(organs, ((0.0, 96.0), (4.0, 128.0))),
-              Part(Ellipsoid((MIDDLE, 120, 42), (9, 10, 9)), ((0.0, 120.0), (1.2, 20.0)))]
-    groove = Tube(((MIDDLE - 25, 140, 44), (MIDDLE - 12, 153, 57), (MIDDLE, 158, 60), (MIDDLE + 12, 153, 57),
-                   (MIDDLE + 25, 140, 44)), (1.4,))
-    parts += [Part(groove, ((0.0, 232.0),)),
-              Part(Tube(((MIDDLE, 104, 52), (MIDDLE, 160, 59.5), (MIDDLE, 202, 53)), (1.0,)), ((0.0, 232.0),))]
+    parts += [
+        Part(organs, ((0.0, 96.0), (4.0, 128.0))),
+        Part(Ellipsoid((MIDDLE, 120, 42), (9, 10, 9)), ((0.0, 120.0), (1.2, 20.0))),
+    ]
+    groove = Tube(
+        (
+            (MIDDLE - 25, 140, 44),
+            (MIDDLE - 12, 153, 57),
+            (MIDDLE, 158, 60),
+            (MIDDLE + 12, 153, 57),
+            (MIDDLE + 25, 140, 44),
+        ),
+        (1.4,),
+    )
+    parts += [
+        Part(groove, ((0.0, 232.0),)),
+        Part(Tube(((MIDDLE, 104, 52), (MIDDLE, 160, 59.5), (MIDDLE, 202, 53)), (1.0,)), ((0.0, 232.0),)),
+    ]
     for side in (-1.0, 1.0):
         for k in range(3):
             start = (MIDDLE + side * (4 - k), 96.0 - 6 * k, 53.0 + 1.5 * k)
-            parts.append(Part(Tube((start, (start[0] + side * 4, start[1] - 6, start[2] + 1)), (1.6, 0.5)),
-                              ((0.0, 210.0),)))
-        parts += [Part(Tube(((MIDDLE + side * 6, 104, 47), (MIDDLE + side * 11, 95, 49)), (2.6, 2.2)), ((0.0, 170.0),)),
-                  Part(Ellipsoid((MIDDLE + side * 12.0, 93, 49.5), (3.8, 3.8, 3.8)), ((0.0, 225.0), (1.2, 110.0)))]
+            parts.append(
+                Part(Tube((start, (start[0] + side * 4, start[1] - 6, start[2] + 1)), (1.6, 0.5)), ((0.0, 210.0),))
+            )
+        parts += [
+            Part(Tube(((MIDDLE + side * 6, 104, 47), (MIDDLE + side * 11, 95, 49)), (2.6, 2.2)), ((0.0, 170.0),)),
+            Part(Ellipsoid((MIDDLE + side * 12.0, 93, 49.5), (3.8, 3.8, 3.8)), ((0.0, 225.0), (1.2, 110.0))),
+        ]
     return parts
 
 
@@ -99,11 +125,14 @@ def _tail() -> list[Part]:
     for flap in (((12.0, 300.0, 27.0), (15.0, 18.0), 0.22), ((25.0, 293.0, 25.0), (11.0, 21.0), 0.62)):
         (dx, y, z), (wide, long), turn = flap
         for side in (-1.0, 1.0):
-            u, v = (float(np.cos(turn)), -side * float(np.sin(turn)), 0.0), (side * float(np.sin(turn)),
-                                                                             float(np.cos(turn)), 0.0)
+            u, v = (
+                (float(np.cos(turn)), -side * float(np.sin(turn)), 0.0),
+                (side * float(np.sin(turn)), float(np.cos(turn)), 0.0),
+            )
             angle = np.linspace(0, 2 * np.pi, 25)[:-1]
-            rim = tuple((wide * float(np.cos(t)) * (1 + 0.25 * float(np.sin(t))), long * float(np.sin(t)))
-                        for t in angle)
+            rim = tuple(
+                (wide * float(np.cos(t)) * (1 + 0.25 * float(np.sin(t))), long * float(np.sin(t))) for t in angle
+            )
             origin = (MIDDLE + side * dx, float(y), float(z))
             parts.append(Part(Sheet(rim, 3.0, origin, u, v), ((0.0, 165.0),)))
             for s in np.linspace(-0.8, 0.8, 7):
@@ -111,20 +140,39 @@ def _tail() -> list[Part]:
                 tip = np.asarray(origin) + 0.9 * wide * s * np.asarray(u) + long * (0.97 - 0.35 * s * s) * np.asarray(v)
                 parts.append(Part(Tube((_triple(base), _triple(tip)), (1.3, 0.8)), ((0.0, 215.0),)))
     telson = ((-11, 279), (-13, 298), (-11, 314), (0, 319), (11, 314), (13, 298), (11, 279))
-    parts.append(Part(Sheet(tuple((MIDDLE + float(a), float(b)) for a, b in telson), 4.5, (0.0, 0.0, 31.0),
-                            (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
-                      ((0.0, 205.0), (1.5, 120.0))))
+    parts.append(
+        Part(
+            Sheet(
+                tuple((MIDDLE + float(a), float(b)) for a, b in telson),
+                4.5,
+                (0.0, 0.0, 31.0),
+                (1.0, 0.0, 0.0),
+                (0.0, 1.0, 0.0),
+            ),
+            ((0.0, 205.0), (1.5, 120.0)),
+        )
+    )
     for k in reversed(range(6)):
         y, wide, high = 207.0 + 13.5 * k, 22.5 - 1.2 * k, 16.0 - 0.8 * k
         for side in (-1.0, 1.0):
-            plate = Tube(((MIDDLE + side * (wide - 2), y, 33), (MIDDLE + side * (wide + 2), y + 3, 24),
-                          (MIDDLE + side * (wide + 1), y + 8, 15)), (6.0, 4.6, 0.8))
+            plate = Tube(
+                (
+                    (MIDDLE + side * (wide - 2), y, 33),
+                    (MIDDLE + side * (wide + 2), y + 3, 24),
+                    (MIDDLE + side * (wide + 1), y + 8, 15),
+                ),
+                (6.0, 4.6, 0.8),
+            )
             parts.append(_crust(plate, 205.0, 1.4))
             if k < 5:
                 parts.append(Part(Ellipsoid((MIDDLE + side * 9.0, y + 4, 16.5), (4.0, 8.0, 1.6)), ((0.0, 130.0),)))
         parts.append(_crust(Ellipsoid((MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 198.0, 1.6))
-        hoop = Both((Shell(Ellipsoid((MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 1.8),
-                     Ellipsoid((MIDDLE, y + 8, 34), (40, 3.2, 40))))
+        hoop = Both(
+            (
+                Shell(Ellipsoid((MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 1.8),
+                Ellipsoid((MIDDLE, y + 8, 34), (40, 3.2, 40)),
+            )
+        )
         parts.append(Part(hoop, ((0.0, 238.0),)))
     return parts
 
@@ -142,6 +190,7 @@ def _legs() -> list[Part]:
 
 def _claw(side: float, size: float) -> list[Part]:
     """Four arm segments and a claw; the right one (side -1) is the larger crusher with blunt teeth."""
+
     def at(x: float, y: float, z: float = 30.0) -> Triple:
         return (MIDDLE + side * (57 + size * (x - 57)), 80 + min(size, 1.0) * (y - 80), z)
 
@@ -153,12 +202,22 @@ def _claw(side: float, size: float) -> list[Part]:
             tip = (b[0] + side * 2.0, b[1] - 5.0, b[2] + s * 8.0)
             parts.append(Part(Tube((b, tip), (3.0, 0.6)), ((0.0, 215.0),)))
     # Seen from above the thumb (dactyl) is the inner finger; flat in z.
-    palm = Blend((Ellipsoid(at(65, 56), (15 * size, 24 * size, 10 * size)), Tube((at(57, 80), at(62, 68)), (6.0, 9.0)),
-                  Tube((at(72, 42), at(76, 22), at(69, 4)), (9.0 * size, 6.0 * size, 1.5))), 7.0)
-    thumb = Tube(tuple(at(*p) for p in ((54, 46), (49, 34), (51, 18), (58, 5))),
-                 (6.5 * size, 6.0 * size, 4.4 * size, 1.4))
-    parts += [_crust(palm, 208.0, 2.4), _crust(thumb, 214.0, 2.2),
-              Part(Ellipsoid(at(55, 47), (5.5, 5.5, 6.0)), ((0.0, 235.0), (1.6, 110.0)))]
+    palm = Blend(
+        (
+            Ellipsoid(at(65, 56), (15 * size, 24 * size, 10 * size)),
+            Tube((at(57, 80), at(62, 68)), (6.0, 9.0)),
+            Tube((at(72, 42), at(76, 22), at(69, 4)), (9.0 * size, 6.0 * size, 1.5)),
+        ),
+        7.0,
+    )
+    thumb = Tube(
+        tuple(at(*p) for p in ((54, 46), (49, 34), (51, 18), (58, 5))), (6.5 * size, 6.0 * size, 4.4 * size, 1.4)
+    )
+    parts += [
+        _crust(palm, 208.0, 2.4),
+        _crust(thumb, 214.0, 2.2),
+        Part(Ellipsoid(at(55, 47), (5.5, 5.5, 6.0)), ((0.0, 235.0), (1.6, 110.0))),
+    ]
     for k in range(5):
         r = (2.6 if side < 0 else 1.7) * (1 - 0.1 * k)
         parts.append(Part(Ellipsoid(at(68.5 + 0.5 * k - 0.35 * k * k, 33 - 5.5 * k), (r, r, r)), ((0.0, 245.0),)))
@@ -171,10 +230,15 @@ def _feelers() -> list[Part]:
     for side in (-1.0, 1.0):
         parts.append(Part(Tube(_mirror(ANTENNA, side, 24), tuple(np.linspace(2.2, 0.7, 24))), ((0.0, 185.0),)))
         parts.append(Part(Tube(_mirror(ANTENNA[:2], side, 3), (4.0, 3.4, 2.6)), ((0.0, 200.0), (1.2, 80.0))))
-        parts += [Part(Tube(_mirror(line, side, 8), tuple(np.linspace(1.5, 0.6, 8))), ((0.0, 165.0),))
-                  for line in ANTENNULES]
-        parts.append(Part(Tube(_mirror(((8, 112, 24), (11, 96, 22), (7, 86, 24)), side, 6),
-                               (2.6, 2.6, 2.4, 2.2, 1.6, 0.8)), ((0.0, 175.0), (1.0, 80.0))))
+        parts += [
+            Part(Tube(_mirror(line, side, 8), tuple(np.linspace(1.5, 0.6, 8))), ((0.0, 165.0),)) for line in ANTENNULES
+        ]
+        parts.append(
+            Part(
+                Tube(_mirror(((8, 112, 24), (11, 96, 22), (7, 86, 24)), side, 6), (2.6, 2.6, 2.4, 2.2, 1.6, 0.8)),
+                ((0.0, 175.0), (1.0, 80.0)),
+            )
+        )
     return parts
 
 

@@ -69,12 +69,19 @@ def scene_grid(scene: PhantomScene, shape: tuple[int, int, int] | None) -> Grid:
     if scene.axes == "LPS":
         return Grid((size[0], size[1], size[2]), (x, y, z), (x / 2, y / 2, z / 2), unit="mm")
     origin = (scene.lengths[0] - x / 2, scene.lengths[1] - y / 2, z / 2)
-    return Grid((size[0], size[1], size[2]), (x, y, z), origin, ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
-                "mm")
+    return Grid(
+        (size[0], size[1], size[2]), (x, y, z), origin, ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)), "mm"
+    )
 
 
-def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dtype: str = "uint8",
-           noise: float | None = None, progress: Progress | None = None) -> Volume:
+def render(
+    scene: PhantomScene,
+    shape: tuple[int, int, int] | None = None,
+    *,
+    dtype: str = "uint8",
+    noise: float | None = None,
+    progress: Progress | None = None,
+) -> Volume:
     """Voxels of a scene.
 
     Parameters
@@ -101,8 +108,9 @@ def render(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, dt
     return Volume(values, grid, name=scene.name)
 
 
-def render_labels(scene: PhantomScene, shape: tuple[int, int, int] | None = None, *,
-                  progress: Progress | None = None) -> Volume:
+def render_labels(
+    scene: PhantomScene, shape: tuple[int, int, int] | None = None, *, progress: Progress | None = None
+) -> Volume:
     """Label volume of a scene on the same grid as :func:`render`: the part on top at each voxel's centre wins."""
     grid = scene_grid(scene, shape)
     values = np.zeros(grid.shape, dtype=np.uint16)
@@ -120,8 +128,10 @@ def render_labels(scene: PhantomScene, shape: tuple[int, int, int] | None = None
 def _slabs(grid: Grid) -> list[tuple[slice, Array, Array, Array]]:
     nz, ny, nx = grid.shape
     # Where along its own axes a voxel lies: solids know nothing of the direction.
-    x, y, z = (np.float32(s) * (np.arange(n, dtype=np.float32) + np.float32(0.5))
-               for s, n in zip(grid.spacing, (nx, ny, nz), strict=True))
+    x, y, z = (
+        np.float32(s) * (np.arange(n, dtype=np.float32) + np.float32(0.5))
+        for s, n in zip(grid.spacing, (nx, ny, nz), strict=True)
+    )
     thick = max(1, SLAB_VOXELS // (ny * nx))
     cuts = [slice(k, min(k + thick, nz)) for k in range(0, nz, thick)]
     return [(cut, x[None, None, :], y[None, :, None], z[cut, None, None]) for cut in cuts]
@@ -154,5 +164,6 @@ def _roughen(canvas: Array, scene: PhantomScene, first: int, at: tuple[Array, Ar
         for k in range(canvas.shape[0]):
             # One generator per slice, so that the voxels do not depend on how the volume was cut into slabs.
             grain: NDArray[np.float32] = np.random.default_rng((scene.seed, first + k)).standard_normal(
-                canvas.shape[1:], dtype=np.float32)
+                canvas.shape[1:], dtype=np.float32
+            )
             canvas[k] += grain * (np.float32(noise / TISSUE) * np.clip(canvas[k], 0, np.float32(TISSUE)))

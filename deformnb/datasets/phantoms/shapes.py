@@ -55,8 +55,12 @@ def smooth_curve(knots: ArrayLike, values: ArrayLike, t: ArrayLike) -> NDArray[n
     q = np.clip(np.asarray(t, dtype=np.float64), k[0], k[-1])
     i = np.clip(np.searchsorted(k, q, side="right") - 1, 0, len(k) - 2)
     h, s = step[i, 0][..., None], ((q - k[i]) / step[i, 0])[..., None]
-    out = ((1 + 2 * s) * (1 - s) ** 2 * column[i] + s * (1 - s) ** 2 * h * slope[i]
-           + s**2 * (3 - 2 * s) * column[i + 1] + s**2 * (s - 1) * h * slope[i + 1])
+    out = (
+        (1 + 2 * s) * (1 - s) ** 2 * column[i]
+        + s * (1 - s) ** 2 * h * slope[i]
+        + s**2 * (3 - 2 * s) * column[i + 1]
+        + s**2 * (s - 1) * h * slope[i + 1]
+    )
     return np.asarray(out[..., 0] if v.ndim == 1 else out)
 
 
@@ -203,8 +207,10 @@ class Block:
 
     def distance(self, x: Array, y: Array, z: Array) -> Array:
         r = np.float32(self.rounding)
-        q = [np.abs(p - np.float32((a + b) / 2)) - np.float32((b - a) / 2) + r
-             for p, a, b in zip((x, y, z), self.low, self.high, strict=True)]
+        q = [
+            np.abs(p - np.float32((a + b) / 2)) - np.float32((b - a) / 2) + r
+            for p, a, b in zip((x, y, z), self.low, self.high, strict=True)
+        ]
         outside = np.sqrt(sum(np.square(np.maximum(c, 0)) for c in q))
         return np.asarray(outside + np.minimum(np.maximum(q[0], np.maximum(q[1], q[2])), 0) - r)
 

@@ -48,8 +48,10 @@ def _space_mirror(value: Any) -> None:
 def _mirror(value: Any, axes: tuple[str, ...]) -> None:
     keys = {"on", "axis", "at"}
     if not isinstance(value, dict) or set(value) != keys:
-        raise DeformError(f'the mirror must have "on", "axis" and "at", such as {{"on": True, "axis": "{axes[0]}", '
-                          f'"at": None}}; got {value!r:.80}.')
+        raise DeformError(
+            f'the mirror must have "on", "axis" and "at", such as {{"on": True, "axis": "{axes[0]}", '
+            f'"at": None}}; got {value!r:.80}.'
+        )
     if not isinstance(value["on"], bool) or value["axis"] not in axes:
         names = " or ".join(f'"{axis}"' for axis in axes)
         raise DeformError(f"the mirror is on or off, and its axis {names}; got {value!r:.80}.")
@@ -82,9 +84,14 @@ def _number(value: Any) -> None:
 
 
 FRONT_END_TRAITS: dict[str, Callable[[Any], None]] = {
-    "mirror": _flat_mirror, "snap": _length, "brush_radius": _length, "stop_at_folds": _switch, "front_only": _switch,
+    "mirror": _flat_mirror,
+    "snap": _length,
+    "brush_radius": _length,
+    "stop_at_folds": _switch,
+    "front_only": _switch,
     "window": _window,
-    "slice": _number}
+    "slice": _number,
+}
 """Check of each of these traits; it raises :class:`~deformnb.errors.DeformError` with the reason."""
 
 SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap": _length}
@@ -127,8 +134,11 @@ class PointsTrait(traitlets.TraitType[ControlPoints, ControlPoints]):
 
 def _settings_to_json(value: FitSettings, widget: Any) -> dict[str, Any]:
     table = table_for_page(value.kernel)
-    return {**value.as_dict(), "chosen_support": value.chosen_support and value.chosen_support.radius,
-            **({"kernel_table": table} if table else {})}
+    return {
+        **value.as_dict(),
+        "chosen_support": value.chosen_support and value.chosen_support.radius,
+        **({"kernel_table": table} if table else {}),
+    }
 
 
 class SettingsTrait(traitlets.TraitType[FitSettings, FitSettings]):
@@ -142,8 +152,10 @@ class SettingsTrait(traitlets.TraitType[FitSettings, FitSettings]):
 
     def validate(self, obj: Any, value: Any) -> FitSettings:
         if not isinstance(value, FitSettings):
-            raise DeformError(f"the settings of an editor must be FitSettings, got {type(value).__name__}; "
-                              "editor.change(strength=0.5) changes one of them.")
+            raise DeformError(
+                f"the settings of an editor must be FitSettings, got {type(value).__name__}; "
+                "editor.change(strength=0.5) changes one of them."
+            )
         return value
 
 
@@ -309,7 +321,8 @@ class EditedPoints(SyncedWidget):
             is_the_same, current = isinstance(old, ControlPoints) and new.has_places_of(old), chosen and chosen.radius
         else:
             is_the_same = isinstance(old, FitSettings) and all(
-                getattr(old, name) == getattr(new, name) for name in CHOOSE_SUPPORT)
+                getattr(old, name) == getattr(new, name) for name in CHOOSE_SUPPORT
+            )
         if self.chooses_support and not is_the_same:
             self.settings = self.settings.choosing([self.points], current)
 
@@ -335,8 +348,11 @@ class EditedPoints(SyncedWidget):
 
 def _setting(name: str) -> property:
     """A setting of the fit as an attribute of an editor."""
-    return property(lambda editor: getattr(editor.settings, name),
-                    lambda editor, value: editor.change(**{name: value}), doc=f"``settings.{name}``")
+    return property(
+        lambda editor: getattr(editor.settings, name),
+        lambda editor, value: editor.change(**{name: value}),
+        doc=f"``settings.{name}``",
+    )
 
 
 for _name in SETTINGS:

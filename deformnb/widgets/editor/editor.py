@@ -84,8 +84,12 @@ def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
     most = 255 if whole else 65535
     shares = np.clip((picture.values.astype(np.float64) - low) / (high - low), 0, 1)
     numbers = (shares * most + 0.5).astype(np.uint16)
-    facts: dict[str, Any] = {"channels": 1 if whole else 2, "range": [low, high], "window": list(picture.window),
-                             "unit": picture.unit}
+    facts: dict[str, Any] = {
+        "channels": 1 if whole else 2,
+        "range": [low, high],
+        "window": list(picture.window),
+        "unit": picture.unit,
+    }
     if whole:
         return _png(numbers.astype(np.uint8)), facts
     return _png(np.stack([numbers >> 8, numbers & 255, np.zeros_like(numbers)], axis=-1).astype(np.uint8)), facts
@@ -256,8 +260,9 @@ class Editor(EditedPoints):
     show_grid = traitlets.Bool(True).tag(sync=True)
     show_radius = traitlets.Bool(False).tag(sync=True)
     stop_at_folds = traitlets.Bool(False).tag(sync=True)
-    front_only = traitlets.Bool(None, allow_none=True, help="whether the depth is deformed in front only; None where "
-                                "nobody answers").tag(sync=True)
+    front_only = traitlets.Bool(
+        None, allow_none=True, help="whether the depth is deformed in front only; None where nobody answers"
+    ).tag(sync=True)
     brush_radius = traitlets.Float(0.0).tag(sync=True)
     drag_grid = traitlets.Bool(False, help="whether the nodes of the grid can be dragged").tag(sync=True)
     overlay = traitlets.Enum(list(OVERLAYS), "folds").tag(sync=True)
@@ -278,8 +283,14 @@ class Editor(EditedPoints):
     wand = traitlets.Dict(help="what the wand has selected; {} where nobody answers it").tag(sync=True)
     slice = traitlets.Int(0, min=0, help="the slice that is shown, counted from 0").tag(sync=True)
 
-    def __init__(self, picture: Picture | None = None, points: ControlPoints | None = None, *,
-                 raster: Raster | None = None, **settings: Any) -> None:
+    def __init__(
+        self,
+        picture: Picture | None = None,
+        points: ControlPoints | None = None,
+        *,
+        raster: Raster | None = None,
+        **settings: Any,
+    ) -> None:
         given = ControlPoints.empty() if points is None else points
         self._previous: AbstractField | None = None
         self._picture = picture
@@ -324,8 +335,14 @@ class Editor(EditedPoints):
 
     def fitting(self) -> PlanarFit:
         """The current fit of the points, for a view that follows the editor from another thread."""
-        return PlanarFit(self.settings, self.parts, self.cuts, self.cut_rule, float(np.mean(self.raster["spacing"])),
-                         self.lone_support)
+        return PlanarFit(
+            self.settings,
+            self.parts,
+            self.cuts,
+            self.cut_rule,
+            float(np.mean(self.raster["spacing"])),
+            self.lone_support,
+        )
 
     def step(self, **options: Any) -> Step:
         """The points and settings as a step of a :class:`~deformnb.document.deformation.Deformation`.
@@ -405,7 +422,9 @@ class Editor(EditedPoints):
 
     def _read(self, content: Any) -> Message | None:
         readers: dict[str, Callable[[Any], Message]] = {
-            "shapes": lambda content: shapes_from_page(content, self.next_id), "choose": choice_from_page}
+            "shapes": lambda content: shapes_from_page(content, self.next_id),
+            "choose": choice_from_page,
+        }
         read = readers.get(str(content.get("type"))) if isinstance(content, dict) else None
         if read is None:
             return super()._read(content)
@@ -438,8 +457,10 @@ class Editor(EditedPoints):
         value = dict(proposal["value"])
         count = len(getattr(self, value["what"])) if value.get("what") in ("cuts", "parts") else 0
         if value and not (set(value) == {"what", "index"} and value["index"] in range(count)):
-            raise DeformError('the chosen shape must be {} or {"what": "cuts" or "parts", "index": its place} of one '
-                              f"that is there, got {value}.")
+            raise DeformError(
+                'the chosen shape must be {} or {"what": "cuts" or "parts", "index": its place} of one '
+                f"that is there, got {value}."
+            )
         return value
 
     @traitlets.observe("cuts", "parts")
@@ -453,18 +474,23 @@ class Editor(EditedPoints):
     def _checked_uncertainty_facts(self, proposal: Any) -> dict[str, Any]:
         value = dict(proposal["value"])
         sizes, legend = [value.get("width"), value.get("height")], value.get("legend", [])
-        if value and not (all(isinstance(n, int) and n > 0 for n in sizes) and all(
-                len(row) == 2 and 0 <= row[0] <= 255 and isinstance(row[1], str) for row in legend)):
-            raise DeformError('uncertainty_facts must be {} or {"width": columns, "height": rows, "legend": [[byte, '
-                              f"text], ...]}}, got {value}.")
+        if value and not (
+            all(isinstance(n, int) and n > 0 for n in sizes)
+            and all(len(row) == 2 and 0 <= row[0] <= 255 and isinstance(row[1], str) for row in legend)
+        ):
+            raise DeformError(
+                'uncertainty_facts must be {} or {"width": columns, "height": rows, "legend": [[byte, '
+                f"text], ...]}}, got {value}."
+            )
         return value
 
     @traitlets.validate("beyond")
     def _box_beyond(self, proposal: Any) -> list[float]:
         value = [float(x) for x in proposal["value"]]
         if value and not (len(value) == 4 and np.isfinite(value).all() and value[0] < value[1] and value[2] < value[3]):
-            raise DeformError(f"what is drawn beyond a picture is (a0, a1, b0, b1) with a0 < a1 and b0 < b1, or empty, "
-                              f"got {value}.")
+            raise DeformError(
+                f"what is drawn beyond a picture is (a0, a1, b0, b1) with a0 < a1 and b0 < b1, or empty, got {value}."
+            )
         return value
 
     @traitlets.validate("brush_radius")

@@ -96,9 +96,17 @@ class SpaceEditor(EditedPoints):
     panes: Any = traitlets.List().tag(sync=True)
     revision = traitlets.Int(0, help="counts changes of what is no trait: volume, before, options")
 
-    def __init__(self, volume: VolumeLike, points: ControlPoints | None = None, *, before: AbstractField | None = None,
-                 options: dict[str, Any] | None = None, window: tuple[float, float] | None = None,
-                 transfer: TransferFunction | str = "specimen", **settings: Any) -> None:
+    def __init__(
+        self,
+        volume: VolumeLike,
+        points: ControlPoints | None = None,
+        *,
+        before: AbstractField | None = None,
+        options: dict[str, Any] | None = None,
+        window: tuple[float, float] | None = None,
+        transfer: TransferFunction | str = "specimen",
+        **settings: Any,
+    ) -> None:
         volume = as_volume(volume)
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._window, self._transfer = window, transfer
@@ -114,8 +122,10 @@ class SpaceEditor(EditedPoints):
         self._worker = Worker("deformnb-space-editor")
         self._pacer = Pacer(self._request_pictures)
         traits = self._of_volume(volume)
-        super().__init__(**{**traits, "label": volume.name or "Volume", "height": 360, **settings},
-                         points=ControlPoints.empty(3) if points is None else points)
+        super().__init__(
+            **{**traits, "label": volume.name or "Volume", "height": 360, **settings},
+            points=ControlPoints.empty(3) if points is None else points,
+        )
         shown = ["points", "settings", "revision", "cursor", "projection", "shows_original"]
         self.observe(lambda change: self._changed(), shown)
         close_earlier_of_this_cell(self)
@@ -126,8 +136,11 @@ class SpaceEditor(EditedPoints):
         function = preset(self._transfer, volume) if isinstance(self._transfer, str) else self._transfer
         self._pictures = SpacePictures(volume, function, self._window)
         self._sent = {}
-        return {"panes": [pane.info() for pane in self._pictures.panes], "cursor": list(volume.grid.center),
-                "lone_support": lone_support(volume.finest_grid)}
+        return {
+            "panes": [pane.info() for pane in self._pictures.panes],
+            "cursor": list(volume.grid.center),
+            "lone_support": lone_support(volume.finest_grid),
+        }
 
     @property
     def volume(self) -> Volume:
@@ -221,10 +234,17 @@ class SpaceEditor(EditedPoints):
 
         made, field = self._pictures, self.field()
         shown = [made.slice(k, field, self.cursor, _MOVING) for k in range(len(made.panes))]
-        pictures = [Picture(s.values, p.plane, s.raster, p.name, (0.0, 255.0))
-                    for s, p in zip(shown, made.panes, strict=True)]
-        flat = [replace(self.points, source=p.plane.to_plane(self.points.source)[:, :2],
-                        target=p.plane.to_plane(self.points.target)[:, :2]) for p in made.panes]
+        pictures = [
+            Picture(s.values, p.plane, s.raster, p.name, (0.0, 255.0)) for s, p in zip(shown, made.panes, strict=True)
+        ]
+        flat = [
+            replace(
+                self.points,
+                source=p.plane.to_plane(self.points.source)[:, :2],
+                target=p.plane.to_plane(self.points.target)[:, :2],
+            )
+            for p in made.panes
+        ]
         figure = draw_pictures(pictures, points=flat, titles=[p.name for p in made.panes], style="dark")
         stream = io.BytesIO()
         figure.savefig(stream, format="png", dpi=_PREVIEW_DPI, facecolor=figure.get_facecolor())
@@ -370,8 +390,9 @@ class SpaceEditor(EditedPoints):
             raise DeformError(f"the cursor must be three finite numbers (x, y, z), got {proposal['value']!r:.60}.")
         grid = self.volume.grid
         index = np.clip(grid.point_to_index(place), 0, np.asarray(grid.shape[::-1]) - 1)
-        return [float(x) for x in (place if np.allclose(index, grid.point_to_index(place)) else
-                                   grid.index_to_point(index))]
+        return [
+            float(x) for x in (place if np.allclose(index, grid.point_to_index(place)) else grid.index_to_point(index))
+        ]
 
     def close(self) -> None:
         """End the widget and its thread."""

@@ -94,9 +94,16 @@ class Pane:
     def info(self) -> dict[str, Any]:
         """Geometry of the pane for the front end."""
         plane = self.plane
-        return {"name": self.name, "origin": list(plane.origin), "u": list(plane.u), "v": list(plane.v),
-                "n": list(plane.normal), "box": list(self.box), "depths": list(self.depths),
-                "spacing": list(self.spacing)}
+        return {
+            "name": self.name,
+            "origin": list(plane.origin),
+            "u": list(plane.u),
+            "v": list(plane.v),
+            "n": list(plane.normal),
+            "box": list(self.box),
+            "depths": list(self.depths),
+            "spacing": list(self.spacing),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +126,14 @@ class Shown:
     def message(self) -> tuple[dict[str, Any], list[bytes]]:
         """Message about the pane, and its buffers."""
         raster = self.raster
-        about = {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin),
-                 "channels": 1 if self.values.ndim == 2 else 3, "hasDepths": self.depths is not None,
-                 "shapes": None if self.shapes is None else list(self.shapes.shape[:2])}
+        about = {
+            "shape": list(raster.shape),
+            "spacing": list(raster.spacing),
+            "origin": list(raster.origin),
+            "channels": 1 if self.values.ndim == 2 else 3,
+            "hasDepths": self.depths is not None,
+            "shapes": None if self.shapes is None else list(self.shapes.shape[:2]),
+        }
         parts = [self.values, None if self.depths is None else self.depths.astype("<f4"), self.shapes]
         return about, [np.ascontiguousarray(part).tobytes() for part in parts if part is not None]
 
@@ -136,8 +148,13 @@ class SpacePictures:
     colour_map : of slices, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
     """
 
-    def __init__(self, volume: Volume, transfer: TransferFunction, window: tuple[float, float] | None = None,
-                 colour_map: str = COLOUR_MAPS[0]) -> None:
+    def __init__(
+        self,
+        volume: Volume,
+        transfer: TransferFunction,
+        window: tuple[float, float] | None = None,
+        colour_map: str = COLOUR_MAPS[0],
+    ) -> None:
         self._colours = None if colour_map == COLOUR_MAPS[0] else colour_table(colour_map)
         self.volume, self.transfer = volume, transfer
         self.panes = tuple(Pane.of(volume.grid, view) for view in PANES)
@@ -166,7 +183,7 @@ class SpacePictures:
         if limit not in self._coarser:
             shown = packed_volume(self.volume, limit, _LARGEST_SIDE, self.window)
             low, high = self.window
-            values = (shown.volume.values.astype(np.float32) * np.float32((high - low) / 255) + np.float32(low))
+            values = shown.volume.values.astype(np.float32) * np.float32((high - low) / 255) + np.float32(low)
             self._coarser[limit] = Volume(values, shown.volume.grid, self.volume.name)
         return self._coarser[limit]
 
@@ -242,6 +259,7 @@ def folding(field: AbstractField, grid: Grid) -> Folds:
     counts = np.maximum(3, np.round(_FOLD_NODES * lengths / lengths.max())).astype(int)
     spacing = lengths / counts
     first = grid.index_to_point((spacing / np.asarray(grid.spacing) - 1) / 2)
-    lattice = replace(grid, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing),
-                      origin=tuple(first))
+    lattice = replace(
+        grid, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing), origin=tuple(first)
+    )
     return folds_of(field, lattice)

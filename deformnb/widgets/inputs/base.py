@@ -123,8 +123,9 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         given = sync_data if isinstance(sync_data, dict) else {"": sync_data}
         count = given.get("_view_count")
         if set(given) - {"_view_count"} or not (count is None or (is_whole(count) and count >= 0)):
-            _LOG.warning("traits of %s from the front end were dropped: %.80r", type(self).__name__,
-                         sorted(map(str, given)))
+            _LOG.warning(
+                "traits of %s from the front end were dropped: %.80r", type(self).__name__, sorted(map(str, given))
+            )
         elif given:
             super().set_state(given)
 

@@ -112,8 +112,12 @@ def _height(y: NDArray[np.float64]) -> float:
 Curve = str | tuple[float, ...]
 
 CURVES = {
-    "constant 1": "1", "z": "z", "1 - z": "1-z", "front only": FRONT_ONLY,
-    "sin(\u03c0 z)": "sin(pi*z)", "smoothstep": "z*z*(3-2*z)",
+    "constant 1": "1",
+    "z": "z",
+    "1 - z": "1-z",
+    "front only": FRONT_ONLY,
+    "sin(\u03c0 z)": "sin(pi*z)",
+    "smoothstep": "z*z*(3-2*z)",
 }
 """Formulas that the front end offers, by the name it shows."""
 
@@ -265,8 +269,12 @@ class CurveEditor(AbstractEdited):
 
     def _show(self) -> None:
         formula = self.curve if isinstance(self.curve, str) else ""
-        self._set_shown(nodes=[list(node) for node in self.nodes], smooth=self.smooth, formula=formula,
-                  samples=list(self.values(2 * PARTS + 1)) if self._nodes is None else [])
+        self._set_shown(
+            nodes=[list(node) for node in self.nodes],
+            smooth=self.smooth,
+            formula=formula,
+            samples=list(self.values(2 * PARTS + 1)) if self._nodes is None else [],
+        )
 
     @traitlets.validate("range")
     def _a_range(self, proposal: Any) -> tuple[float, float]:

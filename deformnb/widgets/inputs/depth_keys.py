@@ -107,8 +107,12 @@ class DepthKeys(AbstractEdited):
         before = len(self.knots)
         if len(knots) != before + _KINDS[kind]:
             raise DeformError(f"{kind!r} leaves {before + _KINDS[kind]} keys of {before}, not {len(knots)}.")
-        if not (is_whole(index) and 0 <= index < max(before, len(knots)) and is_whole(selected)
-                and 0 <= selected < len(knots)):
+        if not (
+            is_whole(index)
+            and 0 <= index < max(before, len(knots))
+            and is_whole(selected)
+            and 0 <= selected < len(knots)
+        ):
             raise DeformError("there is no such key.")
         interpolate(knots)
         apart = min(LEAST_APART, *np.diff(self.knots)) if before > 1 else LEAST_APART  # a document's may be nearer

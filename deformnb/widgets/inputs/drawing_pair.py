@@ -50,25 +50,40 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     12
     """
 
-    def __init__(self, first: Picture, second: Picture | None = None, *, rows: int = 5, columns: int = 7,
-                 guard: ShowError | None = None) -> None:
+    def __init__(
+        self,
+        first: Picture,
+        second: Picture | None = None,
+        *,
+        rows: int = 5,
+        columns: int = 7,
+        guard: ShowError | None = None,
+    ) -> None:
         self.first = GridDrawing(first, rows, columns, label="Grid on the first drawing")
         self.second: GridDrawing | None = None
         self._guard = guard or self._shown
         self.message = ipw.HTML("")
-        self.line_counts = [ipw.BoundedIntText(value, min=2, max=MOST_LINES, description=word,
-                                               layout=ipw.Layout(width="150px"))
-                            for value, word in ((rows, "Rows"), (columns, "Columns"))]
+        self.line_counts = [
+            ipw.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=ipw.Layout(width="150px"))
+            for value, word in ((rows, "Rows"), (columns, "Columns"))
+        ]
         for number in self.line_counts:
             number.observe(lambda _: self._guard(self._change_lines), "value")
-        self.upload = FileInput(self.take, self._guard, label="Open the second drawing", accept=",".join(SUFFIXES),
-                                tip="A photograph or drawing: " + ", ".join(SUFFIXES))
+        self.upload = FileInput(
+            self.take,
+            self._guard,
+            label="Open the second drawing",
+            accept=",".join(SUFFIXES),
+            tip="A photograph or drawing: " + ", ".join(SUFFIXES),
+        )
         self._place = ipw.VBox([self.upload], layout=ipw.Layout(flex="1 1 300px", min_width="0"))
-        first_side = ipw.VBox([ipw.HTML("<b>1. This drawing</b>"), self.first],
-                              layout=ipw.Layout(flex="1 1 300px", min_width="0"))
+        first_side = ipw.VBox(
+            [ipw.HTML("<b>1. This drawing</b>"), self.first], layout=ipw.Layout(flex="1 1 300px", min_width="0")
+        )
         sides = ipw.HBox([first_side, self._place], layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
-        super().__init__([ipw.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'), ipw.HBox(self.line_counts), sides,
-                          self.message])
+        super().__init__(
+            [ipw.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'), ipw.HBox(self.line_counts), sides, self.message]
+        )
         self._arrange()
         if second is not None:
             self.show_second(second)
@@ -102,8 +117,13 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             raise DeformError("there is no second drawing yet: open one, and put its grid on it.")
         flat = self.first.nodes.reshape(-1, 2)
         (a0, b0), (a1, b1) = flat.min(axis=0), flat.max(axis=0)
-        return thompson_map(self.first.grid("the first drawing"), self.second.grid("the second drawing"),
-                            box=(a0, a1, b0, b1), frame=self.first.picture.raster.box, scale=scale)
+        return thompson_map(
+            self.first.grid("the first drawing"),
+            self.second.grid("the second drawing"),
+            box=(a0, a1, b0, b1),
+            frame=self.first.picture.raster.box,
+            scale=scale,
+        )
 
     def close(self) -> None:
         """End the upload and both drawings."""

@@ -71,8 +71,15 @@ class FileInput(SyncedWidget):
     tip = traitlets.Unicode("").tag(sync=True)
     drops = traitlets.Bool(False).tag(sync=True)
 
-    def __init__(self, take: TakeFile, guard: Callable[[Callable[[], None]], bool],
-                 check: Callable[[str], None] | None = None, *, tip: str = "", **traits: Any) -> None:
+    def __init__(
+        self,
+        take: TakeFile,
+        guard: Callable[[Callable[[], None]], bool],
+        check: Callable[[str], None] | None = None,
+        *,
+        tip: str = "",
+        **traits: Any,
+    ) -> None:
         self._take, self._guard, self._check = take, guard, check
         self._uploads: dict[str, _Upload] = {}
         self._worker = Worker("deformnb-upload")
@@ -139,8 +146,10 @@ class FileInput(SyncedWidget):
         if size == 0:
             raise DeformError(f"{file} is empty.")
         if size > LARGEST_UPLOAD:
-            raise DeformError(f"{file} has {size / 1e6:.0f} MB, more than the {LARGEST_UPLOAD / 1e6:.0f} MB that can "
-                              "be uploaded; put it into the folder of the notebook or application instead.")
+            raise DeformError(
+                f"{file} has {size / 1e6:.0f} MB, more than the {LARGEST_UPLOAD / 1e6:.0f} MB that can "
+                "be uploaded; put it into the folder of the notebook or application instead."
+            )
         if name in self._uploads:
             raise DeformError("an upload of this number is under way.")
         while len(self._uploads) >= _MOST_UPLOADS:
@@ -149,8 +158,9 @@ class FileInput(SyncedWidget):
         self._request(upload)
 
     def _request(self, upload: _Upload) -> None:
-        self.send(PieceRequest(type="next", id=upload.id, offset=upload.count,
-                               length=min(PIECE, upload.size - upload.count)))
+        self.send(
+            PieceRequest(type="next", id=upload.id, offset=upload.count, length=min(PIECE, upload.size - upload.count))
+        )
 
     def _add(self, upload: _Upload, offset: Any, buffers: Any) -> None:
         if upload.count == upload.size:

@@ -46,8 +46,10 @@ class FileTransfer(SyncedWidget):
     def download(self, name: str, content: bytes) -> None:
         """Let the browser save a file under this name."""
         if len(content) > LARGEST_DOWNLOAD:
-            raise DeformError(f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
-                              "a browser takes at once; it is in the folder.")
+            raise DeformError(
+                f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
+                "a browser takes at once; it is in the folder."
+            )
         self.send(Download(type="download", name=name), [content])
 
     def set_state(self, sync_data: Any) -> None:

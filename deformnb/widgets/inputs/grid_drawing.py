@@ -77,8 +77,9 @@ class GridDrawing(AbstractEdited):
     box = traitlets.List(traitlets.Float(), help="its edges a0, a1, b0, b1").tag(sync=True)
     nodes = traitlets.Instance(np.ndarray)
 
-    def __init__(self, picture: Picture, rows: int = 5, columns: int = 7, nodes: ArrayLike | None = None,
-                 **traits: Any) -> None:
+    def __init__(
+        self, picture: Picture, rows: int = 5, columns: int = 7, nodes: ArrayLike | None = None, **traits: Any
+    ) -> None:
         self._placed: tuple[int, ...] = ()
         self._picture = picture
         for what, count in (("rows", rows), ("columns", columns)):
@@ -116,13 +117,22 @@ class GridDrawing(AbstractEdited):
             raise DeformError("a grid has nodes.")
         rows, columns = self.nodes.shape[:2]
         data, placed = value.get("nodes"), value.get("placed")
-        if not isinstance(data, list) or len(data) != rows or not all(
-                isinstance(row, list) and len(row) == columns and all(
-                    isinstance(node, list) and len(node) == 2 and all(map(is_number, node)) for node in row)
-                for row in data):
+        if (
+            not isinstance(data, list)
+            or len(data) != rows
+            or not all(
+                isinstance(row, list)
+                and len(row) == columns
+                and all(isinstance(node, list) and len(node) == 2 and all(map(is_number, node)) for node in row)
+                for row in data
+            )
+        ):
             raise DeformError(f"the grid has {rows} rows of {columns} nodes, each two finite numbers.")
-        if not isinstance(placed, list) or not all(
-                is_whole(k) and 0 <= k < rows * columns for k in placed) or len(set(placed)) != len(placed):
+        if (
+            not isinstance(placed, list)
+            or not all(is_whole(k) and 0 <= k < rows * columns for k in placed)
+            or len(set(placed)) != len(placed)
+        ):
             raise DeformError("the numbers of the nodes that were placed must be those of the grid.")
         return _Edit(np.asarray(data, dtype=np.float64), tuple(sorted(placed)))
 

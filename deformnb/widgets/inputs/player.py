@@ -141,8 +141,15 @@ class Playback:
     Whatever else is shown in the view ends what is played there, until the player moves again.
     """
 
-    def __init__(self, view: Any, player: Any, animation: Callable[[], Animation | None], grid: Grid,
-                 guard: Callable[[Callable[[], None]], Any], output: Callable[[], Grid | None] = lambda: None) -> None:
+    def __init__(
+        self,
+        view: Any,
+        player: Any,
+        animation: Callable[[], Animation | None],
+        grid: Grid,
+        guard: Callable[[Callable[[], None]], Any],
+        output: Callable[[], Grid | None] = lambda: None,
+    ) -> None:
         self._output = output
         self._view, self._player, self._animation, self._grid, self._guard = view, player, animation, grid, guard
         self._worker = Worker("deformnb-playback")

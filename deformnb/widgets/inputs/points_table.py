@@ -103,8 +103,9 @@ class PointsTable(SyncedWidget):
         """True if the table is visible in a front end."""
         return any(self._seen.values())
 
-    def show(self, points: ControlPoints, errors: NDArray[np.float64] | None = None,
-             suspects: Collection[int] = ()) -> None:
+    def show(
+        self, points: ControlPoints, errors: NDArray[np.float64] | None = None, suspects: Collection[int] = ()
+    ) -> None:
         """Show these points.
 
         Parameters
@@ -113,8 +114,16 @@ class PointsTable(SyncedWidget):
         suspects : ids of those that disagree with their neighbours.
         """
         n, doubted = len(points), set(suspects)
-        rows = np.concatenate([points.source, points.target, points.weight[:, None], points.radius[:, None],
-                               np.full((n, 1), np.nan) if errors is None else errors[:, None]], axis=1)
+        rows = np.concatenate(
+            [
+                points.source,
+                points.target,
+                points.weight[:, None],
+                points.radius[:, None],
+                np.full((n, 1), np.nan) if errors is None else errors[:, None],
+            ],
+            axis=1,
+        )
         is_suspect = np.array([i in doubted for i in points.ids], dtype=bool)
         flags = points.active * 1 + points.locked * 2 + is_suspect * 4
         with self.hold_sync():

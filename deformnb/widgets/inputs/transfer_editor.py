@@ -75,14 +75,24 @@ class TransferEditor(AbstractEdited):
     transfer = _TransferTrait(TransferFunction(((0, 1, 1, 1),), ((0, 0), (1, 1))))
     height = traitlets.Int(150, min=80, max=1024).tag(sync=True)
     power = traitlets.Float(0.4, min=0.1, max=1.0).tag(sync=True)
-    presets = traitlets.Dict({name: str(make.__doc__).partition("\n")[0] for name, make in PRESETS.items()},
-                             read_only=True, help="what each preset shows, by its name").tag(sync=True)
-    thumbnails = traitlets.Dict(help="the volume in each preset's colours, PNG as data URLs; empty until they are made"
-                                ).tag(sync=True)
+    presets = traitlets.Dict(
+        {name: str(make.__doc__).partition("\n")[0] for name, make in PRESETS.items()},
+        read_only=True,
+        help="what each preset shows, by its name",
+    ).tag(sync=True)
+    thumbnails = traitlets.Dict(
+        help="the volume in each preset's colours, PNG as data URLs; empty until they are made"
+    ).tag(sync=True)
     histogram = traitlets.Dict(help="bars behind the curve").tag(sync=True)
 
-    def __init__(self, volume: VolumeLike, transfer: TransferFunction | str = "specimen", *,
-                 worker: Worker | None = None, **traits: Any) -> None:
+    def __init__(
+        self,
+        volume: VolumeLike,
+        transfer: TransferFunction | str = "specimen",
+        *,
+        worker: Worker | None = None,
+        **traits: Any,
+    ) -> None:
         self._volume = volume = as_volume(volume)
         self._given_worker = worker
         self._named: tuple[str, TransferFunction] | None = None
@@ -177,9 +187,13 @@ class TransferEditor(AbstractEdited):
 
     def _show(self) -> None:
         values = [*self._extent, *self.transfer.window]
-        self._set_shown(nodes=[list(node) for node in self.transfer.opacities], preset=self.preset_name,
-                  colors=[list(node) for node in self.transfer.colors], back=self._named[0] if self._named else "",
-                  range=[min(values), max(values)])
+        self._set_shown(
+            nodes=[list(node) for node in self.transfer.opacities],
+            preset=self.preset_name,
+            colors=[list(node) for node in self.transfer.colors],
+            back=self._named[0] if self._named else "",
+            range=[min(values), max(values)],
+        )
 
     def __repr__(self) -> str:
         what = repr(self.preset_name) if self.preset_name else f"{len(self.transfer.opacities)} nodes"
@@ -198,8 +212,9 @@ def _stops(data: Any, most: int) -> list[tuple[float, str]]:
     """Colours by the front end, values not falling."""
     if not isinstance(data, list) or not 1 <= len(data) <= most:
         raise DeformError(f"colours need a list of 1 to {most} stops.")
-    if not all(isinstance(row, list) and len(row) == 2 and is_number(row[0]) and isinstance(row[1], str)
-               for row in data):
+    if not all(
+        isinstance(row, list) and len(row) == 2 and is_number(row[0]) and isinstance(row[1], str) for row in data
+    ):
         raise DeformError("a stop of the colours must be a finite number and a colour.")
     return [(float(value), color) for value, color in data]
 

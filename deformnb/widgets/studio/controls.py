@@ -84,11 +84,13 @@ class Control:
 
     def bind(self, guard: Guard, is_refreshing: Callable[[], bool]) -> None:
         """Let the widget edit the session; a refused value goes back to what the session holds."""
+
         def changed(change: Any) -> None:
             if is_refreshing() or self._shows(change["new"], self.read()):
                 return
             guard(lambda: self.write(change["new"]))
             self.refresh()
+
         self.widget.observe(changed, "value")
 
     def refresh(self) -> None:
@@ -112,8 +114,13 @@ def _is_slider(widget: Any) -> bool:
 
 def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "", layout: Any = None) -> ipw.Dropdown:
     """A menu of (words, value); ``layout`` instead of the usual one."""
-    return ipw.Dropdown(options=list(options), description=description, tooltip=tooltip or description,
-                        layout=layout or wide(), style=_STYLE)
+    return ipw.Dropdown(
+        options=list(options),
+        description=description,
+        tooltip=tooltip or description,
+        layout=layout or wide(),
+        style=_STYLE,
+    )
 
 
 def widget_of(name: str, diagonal: float = 1.0, layout: Any = None) -> Any:
@@ -131,13 +138,29 @@ def widget_of(name: str, diagonal: float = 1.0, layout: Any = None) -> Any:
     if isinstance(parameter, Number):
         low, high, step = parameter.low, parameter.high, parameter.step
         if parameter.is_log:
-            return ipw.FloatLogSlider(min=np.log10(low), max=np.log10(high), step=step, style=_STYLE,
-                                      readout_format=f".{parameter.digits}r", layout=layout or wide(), **words)
+            return ipw.FloatLogSlider(
+                min=np.log10(low),
+                max=np.log10(high),
+                step=step,
+                style=_STYLE,
+                readout_format=f".{parameter.digits}r",
+                layout=layout or wide(),
+                **words,
+            )
         if parameter.digits == 0:
-            return ipw.IntSlider(min=int(low), max=int(high), step=int(step), style=_STYLE, layout=layout or wide(),
-                                 **words)
-        return ipw.FloatSlider(min=low, max=high, step=step, style=_STYLE, readout_format=f".{parameter.digits}f",
-                               layout=layout or wide(), continuous_update=True, **words)
+            return ipw.IntSlider(
+                min=int(low), max=int(high), step=int(step), style=_STYLE, layout=layout or wide(), **words
+            )
+        return ipw.FloatSlider(
+            min=low,
+            max=high,
+            step=step,
+            style=_STYLE,
+            readout_format=f".{parameter.digits}f",
+            layout=layout or wide(),
+            continuous_update=True,
+            **words,
+        )
     return ipw.Checkbox(False, indent=False, layout=layout or ipw.Layout(width="auto"), **words)
 
 
@@ -159,11 +182,21 @@ def fill(widget: ipw.Dropdown, options: list[tuple[str, str]]) -> None:
         widget.options = options
 
 
-def slider(description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f",
-           layout: Any = None) -> Any:
+def slider(
+    description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f", layout: Any = None
+) -> Any:
     """A slider that follows the pointer."""
-    return ipw.FloatSlider(min=low, max=high, step=step, description=description, layout=layout or wide(), style=_STYLE,
-                           readout_format=text, tooltip=tooltip or description, continuous_update=True)
+    return ipw.FloatSlider(
+        min=low,
+        max=high,
+        step=step,
+        description=description,
+        layout=layout or wide(),
+        style=_STYLE,
+        readout_format=text,
+        tooltip=tooltip or description,
+        continuous_update=True,
+    )
 
 
 def prose(text: str) -> str:
@@ -213,8 +246,11 @@ class Panel:
 
     def of_step(self, widget: Any, name: str) -> Any:
         """Bind a widget to a field of the step being edited."""
-        return self.add(widget, lambda: getattr(self.session.step, name),
-                        lambda value: self.session.change(kind=name, slides=_is_slider(widget), **{name: value}))
+        return self.add(
+            widget,
+            lambda: getattr(self.session.step, name),
+            lambda value: self.session.change(kind=name, slides=_is_slider(widget), **{name: value}),
+        )
 
     def refresh(self) -> None:
         """Show what the session holds."""
@@ -299,11 +335,16 @@ class PicturePanel(Panel):
         self._side = side = widget_of("view", layout=ipw.Layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
         self.add(side, lambda: session.view or "", lambda view: session.set_view(view) if view else None)
-        method = self.add(widget_of("method", layout=ipw.Layout(width="auto")), lambda: session.method,
-                          lambda value: session.set_trait("method", value))
-        self._depth = self.add(slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume",
-                                      ".1f"),
-                               self._held_depth, lambda value: session.set_trait("depth", value))
+        method = self.add(
+            widget_of("method", layout=ipw.Layout(width="auto")),
+            lambda: session.method,
+            lambda value: session.set_trait("method", value),
+        )
+        self._depth = self.add(
+            slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume", ".1f"),
+            self._held_depth,
+            lambda value: session.set_trait("depth", value),
+        )
         hold = action_button("hold_outline", lambda: guard(session.hold_outline))
         shows_grids = action_button("thompson", lambda: guard(show_grids))
         self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have controls of their own
@@ -335,8 +376,10 @@ def step_badge(session: Session) -> str:
     if count == 1:
         return ""
     title = html.escape(session.step_titles()[k])
-    return (f'<span class="dnb-step-badge" title="Step {k + 1} of {count}, {title}, is edited on this picture" '
-            f'style="background: {STEP_COLOURS[k % len(STEP_COLOURS)]}">{k + 1}</span>')
+    return (
+        f'<span class="dnb-step-badge" title="Step {k + 1} of {count}, {title}, is edited on this picture" '
+        f'style="background: {STEP_COLOURS[k % len(STEP_COLOURS)]}">{k + 1}</span>'
+    )
 
 
 class PictureLookPanel(Panel):
@@ -346,8 +389,9 @@ class PictureLookPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
-        colours = self.add(widget_of("colour_map"), lambda: session.colour_map,
-                           lambda value: session.set_trait("colour_map", value))
+        colours = self.add(
+            widget_of("colour_map"), lambda: session.colour_map, lambda value: session.set_trait("colour_map", value)
+        )
         self._auto = action_button("auto_window", lambda: guard(lambda: session.set_trait("window", None)))
         density = widget_of("density")
         traitlets.link((editor, "density"), (density, "value"))
@@ -367,8 +411,10 @@ class ChannelsPanel(Panel):
         super().__init__(session, guard)
         assert session.channels is not None
         self.rows = [self._row(k, volume) for k, volume in enumerate(session.channels.coloured)]
-        words = ipw.HTML("The picture adds the channels up in Maximum, Mean and Slice; the volume shows how "
-                         "bright they are together.")
+        words = ipw.HTML(
+            "The picture adds the channels up in Maximum, Mean and Slice; the volume shows how "
+            "bright they are together."
+        )
         self.box = ipw.VBox([*self.rows, words])
         self.refresh()
 
@@ -377,19 +423,32 @@ class ChannelsPanel(Panel):
         low, high = volume.value_range
         first, last = self.session.channel_displays[k].window
         low, high = min(low, first), max(high, last)
-        shown = self.add(ipw.Checkbox(description=name, indent=False, tooltip=f"Whether {name} is shown",
-                                      layout=ipw.Layout(width="140px")),
-                         lambda: self._display(k).visible, lambda on: self.session.show_channel(k, visible=on))
-        colour = self.add(ipw.ColorPicker(concise=True, tooltip=f"Colour of {name}",
-                                          layout=ipw.Layout(width="36px")),
-                          lambda: _hex(self._display(k).colour),
-                          lambda value: self.session.show_channel(k, colour=_rgb(value)))
-        window = self.add(ipw.FloatRangeSlider(
-            value=(first, last), min=low, max=high, step=(high - low) / 256,
-            readout_format=".0f" if volume.dtype.kind in "iu" else ".4g",
-            continuous_update=False, tooltip=f"Values of {name} shown black and in its full colour",
-            layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto")),
-            lambda: self._display(k).window, lambda ends: self._set_window(k, ends, (high - low) / 256))
+        shown = self.add(
+            ipw.Checkbox(
+                description=name, indent=False, tooltip=f"Whether {name} is shown", layout=ipw.Layout(width="140px")
+            ),
+            lambda: self._display(k).visible,
+            lambda on: self.session.show_channel(k, visible=on),
+        )
+        colour = self.add(
+            ipw.ColorPicker(concise=True, tooltip=f"Colour of {name}", layout=ipw.Layout(width="36px")),
+            lambda: _hex(self._display(k).colour),
+            lambda value: self.session.show_channel(k, colour=_rgb(value)),
+        )
+        window = self.add(
+            ipw.FloatRangeSlider(
+                value=(first, last),
+                min=low,
+                max=high,
+                step=(high - low) / 256,
+                readout_format=".0f" if volume.dtype.kind in "iu" else ".4g",
+                continuous_update=False,
+                tooltip=f"Values of {name} shown black and in its full colour",
+                layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
+            ),
+            lambda: self._display(k).window,
+            lambda ends: self._set_window(k, ends, (high - low) / 256),
+        )
         return ipw.VBox([ipw.HBox([shown, colour], layout=ipw.Layout(align_items="center")), row(window)])
 
     def _display(self, k: int) -> ChannelDisplay:
@@ -417,17 +476,27 @@ class MapPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
-        bound = {name: self.of_step(widget_of(name), name) for name in OF_THE_FIT
-                 if name not in ("support", *_STANDING_ELSEWHERE)}
+        bound = {
+            name: self.of_step(widget_of(name), name)
+            for name in OF_THE_FIT
+            if name not in ("support", *_STANDING_ELSEWHERE)
+        }
         self._kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
-        self._support = widget_of("support", session.grid.diagonal,
-                                  ipw.Layout(flex="1 1 auto", min_width="0", width="auto"))
+        self._support = widget_of(
+            "support", session.grid.diagonal, ipw.Layout(flex="1 1 auto", min_width="0", width="auto")
+        )
         self._support.style.description_width = "96px"
-        self.add(self._support, self._shown_support,
-                 lambda value: session.change(kind="support", slides=True, support=float(value)))
+        self.add(
+            self._support,
+            self._shown_support,
+            lambda value: session.change(kind="support", slides=True, support=float(value)),
+        )
         self._auto = widget_of("automatic_support")
-        self.add(self._auto, lambda: not isinstance(session.step.support, float),
-                 lambda on: session.change(support=None if on else float(self._support.value)))
+        self.add(
+            self._auto,
+            lambda: not isinstance(session.step.support, float),
+            lambda on: session.change(support=None if on else float(self._support.value)),
+        )
         self.box = ipw.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
         self.refresh()
 
@@ -452,12 +521,17 @@ class DisplayPanel(Panel):
         super().__init__(session, guard)
         self.clip = ClipControls(view if view.has_trait("clip") else None)
         colours = ipw.VBox([transfer], layout=ipw.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
-        inside = ipw.VBox([ipw.HTML("<b>Clipping</b>"), self.clip],
-                          layout=ipw.Layout(flex="1 1 270px", min_width="0"))
-        beside = ipw.HBox([colours, inside], layout=ipw.Layout(
-            flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px"))
-        light = [self.add(widget_of("ambient_occlusion"), lambda: session.ambient_occlusion,
-                          lambda value: session.set_trait("ambient_occlusion", value))]
+        inside = ipw.VBox([ipw.HTML("<b>Clipping</b>"), self.clip], layout=ipw.Layout(flex="1 1 270px", min_width="0"))
+        beside = ipw.HBox(
+            [colours, inside], layout=ipw.Layout(flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
+        )
+        light = [
+            self.add(
+                widget_of("ambient_occlusion"),
+                lambda: session.ambient_occlusion,
+                lambda value: session.set_trait("ambient_occlusion", value),
+            )
+        ]
         self.box = ipw.VBox([beside, *(light if view.has_trait("ambient_occlusion") else [])])
 
     def close(self) -> None:
@@ -472,8 +546,11 @@ class StrengthPanel(Panel):
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
         strength = widget_of("strength", layout=wide())
-        self.add(strength, lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
-                 lambda value: session.change(kind="strength", slides=True, strength=float(value)))
+        self.add(
+            strength,
+            lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
+            lambda value: session.change(kind="strength", slides=True, strength=float(value)),
+        )
         self.box = row(strength, action_button("reset", lambda: guard(session.reset)))
 
 
@@ -488,17 +565,27 @@ class VolumePanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, view: Any, slices: Any, transfer: Any) -> None:
         super().__init__(session, guard)
-        shows = self.add(widget_of("shows", layout=ipw.Layout(width="auto")), lambda: view.shows,
-                         lambda value: setattr(view, "shows", value))
+        shows = self.add(
+            widget_of("shows", layout=ipw.Layout(width="auto")),
+            lambda: view.shows,
+            lambda value: setattr(view, "shows", value),
+        )
         menus = [shows]
         if view.has_trait("projection"):
-            menus.append(self.add(widget_of("projection", layout=ipw.Layout(width="auto")), lambda: view.projection,
-                                  lambda value: view.set_trait("projection", value)))
-        menus.append(self.add(PresetMenu(transfer), lambda: transfer.preset_name,
-                              lambda name: _take_preset(session, name)))
+            menus.append(
+                self.add(
+                    widget_of("projection", layout=ipw.Layout(width="auto")),
+                    lambda: view.projection,
+                    lambda value: view.set_trait("projection", value),
+                )
+            )
+        menus.append(
+            self.add(PresetMenu(transfer), lambda: transfer.preset_name, lambda name: _take_preset(session, name))
+        )
         parameter = PARAMETERS["slices"]
-        button = ipw.ToggleButton(False, description=parameter.label, tooltip=parameter.tooltip,
-                                  layout=ipw.Layout(width="auto"))
+        button = ipw.ToggleButton(
+            False, description=parameter.label, tooltip=parameter.tooltip, layout=ipw.Layout(width="auto")
+        )
         self._of_view, self._slices = menus, slices
         self.box = row(*menus, self.add(button, lambda: slices.is_shown, slices.show))
 

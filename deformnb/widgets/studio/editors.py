@@ -38,8 +38,13 @@ _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view ar
 def make_editor(session: Session, height: int) -> Editor:
     """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
     step = session.step
-    made = Editor(session.automatic_picture(), None, height=height, history=session.history,
-                  label=f"Picture of {session.volume.name or 'the volume'}")
+    made = Editor(
+        session.automatic_picture(),
+        None,
+        height=height,
+        history=session.history,
+        label=f"Picture of {session.volume.name or 'the volume'}",
+    )
     made.chooses_support = False
     made.lone_support = lone_support(session.grid)
     show_view_state(made, session)
@@ -139,8 +144,14 @@ class StudioEditors:
     def _make_space(self) -> SpaceEditor:
         session = self._session
         with parts_of_another():
-            made = SpaceEditor(session.volume, session.points, height=self._low_height, history=session.history,
-                               transfer=session.transfer_function, before=session.before())
+            made = SpaceEditor(
+                session.volume,
+                session.points,
+                height=self._low_height,
+                history=session.history,
+                transfer=session.transfer_function,
+                before=session.before(),
+            )
         made.chooses_support = False
         made.layout.width = "100%"
         self._listen(made)
@@ -198,9 +209,16 @@ _STANDS = 1e-6  # of a direction's length: less is a rounding error of the front
 def picture_key(session: Session) -> Any:
     """Key of a picture, of all that it depends on: the steps before the edited one, its plane, and the projection."""
     s = session
-    return (s.index, s.deformation.steps[: s.index], s.step.plane, s.method,
-            s.depth if s.method == "slice" else 0.0, s.deformation.mode,
-            s.transfer if s.method in ("composite", "shaded") else None, s.channel_displays if s.shows_channels else ())
+    return (
+        s.index,
+        s.deformation.steps[: s.index],
+        s.step.plane,
+        s.method,
+        s.depth if s.method == "slice" else 0.0,
+        s.deformation.mode,
+        s.transfer if s.method in ("composite", "shaded") else None,
+        s.channel_displays if s.shows_channels else (),
+    )
 
 
 class StudioPicture:
@@ -219,16 +237,26 @@ class StudioPicture:
     ways_on : the reason why the requested picture cannot be made, and two buttons; unseen while it can.
     """
 
-    def __init__(self, session: Session, editors: StudioEditors, link: StudioLink, view: Any, worker: Worker,
-                 undo: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        session: Session,
+        editors: StudioEditors,
+        link: StudioLink,
+        view: Any,
+        worker: Worker,
+        undo: Callable[[], None],
+    ) -> None:
         self._session, self._editors, self._link, self._view, self._worker = session, editors, link, view, worker
         self._shown = self._needed_picture()
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
         again = weakly(self, StudioPicture.request, StudioPicture._is_open)
         self._reason = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
-        self.ways_on = row(self._reason, button("Try again", "Make the picture once more", again),
-                           button("Undo", "Take back the last edit", undo))
+        self.ways_on = row(
+            self._reason,
+            button("Try again", "Make the picture once more", again),
+            button("Undo", "Take back the last edit", undo),
+        )
         self.ways_on.layout.display = "none"
 
     @property

@@ -41,8 +41,9 @@ def volume_facts(volume: Volume) -> str:
     4 × 3 × 2 · 1 × 1 × 1 mm
     """
     z, y, x = volume.shape
-    size, spacing = (" \u00d7 ".join(parts) for parts in ((str(x), str(y), str(z)),
-                                                         [f"{s:.3g}" for s in volume.grid.spacing]))
+    size, spacing = (
+        " \u00d7 ".join(parts) for parts in ((str(x), str(y), str(z)), [f"{s:.3g}" for s in volume.grid.spacing])
+    )
     level = "" if volume.level is None else f" \u00b7 {volume.level}"
     return f"{size} \u00b7 {spacing} {unit_of(volume.grid)}".strip() + level
 
@@ -93,8 +94,16 @@ class StudioHead(SyncedWidget):
     facts = traitlets.Unicode("").tag(sync=True)
     history = traitlets.Dict().tag(sync=True)
 
-    def __init__(self, session: Session, guard: Guard, show: Callable[[str], None], folder: str | PathLike[str] = ".",
-                 run: Callable[[Callable[[], None]], Any] | None = None, *, language: str | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        guard: Guard,
+        show: Callable[[str], None],
+        folder: str | PathLike[str] = ".",
+        run: Callable[[Callable[[], None]], Any] | None = None,
+        *,
+        language: str | None = None,
+    ) -> None:
         traits = {} if language is None else {"language": language}
         super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume), **traits)
         self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)

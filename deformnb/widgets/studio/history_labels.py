@@ -49,8 +49,14 @@ def edit_label(before: ControlPoints, after: ControlPoints, kind: str = "") -> s
     if removed:
         return f"remove {_who(before, removed)}"
     both = [(k, old[i]) for i, k in new.items()]
-    for what, name in (("move", "target"), ("move the source of", "source"), ("switch", "active"), ("weigh", "weight"),
-                       ("lock", "locked"), ("change the radius of", "radius")):
+    for what, name in (
+        ("move", "target"),
+        ("move the source of", "source"),
+        ("switch", "active"),
+        ("weigh", "weight"),
+        ("lock", "locked"),
+        ("change the radius of", "radius"),
+    ):
         new_values, old_values = getattr(after, name), getattr(before, name)
         changed = [k for k, j in both if not np.array_equal(new_values[k], old_values[j], equal_nan=True)]
         if changed and name == "locked" and not after.locked[changed].any():
@@ -96,22 +102,32 @@ def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> 
     session.notice = f"As it was after: {label}" if label else "As it was in the beginning."
 
 
-def history_rows(nodes: Sequence[HistoryNode],
-                 earlier: Sequence[SavedSession] = ()) -> tuple[list[dict[str, Any]], int]:
+def history_rows(
+    nodes: Sequence[HistoryNode], earlier: Sequence[SavedSession] = ()
+) -> tuple[list[dict[str, Any]], int]:
     """Rows of a list of these states and of earlier sessions, and the index among them of the current state.
 
     Earlier sessions come last; their ids are -1, -2 and so on.
     """
     rows, done = tree_rows(nodes), _done(nodes)
-    return ([_row(node, depth, node.id in done) for node, depth in rows]
-            + [_earlier_row(k, entry) for k, entry in enumerate(earlier)],
-            next(k for k, (node, _) in enumerate(rows) if node.is_current))
+    return (
+        [_row(node, depth, node.id in done) for node, depth in rows]
+        + [_earlier_row(k, entry) for k, entry in enumerate(earlier)],
+        next(k for k, (node, _) in enumerate(rows) if node.is_current),
+    )
 
 
 def _earlier_row(k: int, entry: SavedSession) -> dict[str, Any]:
     words = f"an earlier session, not saved: {counted(entry.points, 'point')}, {counted(entry.steps, 'step')}"
-    return {"title": words, "id": -1 - k, "on": False, "indent": 0, "time": entry.edited.timestamp(), "mark": "\u25cb",
-            "tip": f"{words}: go on with it; can be undone"}
+    return {
+        "title": words,
+        "id": -1 - k,
+        "on": False,
+        "indent": 0,
+        "time": entry.edited.timestamp(),
+        "mark": "\u25cb",
+        "tip": f"{words}: go on with it; can be undone",
+    }
 
 
 def tree_rows(nodes: Sequence[HistoryNode]) -> list[tuple[HistoryNode, int]]:
@@ -155,5 +171,12 @@ def _row(node: HistoryNode, depth: int, is_done: bool) -> dict[str, Any]:
     if node.parent is None and node.label:
         words = f"{node.label} (what was before is no longer kept)"
     where = "this is what is shown" if node.is_current else "go back to it" if is_done else "undone; go there again"
-    return {"title": words, "id": node.id, "on": is_done, "indent": depth, "time": node.time,
-            "mark": "\u25cf" if node.is_current else "\u25cb", "tip": f"{words}: {where}"}
+    return {
+        "title": words,
+        "id": node.id,
+        "on": is_done,
+        "indent": depth,
+        "time": node.time,
+        "mark": "\u25cf" if node.is_current else "\u25cb",
+        "tip": f"{words}: {where}",
+    }

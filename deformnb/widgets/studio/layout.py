@@ -180,26 +180,36 @@ def make_panels(s: PanelParts) -> StudioPanels:
     groups = {
         "Shape": shape,
         "Depth": [_alone(DepthPanel, s.session, s.guard, s.preview)],
-        "View": [Section(LatePanel(DisplayPanel, s.session, s.guard, s.view, s.opacity), is_open=True),
-                 *(Section(panel, is_open=True) for panel in channels),
-                 Section(LatePanel(PictureLookPanel, s.session, s.guard, s.editors.plane), is_open=True),
-                 Section(compare)],
+        "View": [
+            Section(LatePanel(DisplayPanel, s.session, s.guard, s.view, s.opacity), is_open=True),
+            *(Section(panel, is_open=True) for panel in channels),
+            Section(LatePanel(PictureLookPanel, s.session, s.guard, s.editors.plane), is_open=True),
+            Section(compare),
+        ],
         "Animate": [_alone(AnimationPanel, s.session, s.guard, s.view, s.folder)],
         "Check": [_alone(DiagnosticsPanel, s.session, s.guard, s.view, s.editors, s.worker)],
     }
     groups["Check"][0].panel.make()  # it marks possible outliers on the picture, seen or not
-    menus = {"history": HistoryPanel(s.session, s.guard), "examples": ExamplesPanel(s.session, s.guard),
-             "export": files}
-    return StudioPanels(groups, menus, PicturePanel(s.session, s.guard, s.editors.plane, thompson.reveal),
-                        VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
-                        ExamplesPanel(s.session, s.guard, is_start=True),
-                        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels,
-                                  s.file_input),
-                        [result_box], wand)
+    menus = {
+        "history": HistoryPanel(s.session, s.guard),
+        "examples": ExamplesPanel(s.session, s.guard),
+        "export": files,
+    }
+    return StudioPanels(
+        groups,
+        menus,
+        PicturePanel(s.session, s.guard, s.editors.plane, thompson.reveal),
+        VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
+        ExamplesPanel(s.session, s.guard, is_start=True),
+        OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels, s.file_input),
+        [result_box],
+        wand,
+    )
 
 
-def arranged(head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus,
-             height: int) -> list[ipw.Widget]:
+def arranged(
+    head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus, height: int
+) -> list[ipw.Widget]:
     """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
 
     The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows
@@ -237,8 +247,11 @@ def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
     """Tabs of groups of sections; a panel learns when it is seen."""
     folds = {title: [_fold(section) for section in sections] for title, sections in groups.items()}
     tabs = ipw.Tab([_box(boxes, "dnb-group") for boxes in folds.values()], titles=list(groups))
-    known = [(number, box, weakref.ref(section.panel))
-             for number, title in enumerate(groups) for section, box in zip(groups[title], folds[title], strict=True)]
+    known = [
+        (number, box, weakref.ref(section.panel))
+        for number, title in enumerate(groups)
+        for section, box in zip(groups[title], folds[title], strict=True)
+    ]
 
     def notify(_change: Any = None) -> None:
         for number, box, reference in known:
@@ -267,8 +280,9 @@ def _alone(kind: type[Panel], *arguments: Any) -> Section:
 def _fold(section: Section) -> Any:
     if not section.has_heading:
         return _box([section.panel.box], "dnb-section-plain")
-    made = ipw.Accordion([section.panel.box], titles=[section.panel.title],
-                         selected_index=0 if section.is_open else None)
+    made = ipw.Accordion(
+        [section.panel.box], titles=[section.panel.title], selected_index=0 if section.is_open else None
+    )
     if section.is_open:
         made.add_class("dnb-section-open")  # as it is made: see js/studio/side_panel.js
     return made.add_class("dnb-section")

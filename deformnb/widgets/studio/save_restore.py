@@ -54,8 +54,9 @@ class RestoreBar(SyncedWidget):
     written = traitlets.Unicode("").tag(sync=True)
     version = traitlets.Int(0).tag(sync=True)
 
-    def __init__(self, session: Session, guard: Callable[[Callable[[], None]], bool], show: Callable[[str], None],
-                 **options: Any) -> None:
+    def __init__(
+        self, session: Session, guard: Callable[[Callable[[], None]], bool], show: Callable[[str], None], **options: Any
+    ) -> None:
         self._recovery: Recovery | None = None
         self._showing = threading.RLock()  # the thread that writes shows news as well as that of an edit
         super().__init__()

@@ -71,9 +71,16 @@ class StudioSlices:
         windows = [project(session.volume, side, "slice").window for side in PANES]
         self._window = min(low for low, _ in windows), max(high for _, high in windows)
         with parts_of_another():
-            made = SpaceEditor(session.volume, before=session.field(), window=session.window or self._window,
-                               read_only=True, theme="dark", fill=True, transfer=session.transfer_function,
-                               label=f"Slices of {session.volume.name or 'the volume'}")
+            made = SpaceEditor(
+                session.volume,
+                before=session.field(),
+                window=session.window or self._window,
+                read_only=True,
+                theme="dark",
+                fill=True,
+                transfer=session.transfer_function,
+                label=f"Slices of {session.volume.name or 'the volume'}",
+            )
         made.layout.width = "100%"
         return made
 

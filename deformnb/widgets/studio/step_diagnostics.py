@@ -195,20 +195,25 @@ def suspects_of(found: Diagnostics, points: ControlPoints) -> tuple[str, list[in
 
 def facts_html(found: Diagnostics) -> str:
     """The figures as a table."""
-    cells = "".join(f'<tr title="{html.escape(_WHY[name], quote=True)}"><th style="{_NAME_STYLE}">{name}</th>'
-                    f'<td style="padding: 0">{html.escape(text)}</td></tr>' for name, text in _texts(found).items())
+    cells = "".join(
+        f'<tr title="{html.escape(_WHY[name], quote=True)}"><th style="{_NAME_STYLE}">{name}</th>'
+        f'<td style="padding: 0">{html.escape(text)}</td></tr>'
+        for name, text in _texts(found).items()
+    )
     reason = f'<div style="opacity: 0.8; max-width: 60ch">{html.escape(found.reason)}</div>' if found.reason else ""
     return f'<table class="dnb-diagnostics" style="line-height: 1.5; border-spacing: 0">{cells}</table>{reason}'
 
 
-_NAME_STYLE = ("text-align: left; vertical-align: top; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; "
-               "white-space: nowrap")
+_NAME_STYLE = (
+    "text-align: left; vertical-align: top; font-weight: normal; opacity: 0.75; padding: 0 14px 0 0; "
+    "white-space: nowrap"
+)
 
 _WHY = {
     "Folds": "det J is the Jacobian determinant of the backward map: 1 keeps areas, below 1 they grow, at 0 or less "
-             f"the map folds. {LEAST:g} counts as fold-free. Folds where only air is seen are told apart.",
+    f"the map folds. {LEAST:g} counts as fold-free. Folds where only air is seen are told apart.",
     "Round trip": "Distance between a point and its image under the inverse map and then the map. What is lost "
-                  "has no place in the result: it is hidden in a fold or behind a cut.",
+    "has no place in the result: it is hidden in a fold or behind a cut.",
     "Residual": "How far points miss their sources: more than 0 only with smoothing.",
     "Leave-one-out": "How far the other points miss a point that is left out, and which one most.",
     "Affine share": "What one turn, stretch and shear of all points explains; the rest bends.",
@@ -239,8 +244,11 @@ def _texts(found: Diagnostics) -> dict[str, str]:
         texts["Affine share"] = f"{100 * q.affine_share:.0f} % of the drags"
     if found.bending is not None:
         length = "" if found.step.plane is not None else unit
-        texts["Bending energy"] = ("infinite: one source has two targets" if np.isinf(found.bending) else
-                                   f"{found.bending if found.bending > 1e-12 else 0.0:.3g}{length}")
+        texts["Bending energy"] = (
+            "infinite: one source has two targets"
+            if np.isinf(found.bending)
+            else f"{found.bending if found.bending > 1e-12 else 0.0:.3g}{length}"
+        )
     return texts
 
 
@@ -281,12 +289,14 @@ def uncertainty_overlay(step: Step, key: int, grid: Grid, raster: Raster) -> Unc
     values = known.on_outer_sum(np.stack([np.zeros(height), b]), np.stack([a, np.zeros(width)]))
     most = float(values.max())
     if not most > 1e-9 * (a1 - a0):
-        raise DeformError("nothing bends, so the points give no estimate of the error of the map between them; "
-                          "drag one.")
+        raise DeformError(
+            "nothing bends, so the points give no estimate of the error of the map between them; drag one."
+        )
     levels = dict.fromkeys(_round_number(share * most) for share in _CONTOURS)
     legend = [[round(255 * v / most), f"\u00b1 {v:g} {unit_of(grid)}".strip()] for v in levels if 0 < v < most]
-    return UncertaintyOverlay(np.round(255 * values / most).astype(np.uint8).tobytes(),
-                              {"width": width, "height": height, "legend": legend})
+    return UncertaintyOverlay(
+        np.round(255 * values / most).astype(np.uint8).tobytes(), {"width": width, "height": height, "legend": legend}
+    )
 
 
 class UncertaintyCache:
@@ -337,9 +347,11 @@ def said_of(chosen: ChosenFit, grid: Grid) -> str:
         return "There are too few control points to leave some of them out."
     settings, best = chosen.settings, chosen.tried[0]
     folds = " Every fit that was tried folds." if best.folds else ""
-    return (f"Best prediction: {settings.direction.capitalize()}, {KERNELS[settings.kernel].title}, "
-            f"{TRENDS[settings.trend].title}. Left-out points come within {length_text(best.error)} "
-            f"{unit_of(grid)} of their targets.{folds}")
+    return (
+        f"Best prediction: {settings.direction.capitalize()}, {KERNELS[settings.kernel].title}, "
+        f"{TRENDS[settings.trend].title}. Left-out points come within {length_text(best.error)} "
+        f"{unit_of(grid)} of their targets.{folds}"
+    )
 
 
 class FoldActions:

@@ -76,8 +76,10 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
     """A view of the volume by its name in :data:`VIEW_KINDS`, or one that was made by hand."""
     if isinstance(kind, AbstractView):
         if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
-            raise DeformError(f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
-                              "a trait named camera, deformnb.widgets.view.base.CameraTrait().")
+            raise DeformError(
+                f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
+                "a trait named camera, deformnb.widgets.view.base.CameraTrait()."
+            )
         leave_to_another(kind)
         kind.show(volume)
         kind.set_transfer(transfer)
@@ -110,8 +112,10 @@ def laid_on(given: Any, volume: Volume, name: str) -> Volume | None:
     if NO_PLACE not in found.notes:
         return found
     if found.shape != volume.shape:
-        raise DeformError(f"{name} of shape {found.shape} do not lie on a volume of {volume.shape}; give a Volume "
-                          "with a grid of its own.")
+        raise DeformError(
+            f"{name} of shape {found.shape} do not lie on a volume of {volume.shape}; give a Volume "
+            "with a grid of its own."
+        )
     notes = tuple(note for note in found.notes if note != NO_PLACE)
     return Volume(found.values, volume.grid, name, found.is_labels, notes)
 
@@ -125,8 +129,9 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     last = followed_step(session.deformation)
     deformed = None if last is not None else session.result()
     channels = session.result_channels() if deformed and session.channels else session.channels
-    whole = Session(deformed or session.volume, None if deformed else session.deformation, view=session.plane,
-                    channels=channels)
+    whole = Session(
+        deformed or session.volume, None if deformed else session.deformation, view=session.plane, channels=channels
+    )
     whole.channel_displays = session.channel_displays
     whole.method, whole.window, whole.colour_map = session.method, session.window, session.colour_map
     whole.edit_step(last or 0)
@@ -199,8 +204,21 @@ def preview_png(editor: Any, view: Any) -> bytes:
     return as_png(np.asarray(whole))
 
 
-_PARTS = ("session", "view", "_shown", "_words", "_worker", "_edits", "_editors", "_link", "_picture", "_slices",
-          "_opacity", "_panels", "_bar")  # attributes that are replaced with the session
+_PARTS = (
+    "session",
+    "view",
+    "_shown",
+    "_words",
+    "_worker",
+    "_edits",
+    "_editors",
+    "_link",
+    "_picture",
+    "_slices",
+    "_opacity",
+    "_panels",
+    "_bar",
+)  # attributes that are replaced with the session
 
 
 def _end(parts: Mapping[str, Any]) -> None:
@@ -264,24 +282,47 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     children: Any
     deformation = traitlets.Instance(Deformation)
 
-    def __init__(self, volume: ChannelsLike, deformation: Deformation | str | PathLike[str] | None = None, *,
-                 side: str | Plane | None = None, method: str | None = None, transfer: Any = None,
-                 view: str | AbstractView = "live", height: int = 600, folder: str | PathLike[str] = ".",
-                 labels: VolumeLike | None = None, label_names: Mapping[int, str] | None = None,
-                 target: VolumeLike | None = None, output: Grid | VolumeLike | None = None,
-                 language: str | None = None) -> None:
+    def __init__(
+        self,
+        volume: ChannelsLike,
+        deformation: Deformation | str | PathLike[str] | None = None,
+        *,
+        side: str | Plane | None = None,
+        method: str | None = None,
+        transfer: Any = None,
+        view: str | AbstractView = "live",
+        height: int = 600,
+        folder: str | PathLike[str] = ".",
+        labels: VolumeLike | None = None,
+        label_names: Mapping[int, str] | None = None,
+        target: VolumeLike | None = None,
+        output: Grid | VolumeLike | None = None,
+        language: str | None = None,
+    ) -> None:
         self._language = chosen_language(language)
         given, channels = as_volume_and_channels(subject_from(volume))
         look = {name: value for name, value in (("method", method), ("transfer", transfer)) if value is not None}
-        session = Session(given, as_deformation(deformation), view=side or best_view(given), output=output,
-                          channels=channels, source=source_of(volume), **look)
+        session = Session(
+            given,
+            as_deformation(deformation),
+            view=side or best_view(given),
+            output=output,
+            channels=channels,
+            source=source_of(volume),
+            **look,
+        )
         if isinstance(deformation, (str, PathLike)):
             session.files.remember(deformation)
         self._options = view, height, folder
         self._begin(session, laid_on(labels, given, "labels"), label_names, laid_on(target, given, "target"))
 
-    def _begin(self, session: Session, labels: Volume | None = None, label_names: Mapping[int, str] | None = None,
-               target: Volume | None = None) -> None:
+    def _begin(
+        self,
+        session: Session,
+        labels: Volume | None = None,
+        label_names: Mapping[int, str] | None = None,
+        target: Volume | None = None,
+    ) -> None:
         """Make the parts of a studio for a session; where that fails the parts before, if any, stay as they were."""
         before = {name: self.__dict__.pop(name) for name in _PARTS if name in self.__dict__}
         self.session = session
@@ -303,22 +344,29 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if before:
             self._warm_up_when_shown()
 
-    def _make(self, before: Mapping[str, Any], labels: Volume | None, label_names: Mapping[int, str] | None,
-              target: Volume | None) -> None:
+    def _make(
+        self,
+        before: Mapping[str, Any],
+        labels: Volume | None,
+        label_names: Mapping[int, str] | None,
+        target: Volume | None,
+    ) -> None:
         """Make the parts; once all are there, take the place of those before, or of what the cell has shown before."""
         view, height, folder = self._options
         self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._request_status))
         self.view = make_view(view, self.volume, self.session.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
-        self._picture = StudioPicture(self.session, self._editors, self._link, self.view, self._worker,
-                                      self._weakly(Studio.undo))
+        self._picture = StudioPicture(
+            self.session, self._editors, self._link, self.view, self._worker, self._weakly(Studio.undo)
+        )
         self._edits.take_edits_from(self._editors, self._picture)
         self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
         kept = before["_panels"].opening.box if before else None
         self._panels = panels = self._make_panels(folder, labels, label_names, target, kept)
-        head = StudioHead(self.session, self._edits.edited, self._words.show, folder, self._worker.call,
-                          language=self._language)
+        head = StudioHead(
+            self.session, self._edits.edited, self._words.show, folder, self._worker.call, language=self._language
+        )
         file_input, *rows = arranged(head, self._editors, self.view, panels, self._words, height)
         if before:
             self._leave(before)
@@ -352,22 +400,42 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
-    def _make_panels(self, folder: str | PathLike[str], labels: Volume | None,
-                     names: Mapping[int, str] | None, target: Volume | None,
-                     file_input: FileInput | None) -> StudioPanels:
+    def _make_panels(
+        self,
+        folder: str | PathLike[str],
+        labels: Volume | None,
+        names: Mapping[int, str] | None,
+        target: Volume | None,
+        file_input: FileInput | None,
+    ) -> StudioPanels:
         self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
-        return make_panels(PanelParts(self.session, self._edits.edited, self.view, self._editors, self._worker,
-                                      self._slices, self._opacity, folder, self.export_html, labels, names, target,
-                                      self._link.preview, self._weakly(Studio.open_volume),
-                                      self._weakly(Studio._decide_labels), file_input))
+        return make_panels(
+            PanelParts(
+                self.session,
+                self._edits.edited,
+                self.view,
+                self._editors,
+                self._worker,
+                self._slices,
+                self._opacity,
+                folder,
+                self.export_html,
+                labels,
+                names,
+                target,
+                self._link.preview,
+                self._weakly(Studio.open_volume),
+                self._weakly(Studio._decide_labels),
+                file_input,
+            )
+        )
 
     # -- what happens --------------------------------------------------------------------------------------------------
 
     def _listen(self) -> None:
         session = self.session
         session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
-        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer",
-                                                                   "channel_displays"])
+        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer", "channel_displays"])
         session.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
         session.observe(self._weakly(Studio._transfer_changed), "transfer")
         session.observe(self._weakly(Studio._occlusion_changed), "ambient_occlusion")
@@ -412,8 +480,9 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         session = self.session
         if session.step.plane is None or change["new"] is None or change["new"] == is_front_only(session.step):
             return
-        depth: dict[str, Any] = {"extrusion": "modulate", "curve": FRONT_ONLY} if change["new"] else {
-            "extrusion": "replicate"}
+        depth: dict[str, Any] = (
+            {"extrusion": "modulate", "curve": FRONT_ONLY} if change["new"] else {"extrusion": "replicate"}
+        )
         self._edits.edited(lambda: session.change("in front only" if change["new"] else "at every depth", **depth))
 
     def _window_changed(self, _change: Any) -> None:
@@ -522,8 +591,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Go on with a saved document; can be undone."""
         self.session.open(path, allow_other_volume=allow_other_volume)
 
-    def open_volume(self, volume: ChannelsLike, deformation: Deformation | str | PathLike[str] | None = None, *,
-                    side: str | Plane | None = None) -> None:
+    def open_volume(
+        self,
+        volume: ChannelsLike,
+        deformation: Deformation | str | PathLike[str] | None = None,
+        *,
+        side: str | Plane | None = None,
+    ) -> None:
         """Go on with another volume in this place, with a session, an editor and a view of its own.
 
         The edits of the volume before are kept: the menu "History" leads back to them, also when the other volume is
@@ -548,8 +622,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         >>> studio.close()
         """
         given, channels = as_volume_and_channels(subject_from(volume))
-        session = Session(given, as_deformation(deformation), view=side or best_view(given), channels=channels,
-                          source=source_of(volume))
+        session = Session(
+            given,
+            as_deformation(deformation),
+            view=side or best_view(given),
+            channels=channels,
+            source=source_of(volume),
+        )
         if isinstance(deformation, (str, PathLike)):
             session.files.remember(deformation)
         self._open_session(session)
@@ -558,10 +637,19 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Go on with the voxels as labels, with all edits; or with them as amounts, which they are so far."""
         session = self.session
         if is_labels:
-            self._open_session(Session(session.volume.decided(True), session.view_state.added_to(session.deformation),
-                                       view=session.plane, source=source_of_labels(session.source)))
-        self.session.notice = ("The voxels are labels: each keeps its number." if is_labels else
-                               "The voxels are amounts: values between them are blended.")
+            self._open_session(
+                Session(
+                    session.volume.decided(True),
+                    session.view_state.added_to(session.deformation),
+                    view=session.plane,
+                    source=source_of_labels(session.source),
+                )
+            )
+        self.session.notice = (
+            "The voxels are labels: each keeps its number."
+            if is_labels
+            else "The voxels are amounts: values between them are blended."
+        )
 
     def _open_session(self, session: Session) -> None:
         before = self.session
@@ -571,8 +659,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         name = before.volume.name or "the volume before"
         self.session.notice = f"{session.volume.name or 'The volume'} is open; History leads back to {name}."
 
-    def export(self, path: str | PathLike[str], progress: Callable[[float], None] | None = None, *,
-               size: tuple[int, int] | None = None, fps: float = 24.0, overwrite: bool = False) -> Path:
+    def export(
+        self,
+        path: str | PathLike[str],
+        progress: Callable[[float], None] | None = None,
+        *,
+        size: tuple[int, int] | None = None,
+        fps: float = 24.0,
+        overwrite: bool = False,
+    ) -> Path:
         """Write a file; its suffix chooses what: see :data:`EXPORTS`, and ``.html`` for a page.
 
         Parameters
@@ -587,12 +682,21 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         if Path(path).suffix.lower() == ".html":
             self.export_html(path, overwrite=overwrite, progress=progress)
             return Path(path)
-        return export(self.session, path, seen=self.view.seen(), size=size, fps=fps, overwrite=overwrite,
-                      progress=progress)
+        return export(
+            self.session, path, seen=self.view.seen(), size=size, fps=fps, overwrite=overwrite, progress=progress
+        )
 
-    def export_html(self, path: str | PathLike[str], *, title: str = "", about: str = "", limit: int | None = None,
-                    controls: Iterable[str] | None = None, overwrite: bool = False,
-                    progress: Callable[[float], None] | None = None) -> None:
+    def export_html(
+        self,
+        path: str | PathLike[str],
+        *,
+        title: str = "",
+        about: str = "",
+        limit: int | None = None,
+        controls: Iterable[str] | None = None,
+        overwrite: bool = False,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
         """Write one offline file in which the volume still deforms, without a kernel.
 
         Parameters
@@ -608,9 +712,17 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         editor, view = last_step(self.session, self._editors.plane, self.view)
         try:
             with self.session.files.writing(path, overwrite=overwrite):
-                write_standalone(path, editor, view, title=title or self.volume.name, about=about,
-                                 language=self._language, limit=limit,
-                                 controls=CONTROLS if controls is None else controls, progress=progress)
+                write_standalone(
+                    path,
+                    editor,
+                    view,
+                    title=title or self.volume.name,
+                    about=about,
+                    language=self._language,
+                    limit=limit,
+                    controls=CONTROLS if controls is None else controls,
+                    progress=progress,
+                )
         finally:
             close_all(editor)
             close_all(view)
@@ -623,8 +735,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
         times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
-        return {**times, **self._edits.counts, "previews": self._link.previews, "editor": self.editor.stats(),
-                "view": self.view.stats()}
+        return {
+            **times,
+            **self._edits.counts,
+            "previews": self._link.previews,
+            "editor": self.editor.stats(),
+            "view": self.view.stats(),
+        }
 
     def show_session(self) -> None:
         """Show what the session holds, in place of a drag that will not end because its page has gone."""

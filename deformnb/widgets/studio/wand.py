@@ -118,8 +118,10 @@ def selected(session: Session, request: WandMessage, progress: Progress | None =
     """
     picture = session.picture()
     if picture.values.ndim == 3:
-        raise DeformError("This picture shows colours, which have no range of values: choose a slice, the maximum or "
-                          "the mean over the picture.")
+        raise DeformError(
+            "This picture shows colours, which have no range of values: choose a slice, the maximum or "
+            "the mean over the picture."
+        )
     raster = picture.raster
     at = np.round((np.asarray(request.place) - raster.origin) / raster.spacing).astype(int)
     column, line = int(at[0]), int(at[1])
@@ -164,8 +166,9 @@ def _voxel(session: Session, picture: Picture, place: tuple[float, float], value
 
 def _words(picture: Picture, low: float, high: float, area: float) -> str:
     unit = f" {picture.unit}" if picture.unit else ""
-    of_range = (f"from {low:.4g}" if np.isinf(high) else f"up to {high:.4g}" if np.isinf(low)
-                else f"{low:.4g} to {high:.4g}")
+    of_range = (
+        f"from {low:.4g}" if np.isinf(high) else f"up to {high:.4g}" if np.isinf(low) else f"{low:.4g} to {high:.4g}"
+    )
     size = f"{area:.3g}" if area < 1000 else f"{area:.0f}"
     length = "" if picture.grid is None else picture.grid.unit
     return f"{of_range}{unit}, " + (f"{size} {length}\u00b2" if length else f"{size} pixels")

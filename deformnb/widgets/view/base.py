@@ -112,8 +112,9 @@ class AbstractView(ABC):
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
 
     @abstractmethod
-    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
-                   zoom: float | None = None) -> None:
+    def set_camera(
+        self, direction: ArrayLike | None = None, up: ArrayLike | None = None, zoom: float | None = None
+    ) -> None:
         """Look from another side.
 
         Parameters
@@ -154,8 +155,9 @@ class AbstractView(ABC):
             raise DeformError(f"cameras link two views, got {shown_value(other)} for the other one.")
         return traitlets.link((self, "camera"), (other, "camera"))
 
-    def set_clip(self, x: Sequence[float] | None = None, y: Sequence[float] | None = None,
-                 z: Sequence[float] | None = None) -> None:
+    def set_clip(
+        self, x: Sequence[float] | None = None, y: Sequence[float] | None = None, z: Sequence[float] | None = None
+    ) -> None:
         """Cut away what lies outside of a part of the box: in space, whatever the deformation brings there.
 
         Parameters
@@ -171,8 +173,14 @@ class AbstractView(ABC):
 
         names = ("camera", "projection", "show_folds", "ambient_occlusion")
         looks = {name: getattr(self, name) for name in names if hasattr(self, name)}
-        return Seen(shows=self.shows, clip=self.clip, background=self._shade(), scene=scene_as_seen,
-                    still=None if self.draws_by_vtk else StillAsSeen, **looks)
+        return Seen(
+            shows=self.shows,
+            clip=self.clip,
+            background=self._shade(),
+            scene=scene_as_seen,
+            still=None if self.draws_by_vtk else StillAsSeen,
+            **looks,
+        )
 
     def _shade(self) -> str:
         """The background on the page, "dark" or "light"."""
@@ -216,8 +224,9 @@ class PlanarFit:
     def __call__(self, points: ControlPoints, previous: AbstractField | None = None) -> AbstractField:
         """The displacement of the picture; ``previous`` is the one before, while points are dragged."""
         cuts = [cut.region for cut in self.cuts if cut.enabled]
-        return self.settings.fit(points, self.parts, cuts, cut_rule=self.cut_rule, softness=self.softness,
-                                 lone=self.lone, previous=previous)
+        return self.settings.fit(
+            points, self.parts, cuts, cut_rule=self.cut_rule, softness=self.softness, lone=self.lone, previous=previous
+        )
 
 
 def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractField:

@@ -60,8 +60,9 @@ class ServerRenderer:
         """Facts for a front end about the visible box, sent again when that is another one."""
         return dict(self._view.volume_info)
 
-    def show(self, volume: Volume, field: AbstractField | None, output: Grid | None,
-             followed: tuple[Any, int] | None) -> None:
+    def show(
+        self, volume: Volume, field: AbstractField | None, output: Grid | None, followed: tuple[Any, int] | None
+    ) -> None:
         """Show this.
 
         Parameters

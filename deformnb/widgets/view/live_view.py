@@ -77,8 +77,9 @@ _LOG = logging.getLogger(__name__)
 
 _ANY = 2**53  # a number of voxels that no GPU limits
 
-OF_PAGE = frozenset({"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms",
-                     "settle_ms"})
+OF_PAGE = frozenset(
+    {"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"}
+)
 """Traits that a front end may change: the camera by the pointer, the others by links of widgets in the front end."""
 
 
@@ -154,8 +155,16 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     editor = traitlets.Any(None, allow_none=True).tag(sync=True, **ipywidgets.widget_serialization)
     editor_map = traitlets.Int(0, min=0).tag(sync=True)
 
-    def __init__(self, volume: VolumeLike | None = None, *, transfer: TransferFunction | str = "specimen",
-                 limit: int = 256**3, map_size: int = 192, space_size: int = 64, **traits: Any) -> None:
+    def __init__(
+        self,
+        volume: VolumeLike | None = None,
+        *,
+        transfer: TransferFunction | str = "specimen",
+        limit: int = 256**3,
+        map_size: int = 192,
+        space_size: int = 64,
+        **traits: Any,
+    ) -> None:
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._volume: Volume | None = None
         self._window: tuple[float, float] | None = None
@@ -206,8 +215,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._offer()
         self._update_server_renderer()
 
-    def _put(self, volume: Volume, window: tuple[float, float] | None, field: AbstractField | None,
-             output: Grid | None, followed: dict[str, Any] | None) -> None:
+    def _put(
+        self,
+        volume: Volume,
+        window: tuple[float, float] | None,
+        field: AbstractField | None,
+        output: Grid | None,
+        followed: dict[str, Any] | None,
+    ) -> None:
         with self._lock:  # throughout: of two that are shown at once, one is shown whole
             function = as_transfer(self._wanted_transfer, volume)
             narrow = self._fine(function, volume) if window is None else None
@@ -269,8 +284,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._take(deformation, output, None)
         self._update_server_renderer()
 
-    def _take(self, deformation: Deformation | AbstractField | None, output: Grid | None,
-              followed: dict[str, Any] | None) -> None:
+    def _take(
+        self, deformation: Deformation | AbstractField | None, output: Grid | None, followed: dict[str, Any] | None
+    ) -> None:
         shown = self._ready()
         grid = shown.original if output is None else output
         field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
@@ -279,14 +295,20 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._hold(field, output, followed)
         self._offer()
 
-    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None,
-              moments: TimeMaps | None = None) -> None:
+    def _hold(
+        self,
+        field: AbstractField | None,
+        output: Grid | None,
+        followed: dict[str, Any] | None,
+        moments: TimeMaps | None = None,
+    ) -> None:
         with self._lock:
             self._field, self._output, self._followed = field, output, followed
             self._maps, self._moments, self._moved = None, moments, None
 
-    def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
-               output: Grid | None = None) -> None:
+    def follow(
+        self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *, output: Grid | None = None
+    ) -> None:
         """As :meth:`AbstractView.follow`, in the same page: without a message to Python.
 
         To let the editor move another map, follow with the other index first and then give it that map's points.
@@ -294,8 +316,11 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
         followed = None if editor is None else state_followed(editor, index)
-        goes_on = followed is not None and self._moments is None and (
-            editor, index, output) == (self.editor, self.editor_map, self._output)
+        goes_on = (
+            followed is not None
+            and self._moments is None
+            and (editor, index, output) == (self.editor, self.editor_map, self._output)
+        )
         if goes_on and differ_only_in(index, self._field, field):  # the front end made that map itself: nothing to send
             self._hold(field, output, followed)
         else:
@@ -318,8 +343,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self._server_renderer.set_transfer(function)
         self._colours_changed()
 
-    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
-                   zoom: float | None = None, *, perspective: bool | None = None) -> None:
+    def set_camera(
+        self,
+        direction: ArrayLike | None = None,
+        up: ArrayLike | None = None,
+        zoom: float | None = None,
+        *,
+        perspective: bool | None = None,
+    ) -> None:
         self.camera = turned(self.camera, direction, up, zoom, perspective)
 
     def close(self) -> None:
@@ -393,8 +424,14 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif view is None:
             self._sent_cut = cut and cut["id"]
         self._sent["field_bytes"] += maps.size
-        message: FieldMaps = {"type": "field", "view": view, "seq": number, "follow": followed,
-                              "moved": self._moved, **maps.content}
+        message: FieldMaps = {
+            "type": "field",
+            "view": view,
+            "seq": number,
+            "follow": followed,
+            "moved": self._moved,
+            **maps.content,
+        }
         self._post(message, maps.buffers)
 
     def _made_maps(self, shown: PackedVolume) -> FieldTextures:
@@ -434,8 +471,13 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         with self._lock:
             if self._server_renderer is None:
-                self._server_renderer = ServerRenderer(self, self._post, transfer=self._transfer or "specimen",
-                                                       map_size=self._map_size, space_size=self._space_size)
+                self._server_renderer = ServerRenderer(
+                    self,
+                    self._post,
+                    transfer=self._transfer or "specimen",
+                    map_size=self._map_size,
+                    space_size=self._space_size,
+                )
                 self._update_server_renderer()
             return self._server_renderer
 
@@ -566,8 +608,18 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         with self._lock:
             field, output = self._at_present(self._field), self._output
         background = self._shade()
-        return SceneDescription(shown, field, output, self.camera, self._transfer, self.projection, background,
-                                self.shows, self.clip, self.ambient_occlusion)
+        return SceneDescription(
+            shown,
+            field,
+            output,
+            self.camera,
+            self._transfer,
+            self.projection,
+            background,
+            self.shows,
+            self.clip,
+            self.ambient_occlusion,
+        )
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
         return render_scene(self._scene(), size or (self.width, self.height))
@@ -604,8 +656,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         pages = sorted(self._drawing.items(), key=lambda item: item[1])
         return pages[-1][0] if pages and pages[-1][1] >= by_card else None
 
-    def page_scene(self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int],
-                   seen: Seen) -> PageScene:
+    def page_scene(
+        self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int], seen: Seen
+    ) -> PageScene:
         """A renderer of exports whose pictures a page of this view draws, as its screenshots are.
 
         Parameters
@@ -657,9 +710,16 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
 
 _ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
-    "hello": LiveView._hello, "chunk": LiveView._chunk, "still": LiveView._still,
-    "drawn": LiveView._drawn, "seen": LiveView._seen, "follows": LiveView._follows, "screenshot": LiveView._screenshot,
-    "stats": LiveView._stats, "bye": LiveView._bye, "movie_piece": LiveView._movie_piece,
+    "hello": LiveView._hello,
+    "chunk": LiveView._chunk,
+    "still": LiveView._still,
+    "drawn": LiveView._drawn,
+    "seen": LiveView._seen,
+    "follows": LiveView._follows,
+    "screenshot": LiveView._screenshot,
+    "stats": LiveView._stats,
+    "bye": LiveView._bye,
+    "movie_piece": LiveView._movie_piece,
     "movie_failed": LiveView._movie_failed,
 }
 """Handlers of each kind of message."""

@@ -50,9 +50,16 @@ class PageScene:
     patience : seconds without a word of the front end after which it is given up.
     """
 
-    def __init__(self, post: Post, front_end: str, size: tuple[int, int], seen: Seen,
-                 maps: Callable[[AbstractField | None, Grid | None], FieldTextures], *,
-                 patience: float = _PATIENCE) -> None:
+    def __init__(
+        self,
+        post: Post,
+        front_end: str,
+        size: tuple[int, int],
+        seen: Seen,
+        maps: Callable[[AbstractField | None, Grid | None], FieldTextures],
+        *,
+        patience: float = _PATIENCE,
+    ) -> None:
         self._post, self.front_end, self._size, self._maps, self._patience = post, front_end, size, maps, patience
         self._looks = {name: getattr(seen, name) for name in _LOOKS}
         self._id = uuid.uuid4().hex
@@ -79,8 +86,15 @@ class PageScene:
             self._pieces, self._wanted = {}, -1
             self._index += 1
             content: FieldContent = self._field.content
-            message: MovieFrame = {"type": "movie_frame", "view": self.front_end, "id": self._id, "index": self._index,
-                                   "size": list(self._size), "looks": self._looks, **content}
+            message: MovieFrame = {
+                "type": "movie_frame",
+                "view": self.front_end,
+                "id": self._id,
+                "index": self._index,
+                "size": list(self._size),
+                "looks": self._looks,
+                **content,
+            }
             self._post(message, self._field.buffers)
             while not self._why and sum(map(len, self._pieces.values())) != self._wanted:
                 if not self._heard.wait(self._patience):

@@ -87,8 +87,9 @@ class SceneDescription:
 _PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "clip", "ambient_occlusion")
 
 
-def render_scene(scene: SceneDescription, size: tuple[int, int], most: int | None = None,
-                 progress: Progress | None = None) -> Image:
+def render_scene(
+    scene: SceneDescription, size: tuple[int, int], most: int | None = None, progress: Progress | None = None
+) -> Image:
     """A picture of a scene, (height, width, 3); original and deformed share it in the modes that show both at once.
 
     Parameters
@@ -96,6 +97,7 @@ def render_scene(scene: SceneDescription, size: tuple[int, int], most: int | Non
     most : voxels of the deformed volume at most; default is as many as there are.
     progress : called with the finished share from 0 to 1.
     """
+
     def draw(size: tuple[int, int], is_original: bool, start: float, end: float) -> Image:
         return _render(scene, size, is_original, most, within(progress, start, end))
 
@@ -108,27 +110,46 @@ def _as_shown(shows: str, size: tuple[int, int], draw: Callable[[tuple[int, int]
         return draw(size, shows == "original", 0.0, 1.0)
     (width, height), is_whole = size, shows in COMPARISONS
     left = width if is_whole else width // 2
-    return compared(shows, draw((left, height), True, 0.0, 0.5),
-                    draw((width if is_whole else width - left, height), False, 0.5, 1.0))
+    return compared(
+        shows,
+        draw((left, height), True, 0.0, 0.5),
+        draw((width if is_whole else width - left, height), False, 0.5, 1.0),
+    )
 
 
-def _render(scene: SceneDescription, size: tuple[int, int], is_original: bool, most: int | None,
-            progress: Progress | None = None) -> Image:
+def _render(
+    scene: SceneDescription,
+    size: tuple[int, int],
+    is_original: bool,
+    most: int | None,
+    progress: Progress | None = None,
+) -> Image:
     box = scene.output or scene.shown.volume.grid
     field = scene.shown_field(is_original)
     warped = 0.0 if field is None else 0.3
-    seen = _seen(scene, field, box if most is None else coarser(box, factors_of(box, most, most)),
-                 within(progress, 0.0, warped))
+    seen = _seen(
+        scene, field, box if most is None else coarser(box, factors_of(box, most, most)), within(progress, 0.0, warped)
+    )
     camera, part = camera_of(scene.camera, box, size[0] / size[1]), _part(scene)
     background, rest = BACKGROUNDS[scene.background], within(progress, warped, 1.0)
     if scene.projection == "mip":
-        return draw_core_mip(seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part,
-                             progress=rest)
+        return draw_core_mip(
+            seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part, progress=rest
+        )
     # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
     transfer = _in_bytes(scene.transfer, *scene.shown.window)
     ambience = _ambience(scene.shown.volume, transfer, field, box) if scene.ambient_occlusion else None
-    return draw_core(seen, camera, size, transfer, background, projection=scene.projection, part=part,
-                     ambience=ambience, progress=rest)
+    return draw_core(
+        seen,
+        camera,
+        size,
+        transfer,
+        background,
+        projection=scene.projection,
+        part=part,
+        ambience=ambience,
+        progress=rest,
+    )
 
 
 def _seen(scene: SceneDescription, field: AbstractField | None, lattice: Grid, progress: Progress | None) -> Volume:
@@ -158,8 +179,9 @@ def preview_png(scene: SceneDescription) -> bytes:
 
     canvas = Pillow.fromarray(_as_shown(scene.shows, PREVIEW_SIZE, partial(_preview, scene)))
     both = ["original", "deformed"]
-    captions = {"original": both[:1], "side_by_side": both, "wipe": both,
-                "fade": ["original over deformed"]}.get(scene.shows, [])
+    captions = {"original": both[:1], "side_by_side": both, "wipe": both, "fade": ["original over deformed"]}.get(
+        scene.shows, []
+    )
     draw, ink = ImageDraw.Draw(canvas), bytes_of(INKS[scene.background])
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
@@ -175,11 +197,19 @@ def _preview(scene: SceneDescription, size: tuple[int, int], is_original: bool, 
     camera, part, background = camera_of(scene.camera, box, size[0] / size[1]), _part(scene), scene.background
     pixels = round(_PREVIEW_SHARE * size[0]), round(_PREVIEW_SHARE * size[1])
     if scene.projection == "mip":
-        drawn = draw_slices_mip(seen, camera, pixels, 255 * scene.shown.white, INKS[background],
-                                BACKGROUNDS[background], part=part)
+        drawn = draw_slices_mip(
+            seen, camera, pixels, 255 * scene.shown.white, INKS[background], BACKGROUNDS[background], part=part
+        )
     else:
-        drawn = draw_slices(seen, camera, pixels, _in_bytes(scene.transfer, *scene.shown.window),
-                            BACKGROUNDS[background], is_lit=scene.projection == "shaded", part=part)
+        drawn = draw_slices(
+            seen,
+            camera,
+            pixels,
+            _in_bytes(scene.transfer, *scene.shown.window),
+            BACKGROUNDS[background],
+            is_lit=scene.projection == "shaded",
+            part=part,
+        )
     from PIL import Image as Pillow
 
     return np.asarray(Pillow.fromarray(drawn).resize(size, Pillow.Resampling.BICUBIC))
@@ -190,8 +220,11 @@ def _coarse(volume: Volume, factors: tuple[int, int, int]) -> Volume:
     if max(factors) == 1:
         return volume
     fx, fy, fz = factors
-    values = (volume.values[::fz, ::fy, ::fx] if volume.is_labels
-              else (block_means(volume.values, factors) + 0.5).astype(np.uint8))
+    values = (
+        volume.values[::fz, ::fy, ::fx]
+        if volume.is_labels
+        else (block_means(volume.values, factors) + 0.5).astype(np.uint8)
+    )
     return replace(volume, values=values, grid=coarser(volume.grid, factors))
 
 
@@ -249,8 +282,13 @@ def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
 
 # Set in kernels of hosts that let nobody type and show widgets all the same: Voila, which runs notebooks as nbconvert
 # does but has a page in front of them, and Databricks.
-_PAGES_WITHOUT_INPUT = ("SERVER_SOFTWARE", "VOILA_BASE_URL", "VOILA_KERNEL_ID", "VOILA_PREHEAT",
-                        "DATABRICKS_RUNTIME_VERSION")
+_PAGES_WITHOUT_INPUT = (
+    "SERVER_SOFTWARE",
+    "VOILA_BASE_URL",
+    "VOILA_KERNEL_ID",
+    "VOILA_PREHEAT",
+    "DATABRICKS_RUNTIME_VERSION",
+)
 
 
 def runs_for_later_readers() -> bool:
@@ -286,9 +324,15 @@ class CoreScene:
 
     path = "core"
 
-    def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
-                 transfer: TransferFunction | str = "specimen", projection: str = "shaded",
-                 background: str = "dark") -> None:
+    def __init__(
+        self,
+        volume: Volume,
+        size: tuple[int, int] = (720, 540),
+        *,
+        transfer: TransferFunction | str = "specimen",
+        projection: str = "shaded",
+        background: str = "dark",
+    ) -> None:
         self._size, self._projection, self._background = size, projection, background
         self._wanted_transfer, self._camera = transfer, checked_camera({})
         self._shows = "deformed"
@@ -361,13 +405,30 @@ class CoreScene:
         """Another (width, height) in pixels."""
         self._size = size
 
-    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
-               interrupted: Callable[[], bool] | None = None,
-               progress: Callable[[float], None] | None = None) -> Image | None:
+    def render(
+        self,
+        *,
+        scale: float = 1.0,
+        coarseness: float = 1.0,
+        shows: str | None = None,
+        bands: int = 1,
+        interrupted: Callable[[], bool] | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Image | None:
         """The picture, (height, width, 3) uint8; below full scale always the same quick one."""
         width, height = (max(16, round(n * (_QUICK_SHARE if scale < 1 else 1))) for n in self._size)
-        scene = SceneDescription(self._shown, self._field, self._output, self._camera, self._transfer, self._projection,
-                      self._background, self._shows if shows is None else shows, self._clip, self._has_occlusion)
+        scene = SceneDescription(
+            self._shown,
+            self._field,
+            self._output,
+            self._camera,
+            self._transfer,
+            self._projection,
+            self._background,
+            self._shows if shows is None else shows,
+            self._clip,
+            self._has_occlusion,
+        )
         return render_scene(scene, (width, height), _QUICK_VOXELS if scale < 1 else None, progress)
 
     def close(self) -> None:
@@ -377,8 +438,15 @@ class CoreScene:
 METHODS = ("auto", "texture", "array", "core")
 
 
-def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, map_size: int = 192,
-               space_size: int = 64, **looks: Any) -> tuple[VtkScene | CoreScene, str]:
+def make_scene(
+    volume: Volume,
+    size: tuple[int, int],
+    method: str = "auto",
+    *,
+    map_size: int = 192,
+    space_size: int = 64,
+    **looks: Any,
+) -> tuple[VtkScene | CoreScene, str]:
     """The best scene that works here, and a notice for users, or an empty text.
 
     Parameters
@@ -396,11 +464,13 @@ def make_scene(volume: Volume, size: tuple[int, int], method: str = "auto", *, m
     return CoreScene(volume, size, **looks), notice
 
 
-def scene_as_seen(volume: Volume, transfer: TransferFunction, size: tuple[int, int],
-                  seen: Seen, method: str = "auto") -> VtkScene | CoreScene:
+def scene_as_seen(
+    volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen, method: str = "auto"
+) -> VtkScene | CoreScene:
     """A scene that shows a volume as a view does; used and closed by the thread that calls this."""
-    scene, _ = make_scene(volume, size, method, transfer=transfer, projection=seen.projection,
-                          background=seen.background)
+    scene, _ = make_scene(
+        volume, size, method, transfer=transfer, projection=seen.projection, background=seen.background
+    )
     scene.set_camera(dict(seen.camera))
     scene.set_shows(seen.shows)
     scene.set_clip(seen.clip)

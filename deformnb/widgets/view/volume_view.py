@@ -117,9 +117,9 @@ def check_transport(name: str) -> None:
     if name not in TRANSPORTS:
         raise DeformError(f"unknown transport {name!r}; choose one of {', '.join(TRANSPORTS)}.")
     if name == "trame" and importlib.util.find_spec("trame_rca") is None:
-        raise DeformError('pictures by trame need trame and trame-rca: pip install "deformnb[app]", or use '
-                          'transport="comm".')
-
+        raise DeformError(
+            'pictures by trame need trame and trame-rca: pip install "deformnb[app]", or use transport="comm".'
+        )
 
 
 _Result = TypeVar("_Result")
@@ -196,9 +196,17 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     target_ms = traitlets.Float(160.0, min=5.0, max=5000.0)
     settle_ms = traitlets.Float(250.0, min=0.0, max=60000.0)
 
-    def __init__(self, volume: VolumeLike | None = None, *, transfer: TransferFunction | str = "specimen",
-                 method: str = "auto", map_size: int = 192, space_size: int = 64, transport: str = "comm",
-                 **traits: Any) -> None:
+    def __init__(
+        self,
+        volume: VolumeLike | None = None,
+        *,
+        transfer: TransferFunction | str = "specimen",
+        method: str = "auto",
+        map_size: int = 192,
+        space_size: int = 64,
+        transport: str = "comm",
+        **traits: Any,
+    ) -> None:
         self._method = method
         self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
         self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
@@ -220,8 +228,10 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if method not in METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
         self.on_msg(self._receive)
-        self.observe(self._changed, ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms",
-                                  "settle_ms"])
+        self.observe(
+            self._changed,
+            ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms", "settle_ms"],
+        )
         if volume is not None:
             self.show(volume)
         close_earlier_of_this_cell(self)
@@ -255,8 +265,9 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._stop_following()
         self._put(self._ready()[0], lambda: field, output)
 
-    def follow(self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *,
-               output: Grid | None = None) -> None:
+    def follow(
+        self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *, output: Grid | None = None
+    ) -> None:
         """As :meth:`AbstractView.follow`: the points of the editor come to Python with every movement."""
         following = self._following
         if following is not None and following.goes_on(editor, index):
@@ -293,8 +304,14 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._transfer = transfer
         self._change("transfer", lambda scene: scene.set_transfer(transfer))
 
-    def set_camera(self, direction: ArrayLike | None = None, up: ArrayLike | None = None,
-                   zoom: float | None = None, *, perspective: bool | None = None) -> None:
+    def set_camera(
+        self,
+        direction: ArrayLike | None = None,
+        up: ArrayLike | None = None,
+        zoom: float | None = None,
+        *,
+        perspective: bool | None = None,
+    ) -> None:
         self.camera = turned(self.camera, direction, up, zoom, perspective)
 
     # -- the scene and its thread --------------------------------------------------------------------------------------
@@ -327,10 +344,15 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 raise DeformError("the view is closed; make a new one.")
             if self._loop is None:
                 held = weakref.ref(self)  # the thread keeps no view alive
-                self._loop = SceneLoop(self._make, self._deliver, self._show_notice,
-                                       ready=lambda: self._frames.may_send,
-                                       target_ms=self.target_ms, settle_ms=self.settle_ms,
-                                       is_kept=lambda: (view := held()) is not None and view._is_watched)
+                self._loop = SceneLoop(
+                    self._make,
+                    self._deliver,
+                    self._show_notice,
+                    ready=lambda: self._frames.may_send,
+                    target_ms=self.target_ms,
+                    settle_ms=self.settle_ms,
+                    is_kept=lambda: (view := held()) is not None and view._is_watched,
+                )
                 self._loop.set_shows(self.shows)
             return self._loop
 
@@ -341,8 +363,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     def _make(self) -> Any:
         volume, _, _ = self._ready()
-        looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection,
-                                 "background": self._shade()}
+        looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection, "background": self._shade()}
         scene, notice = make_scene(volume, self._size(), self._method, **looks, **self._sampling)
         try:
             if notice:
@@ -565,8 +586,11 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
 
 _ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
-    "hello": VolumeView._resized, "size": VolumeView._resized, "camera": VolumeView._camera,
-    "seen": VolumeView._seen, "bye": VolumeView._bye,
+    "hello": VolumeView._resized,
+    "size": VolumeView._resized,
+    "camera": VolumeView._camera,
+    "seen": VolumeView._seen,
+    "bye": VolumeView._bye,
 }
 """Handlers of each kind of message."""
 

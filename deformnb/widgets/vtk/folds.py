@@ -33,8 +33,8 @@ _MOST_BENDS = 64
 # turned over must be known before.
 REPLACED_FOR_FOLDS = {
     "texture2D(in_colorTransferFunc_0[0],": "dnb_tinted(in_colorTransferFunc_0[0],",
-    "g_srcColor = computeColor(scalar, g_srcColor.a);":
-        "dnb_turned = dnb_folded(g_dataPos); g_srcColor = computeColor(scalar, g_srcColor.a);",
+    "g_srcColor = computeColor(scalar, g_srcColor.a);": "dnb_turned = dnb_folded(g_dataPos); "
+    "g_srcColor = computeColor(scalar, g_srcColor.a);",
     "l_maxValue.w = scalar.x;": "l_maxValue.w = scalar.x; dnb_turned = dnb_folded(g_dataPos);",
 }
 """Replacements in VTK's shader that paint folds."""
@@ -71,8 +71,11 @@ def fold_glsl(has_cuts: bool) -> str:
 def fold_step(maps: FieldTextures, lattice: Grid) -> float:
     """Distance between look-ups of displacements: a length over which the samples show a slope."""
     planar, space = maps.content["planar"], maps.content["space"]
-    return max(min(lattice.spacing), min(planar["spacing"]) if planar is not None else 0.0,
-               min(space["spacing"]) / 2 if space is not None else 0.0)
+    return max(
+        min(lattice.spacing),
+        min(planar["spacing"]) if planar is not None else 0.0,
+        min(space["spacing"]) / 2 if space is not None else 0.0,
+    )
 
 
 # ---- whether it folds ------------------------------------------------------------------------------------------------
@@ -132,8 +135,10 @@ def _turned_between(slopes: NDArray[np.float32], a: NDArray[np.float32], b: NDAr
 
 def _space_folds(about: dict[str, Any], maps: FieldTextures) -> bool:
     samples = np.frombuffer(maps.buffer("space"), "<f4").reshape(*about["shape"][::-1], 3)
-    return any(bool(((slopes**2).sum(axis=(0, 1)) >= 1).any() and (~(determinant(one_plus(slopes)) > 0)).any())
-               for slopes in _slopes(samples, about["spacing"]))
+    return any(
+        bool(((slopes**2).sum(axis=(0, 1)) >= 1).any() and (~(determinant(one_plus(slopes)) > 0)).any())
+        for slopes in _slopes(samples, about["spacing"])
+    )
 
 
 def _slopes(samples: NDArray[np.float32], spacing: list[float]) -> Iterator[NDArray[np.float32]]:
@@ -141,8 +146,10 @@ def _slopes(samples: NDArray[np.float32], spacing: list[float]) -> Iterator[NDAr
     dim = samples.shape[-1]
     steps = [np.diff(samples, axis=-2 - k) / np.float32(spacing[k]) for k in range(dim)]
     for side in (slice(None, -1), slice(1, None)):
-        at = [(..., *(slice(None) if axis == k else side for axis in reversed(range(dim))), slice(None))
-              for k in range(dim)]
+        at = [
+            (..., *(slice(None) if axis == k else side for axis in reversed(range(dim))), slice(None))
+            for k in range(dim)
+        ]
         yield np.stack([np.moveaxis(step[where], -1, 0) for step, where in zip(steps, at, strict=True)], axis=1)
 
 
@@ -177,8 +184,11 @@ class Folding:
             if self._maps is not None:
                 self._found = maps_fold(self._maps)
             else:
-                self._found = self._field is not None and self._grid is not None and (
-                    folds_of(self._field, _coarse(self._grid)).least <= 0)
+                self._found = (
+                    self._field is not None
+                    and self._grid is not None
+                    and (folds_of(self._field, _coarse(self._grid)).least <= 0)
+                )
         return self._found
 
     @property

@@ -47,8 +47,15 @@ class LoopScene(Protocol):
     def set_size(self, size: tuple[int, int]) -> None:
         """Another one."""
 
-    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
-               interrupted: Callable[[], bool] | None = None) -> Image | None:
+    def render(
+        self,
+        *,
+        scale: float = 1.0,
+        coarseness: float = 1.0,
+        shows: str | None = None,
+        bands: int = 1,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> Image | None:
         """The picture, or None if it was interrupted."""
 
     def close(self) -> None:
@@ -85,9 +92,18 @@ class SceneLoop:
         ends, and both are made again by the next wish.
     """
 
-    def __init__(self, make: Callable[[], Any], deliver: Callable[[Frame], None], failed: Callable[[str], None], *,
-                 ready: Callable[[], bool] = lambda: True, target_ms: float = 250.0, settle_ms: float = 250.0,
-                 longest_ms: float = 4000.0, is_kept: Callable[[], bool] = lambda: True) -> None:
+    def __init__(
+        self,
+        make: Callable[[], Any],
+        deliver: Callable[[Frame], None],
+        failed: Callable[[str], None],
+        *,
+        ready: Callable[[], bool] = lambda: True,
+        target_ms: float = 250.0,
+        settle_ms: float = 250.0,
+        longest_ms: float = 4000.0,
+        is_kept: Callable[[], bool] = lambda: True,
+    ) -> None:
         self.target_ms, self.settle_ms, self.longest_ms = target_ms, settle_ms, longest_ms
         self._make, self._deliver, self._failed, self._ready = make, deliver, failed, ready
         self._holder = _Holder()

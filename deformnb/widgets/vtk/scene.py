@@ -62,8 +62,10 @@ def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.fl
         return volume, np.zeros(3)
     needed, free = 2 * grid.size * volume.dtype.itemsize, available_memory()  # another copy is made for VTK
     if needed > free:
-        raise DeformError(f"to show this box in VTK takes {human_bytes(needed)} and {human_bytes(free)} are free; "
-                          "choose a box nearer to the volume, or a live view.")
+        raise DeformError(
+            f"to show this box in VTK takes {human_bytes(needed)} and {human_bytes(free)} are free; "
+            "choose a box nearer to the volume, or a live view."
+        )
     start = np.round(grid.point_to_index(volume.grid.origin))
     values = np.full(grid.shape, volume.dtype.type(volume.background))
     nz, ny, nx = volume.shape
@@ -114,8 +116,10 @@ class SceneVoxels:
         """Visible box of the lattice; without a field of view up to the centres of the background around."""
         shares, margin = np.asarray(clip), 0.5 if self.output is None else 0.0
         low, high = self._cut_at(shares)
-        return (np.where(shares[:, 0] > 0, low, self._low - margin),
-                np.where(shares[:, 1] < 1, high, self._high + margin))
+        return (
+            np.where(shares[:, 0] > 0, low, self._low - margin),
+            np.where(shares[:, 1] < 1, high, self._high + margin),
+        )
 
     def _cut_at(self, shares: Vector) -> Box:
         length = self._high - self._low
@@ -217,8 +221,13 @@ def probe() -> tuple[Volume, AbstractField]:
     ball = np.sqrt((i - 0.35) ** 2 + (j - 0.6) ** 2 + (k - 0.35) ** 2) / 0.22
     volume = Volume((np.clip(4 * (1.2 - np.minimum(bar, ball)), 0, 1) * 200).astype(np.uint8), grid)
     plane = Plane.through(grid.center, (1.0, 2.0, -0.7))
-    ripple = np.array([[[2.0, 0.0], [-3.0, 2.0], [0.0, 3.0]], [[4.0, -2.0], [0.0, 5.0], [-4.0, 1.0]],
-                       [[0.0, 2.0], [3.0, 0.0], [2.0, -3.0]]])
+    ripple = np.array(
+        [
+            [[2.0, 0.0], [-3.0, 2.0], [0.0, 3.0]],
+            [[4.0, -2.0], [0.0, 5.0], [-4.0, 1.0]],
+            [[0.0, 2.0], [3.0, 0.0], [2.0, -3.0]],
+        ]
+    )
     maps = tuple(DisplacementField(a, Raster((3, 3), (12.0, 10.0), (-12.0, -10.0))) for a in (ripple, -ripple[::-1]))
     bend = Extrusion(plane, plane.depth_range(grid), maps, np.array([0.2, 0.9]), np.eye(2))
     shift = np.zeros((2, 2, 2, 3))
@@ -236,8 +245,16 @@ def cut_probe() -> tuple[Volume, AbstractField]:
     sides = ((False, False), (False, True), (True, False))
     pulls = ((4.0, -2.0), (3.0, 3.0), (-3.0, -2.0))
     box = Raster((2, 2), (1.0, 1.0), (0.0, 0.0))
-    fields = tuple(Extrusion(plane, plane.depth_range(grid), (DisplacementField(np.full((2, 2, 2), pull), box),),
-                             np.array([0.0, 1.0]), np.array([[0.4, 1.0]])) for pull in pulls)
+    fields = tuple(
+        Extrusion(
+            plane,
+            plane.depth_range(grid),
+            (DisplacementField(np.full((2, 2, 2), pull), box),),
+            np.array([0.0, 1.0]),
+            np.array([[0.4, 1.0]]),
+        )
+        for pull in pulls
+    )
     assert isinstance(moved, Composed)
     return volume, Composed(moved.first, Decoupled(fields, sides, lines, plane, "source", 0.6))
 
@@ -280,9 +297,18 @@ class VtkScene:
         If VTK cannot draw here, or a name is unknown.
     """
 
-    def __init__(self, volume: Volume, size: tuple[int, int] = (720, 540), *,
-                 transfer: TransferFunction | str = "specimen", projection: str = "shaded", background: str = "dark",
-                 map_size: int = 192, space_size: int = 64, method: str = "auto") -> None:
+    def __init__(
+        self,
+        volume: Volume,
+        size: tuple[int, int] = (720, 540),
+        *,
+        transfer: TransferFunction | str = "specimen",
+        projection: str = "shaded",
+        background: str = "dark",
+        map_size: int = 192,
+        space_size: int = 64,
+        method: str = "auto",
+    ) -> None:
         check_gl()
         if method not in ("auto", "texture", "array"):
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
@@ -406,9 +432,16 @@ class VtkScene:
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
-    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
-               interrupted: Callable[[], bool] | None = None,
-               progress: Callable[[float], None] | None = None) -> Image | None:
+    def render(
+        self,
+        *,
+        scale: float = 1.0,
+        coarseness: float = 1.0,
+        shows: str | None = None,
+        bands: int = 1,
+        interrupted: Callable[[], bool] | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Image | None:
         """The picture, (height, width, 3) uint8.
 
         Parameters
@@ -427,19 +460,34 @@ class VtkScene:
         widths = (width, width) if kind in COMPARISONS else (width // 2, width - width // 2)
         first, second = (within(progress, start, start + 0.5) for start in (0.0, 0.5))
         left = self._picture((widths[0], height), False, coarseness, bands, interrupted, first)
-        right = left if left is None else self._picture((widths[1], height), True, coarseness, bands, interrupted,
-                                                        second)
+        right = (
+            left if left is None else self._picture((widths[1], height), True, coarseness, bands, interrupted, second)
+        )
         if left is None or right is None:
             return None
         return compared(kind, left, right)
 
-    def _picture(self, size: tuple[int, int], deformed: bool, coarseness: float, bands: int,
-                 interrupted: Callable[[], bool] | None, progress: Callable[[float], None] | None) -> Image | None:
+    def _picture(
+        self,
+        size: tuple[int, int],
+        deformed: bool,
+        coarseness: float,
+        bands: int,
+        interrupted: Callable[[], bool] | None,
+        progress: Callable[[float], None] | None,
+    ) -> Image | None:
         self._deform(deformed)
         camera = camera_of(self._camera, self._output or self._volume.grid, size[0] / size[1])
         distance = camera.sample_distance(self._volume.grid, size[1]) * coarseness
-        return self._shown.draw(camera, size, distance, bands=bands, interrupted=interrupted, progress=progress,
-                                before=None if self._warp is None else self._warp.set_row)
+        return self._shown.draw(
+            camera,
+            size,
+            distance,
+            bands=bands,
+            interrupted=interrupted,
+            progress=progress,
+            before=None if self._warp is None else self._warp.set_row,
+        )
 
     # -- VTK -----------------------------------------------------------------------------------------------------------
 

@@ -110,21 +110,28 @@ _RULES = {
 _AXES = "xyz"
 
 REPLACED_FOR_CUTS = {
-    "texture3D(in_volume[0], g_dataPos)":
-        "dnb_veil(texture3D(in_volume[0], dnb_at = dnb_inside(dnb_look(g_dataPos, -1), g_dataPos)))",
+    "texture3D(in_volume[0], g_dataPos)": "dnb_veil(texture3D(in_volume[0], "
+    "dnb_at = dnb_inside(dnb_look(g_dataPos, -1), g_dataPos)))",
     "g_srcColor.a = computeOpacity(scalar);": "g_srcColor.a = computeOpacity(scalar) * dnb_open;",
     # A step to one side is looked up; one to the other is as far the other way, for the opacity as for the place.
-    **{f"texPosPvec[{k}] = texPos + {x}vec;":
-       f"vec3 dnb_{x} = dnb_look(texPos + {x}vec, dnb_home) - dnb_at; dnb_fade_p.{x} = dnb_seen; "
-       f"dnb_fade_n.{x} = clamp(2.0 * dnb_open - dnb_seen, 0.0, 1.0); "
-       f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
-       for k, x in enumerate(_AXES)},
-    **{f"texPosNvec[{k}] = texPos - {x}vec;":
-       f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
-       for k, x in enumerate(_AXES)},
-    **{f"{g}.{x} = texture3D(volume, vec3(texPos{side}vec[{k}]))[c];":
-       f"{g}.{x} = dnb_faded(texture3D(volume, vec3(texPos{side}vec[{k}]))[c], dnb_fade_{side.lower()}.{x});"
-       for g, side in (("g1", "P"), ("g2", "N")) for k, x in enumerate(_AXES)},
+    **{
+        f"texPosPvec[{k}] = texPos + {x}vec;": f"vec3 dnb_{x} = dnb_look(texPos + {x}vec, dnb_home) - dnb_at; "
+        f"dnb_fade_p.{x} = dnb_seen; "
+        f"dnb_fade_n.{x} = clamp(2.0 * dnb_open - dnb_seen, 0.0, 1.0); "
+        f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
+        for k, x in enumerate(_AXES)
+    },
+    **{
+        f"texPosNvec[{k}] = texPos - {x}vec;": f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * "
+        f"step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
+        for k, x in enumerate(_AXES)
+    },
+    **{
+        f"{g}.{x} = texture3D(volume, vec3(texPos{side}vec[{k}]))[c];": f"{g}.{x} = "
+        f"dnb_faded(texture3D(volume, vec3(texPos{side}vec[{k}]))[c], dnb_fade_{side.lower()}.{x});"
+        for g, side in (("g1", "P"), ("g2", "N"))
+        for k, x in enumerate(_AXES)
+    },
 }
 """Replacements in VTK's shader for cuts."""
 
@@ -147,20 +154,31 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
     """
     count, cuts = len(sides), len(sides[0])
     here = [f"float a{c} = dnb_away(c, {c}.0);" for c in range(cuts)]
-    here += [f"if ({_depth(side, 'a{}')} > edge) {{ edge = {_depth(side, 'a{}')}; own = {r}; }}"
-             for r, side in enumerate(sides)]
+    here += [
+        f"if ({_depth(side, 'a{}')} > edge) {{ edge = {_depth(side, 'a{}')}; own = {r}; }}"
+        for r, side in enumerate(sides)
+    ]
     each = []
     for r, side in enumerate(sides):
-        each += [f"vec2 d{r} = dnb_strength * dnb_map(at, {'depth' if weighted else '0.0'}, {r}.0);",
-                 f"e = c + d{r} * dnb_cut_scale;",
-                 f"float v{r} = covered({_depth(side, 'dnb_away(e, {}.0)')}, dnb_softness);"]
+        each += [
+            f"vec2 d{r} = dnb_strength * dnb_map(at, {'depth' if weighted else '0.0'}, {r}.0);",
+            f"e = c + d{r} * dnb_cut_scale;",
+            f"float v{r} = covered({_depth(side, 'dnb_away(e, {}.0)')}, dnb_softness);",
+        ]
     others = "\n  ".join(f"if (own != {r}) {{ adds(choice, {r}, v{r}); }}" for r in range(count))
     chosen = f"Choice choice = begun(own, {_picked('v', count, 'own')});\n  " + _RULES[rule] % {"others": others}
     return _CUTS_GLSL % {
-        "choice": cut_choice(), "inside": inside, "cuts": cuts, "depth": _DEPTH if weighted else "",
-        "map": _MAP[weighted] % {"regions": count} if weighted else _MAP[False], "here": "\n  ".join(here),
-        "each": "\n  ".join(each), "rule": f"{chosen}\n  dnb_found = choice.region;",
-        "chosen": _picked("d", count, "choice.region"), "kept": _picked("d", count, "keep"), "space": space,
+        "choice": cut_choice(),
+        "inside": inside,
+        "cuts": cuts,
+        "depth": _DEPTH if weighted else "",
+        "map": _MAP[weighted] % {"regions": count} if weighted else _MAP[False],
+        "here": "\n  ".join(here),
+        "each": "\n  ".join(each),
+        "rule": f"{chosen}\n  dnb_found = choice.region;",
+        "chosen": _picked("d", count, "choice.region"),
+        "kept": _picked("d", count, "keep"),
+        "space": space,
     }
 
 
@@ -216,15 +234,18 @@ _BARE = 1.5  # voxels, beside the one that a slope reaches
 # What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
 _HOOK = "//VTK::ComputeGradient::Dec"
 _REPLACED = {
-    "texture3D(in_volume[0], g_dataPos)":
-        "texture3D(in_volume[0], dnb_at = dnb_inside(dnb_warp(g_dataPos), g_dataPos))",
-    **{f"texPosPvec[{k}] = texPos + {x}vec;":
-       f"vec3 dnb_{x} = dnb_warp(texPos + {x}vec) - dnb_at; "
-       f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
-       for k, x in enumerate("xyz")},
-    **{f"texPosNvec[{k}] = texPos - {x}vec;":
-       f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
-       for k, x in enumerate("xyz")},
+    "texture3D(in_volume[0], g_dataPos)": "texture3D(in_volume[0], "
+    "dnb_at = dnb_inside(dnb_warp(g_dataPos), g_dataPos))",
+    **{
+        f"texPosPvec[{k}] = texPos + {x}vec;": f"vec3 dnb_{x} = dnb_warp(texPos + {x}vec) - dnb_at; "
+        f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
+        for k, x in enumerate("xyz")
+    },
+    **{
+        f"texPosNvec[{k}] = texPos - {x}vec;": f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * "
+        f"step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
+        for k, x in enumerate("xyz")
+    },
 }
 
 _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D", "dnb_cuts": "sampler2D"}
@@ -331,8 +352,11 @@ class VolumeWarp:
         self._property.ClearAllFragmentShaderReplacements()
         add = self._property.AddFragmentShaderReplacement
         inside, more = _INSIDE if self._is_boxed else "", _SPACE if space else ""
-        ours = (_WARP_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside} if cut is None else
-                cut_glsl(cut[0], cut[1], planar == "weighted", inside, more))
+        ours = (
+            _WARP_GLSL % {"planar": _PLANAR[planar], "space": more, "inside": inside}
+            if cut is None
+            else cut_glsl(cut[0], cut[1], planar == "weighted", inside, more)
+        )
         add(_HOOK, True, f"{ours}{fold_glsl(cut is not None) if is_red else ''}\n{_HOOK}", False)
         if self._is_lit:  # else a sample costs no more than to find out that it is empty
             add(RAY_HOOK, True, f"{SKIP_EMPTY}{RAY_HOOK}", False)
@@ -392,8 +416,11 @@ class VolumeWarp:
         planar = maps.content["planar"] if maps is not None else None
         space = maps.content["space"] if maps is not None else None
         cut = planar["cut"] if planar is not None else None
-        self._inject("none" if planar is None else "same" if planar["isReplicated"] else "weighted", space is not None,
-                     cut and (tuple(map(tuple, cut["sides"])), cut["rule"]))
+        self._inject(
+            "none" if planar is None else "same" if planar["isReplicated"] else "weighted",
+            space is not None,
+            cut and (tuple(map(tuple, cut["sides"])), cut["rule"]),
+        )
         if maps is None:
             return
         # A texture coordinate q is the length scale q + shift of the maps' frame.
@@ -431,8 +458,9 @@ class VolumeWarp:
         self._textures["dnb_maps"].load(maps)
         self._textures["dnb_weights"].load(weights[..., None])
 
-    def _set_cut(self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Vector,
-                 shift: Vector) -> None:
+    def _set_cut(
+        self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Vector, shift: Vector
+    ) -> None:
         count, rows, columns = about["shape"]
         if count * rows > self._textures["dnb_cuts"].largest:
             raise DeformError(f"{count} cuts are more than the GPU takes; use fewer.")
@@ -459,12 +487,15 @@ class VolumeWarp:
             texture.close()
 
 
-def _along(plane: dict[str, Any], axis: str, scale: Vector, shift: Vector, start: float, length: float,
-           offset: float = 0.0) -> list[float]:
+def _along(
+    plane: dict[str, Any], axis: str, scale: Vector, shift: Vector, start: float, length: float, offset: float = 0.0
+) -> list[float]:
     """Four numbers that turn a texture coordinate of the volume into one of a raster over a plane."""
     w = np.asarray(plane[axis])
-    return [*(w * scale / length).tolist(),
-            float((w @ (shift - np.asarray(plane["origin"])) - start) / length + offset)]
+    return [
+        *(w * scale / length).tolist(),
+        float((w @ (shift - np.asarray(plane["origin"])) - start) / length + offset),
+    ]
 
 
 class _Texture:

@@ -112,6 +112,7 @@ class _Served:
 
     def when_ready(self, notify: Callable[[str], None]) -> None:
         """Call ``notify(address)`` once pages can come, in a thread that may wait for it."""
+
         def wait() -> None:
             self._ready.wait(60)
             if self._server is not None and self._server.url:
@@ -154,8 +155,9 @@ class _ViewArea:
         from trame_rca.widgets import rca
 
         self._server = server
-        server.trame.enable_module({"scripts": ["deformnb/remote.js"], "styles": ["deformnb/remote.css"],
-                                    "vue_use": ["deformnb_app"]})
+        server.trame.enable_module(
+            {"scripts": ["deformnb/remote.js"], "styles": ["deformnb/remote.css"], "vue_use": ["deformnb_app"]}
+        )
         server.trame.state.trame__title = "deformnb"
         server.trame.state.dnb_views = self._sides
         with DivLayout(server.trame), html.Div(classes="dnb-app-fill dnb-app-remote"):
@@ -169,8 +171,12 @@ class _ViewArea:
 
     def answers(self) -> dict[str, Answer]:
         """Remote procedures: size and mouse of the area, the cube beside it, and confirmations."""
-        return {"trame.rca.size": for_area(self._size), "trame.rca.event": for_area(self._event),
-                "deformnb.seen": for_area(self._seen), "deformnb.look": self._look_from}
+        return {
+            "trame.rca.size": for_area(self._size),
+            "trame.rca.event": for_area(self._event),
+            "deformnb.seen": for_area(self._seen),
+            "deformnb.look": self._look_from,
+        }
 
     def bundles(self) -> tuple[str, ...]:
         """Script and styles of the overlays on the picture."""
@@ -225,8 +231,12 @@ class _ViewArea:
         view = self._view()
         if view is not None:
             camera = self._camera if self._mouse.is_held else view.camera
-            self._pictures.show(frame.images, pictures, camera, {
-                "n": message["seq"], "full": frame.is_full, "shows": view.shows, "badge": view.badge})
+            self._pictures.show(
+                frame.images,
+                pictures,
+                camera,
+                {"n": message["seq"], "full": frame.is_full, "shows": view.shows, "badge": view.badge},
+            )
 
     def _push(self, jpeg: bytes, about: dict[str, Any]) -> None:
         if self._server is not None:

@@ -98,14 +98,24 @@ def headers_for(name: str, framed_by: str = "'none'") -> dict[str, str]:
     """Headers of every answer: the page loads from and connects to this server only, and no other page may frame it."""
     # The client that trame brings compiles its templates in the page: that is what unsafe-eval is for.
     policy = {
-        "default-src": "'self'", "script-src": "'self' 'unsafe-eval' blob:", "style-src": "'self' 'unsafe-inline'",
-        "img-src": "'self' blob: data:", "font-src": "'self' data:", "connect-src": f"'self' ws://{name}",
-        "object-src": "'none'", "base-uri": "'self'", "form-action": "'none'", "frame-ancestors": framed_by,
+        "default-src": "'self'",
+        "script-src": "'self' 'unsafe-eval' blob:",
+        "style-src": "'self' 'unsafe-inline'",
+        "img-src": "'self' blob: data:",
+        "font-src": "'self' data:",
+        "connect-src": f"'self' ws://{name}",
+        "object-src": "'none'",
+        "base-uri": "'self'",
+        "form-action": "'none'",
+        "frame-ancestors": framed_by,
     }
     return {
         "Content-Security-Policy": "; ".join(f"{what} {where}" for what, where in policy.items()),
-        "Cross-Origin-Resource-Policy": "same-origin", "Cross-Origin-Opener-Policy": "same-origin",
-        "Referrer-Policy": "no-referrer", "X-Content-Type-Options": "nosniff", "Cache-Control": "no-store",
+        "Cross-Origin-Resource-Policy": "same-origin",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Referrer-Policy": "no-referrer",
+        "X-Content-Type-Options": "nosniff",
+        "Cache-Control": "no-store",
     }
 
 
@@ -182,8 +192,9 @@ class SlowRequests:
         """
 
         @web.middleware
-        async def answered(request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
-                           ) -> web.StreamResponse:
+        async def answered(
+            request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+        ) -> web.StreamResponse:
             task = asyncio.current_task()
             assert task is not None
             self._busy[request.protocol] = task

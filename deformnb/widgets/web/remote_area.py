@@ -92,8 +92,11 @@ class MouseCamera:
         dx, dy = (now[0] - x) / height, (now[1] - y) / height
         aspect = max(16.0, number_of(event, "w", 512.0)) / height / pictures
         self._held = (way, *now)
-        self._look(lambda camera: dragged(camera, way, dx, dy, seen_height(
-            box, camera["direction"], camera["up"], aspect, camera["zoom"])))
+        self._look(
+            lambda camera: dragged(
+                camera, way, dx, dy, seen_height(box, camera["direction"], camera["up"], aspect, camera["zoom"])
+            )
+        )
 
 
 class Pictures:
@@ -121,8 +124,10 @@ class Pictures:
         about : further facts for the page: ``n`` (number of the picture), ``full``, ``shows`` and ``badge``.
         """
         with self._lock:
-            self._layers = [(jpeg, {**about_picture(image, camera), **about, "layer": layer})
-                            for layer, (image, jpeg) in enumerate(zip(images, jpegs, strict=True))]
+            self._layers = [
+                (jpeg, {**about_picture(image, camera), **about, "layer": layer})
+                for layer, (image, jpeg) in enumerate(zip(images, jpegs, strict=True))
+            ]
             self._push(*self._layers[0])
         if len(images) > 1 and not self._worker.is_closed:
             self._worker.at_rest(_BLINK, self._show_other)
@@ -148,6 +153,7 @@ def for_area(answer: Callable[..., None]) -> Callable[..., None]:
     >>> for_area(print)("volume", 300, 200)
     300 200
     """
+
     def checked(area: str, *given: Any) -> None:
         if area != AREA:
             raise DeformError("there is no such area.")
@@ -159,8 +165,15 @@ def for_area(answer: Callable[..., None]) -> Callable[..., None]:
 def about_picture(image: Any, camera: dict[str, Any]) -> dict[str, Any]:
     """Metadata of a JPEG for trame's area, with the camera that it shows."""
     rows, columns = image.shape[:2]
-    return {"type": "image/jpeg", "codec": "", "key": "key", "w": columns, "h": rows, "st": int(time.time() * 1000),
-            "camera": {name: camera[name] for name in ("direction", "up")}}
+    return {
+        "type": "image/jpeg",
+        "codec": "",
+        "key": "key",
+        "w": columns,
+        "h": rows,
+        "st": int(time.time() * 1000),
+        "camera": {name: camera[name] for name in ("direction", "up")},
+    }
 
 
 def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float) -> dict[str, Any]:

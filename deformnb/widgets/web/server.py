@@ -78,8 +78,15 @@ class PageServer:
     reason : why it ended.
     """
 
-    def __init__(self, make: Callable[[PageServer], Content], *, idle: float, host: str = "127.0.0.1", port: int = 0,
-                 framed_by: str = "'none'") -> None:
+    def __init__(
+        self,
+        make: Callable[[PageServer], Content],
+        *,
+        idle: float,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        framed_by: str = "'none'",
+    ) -> None:
         from trame.app import get_server
 
         self.host, self.idle = host, idle or math.inf
@@ -95,8 +102,7 @@ class PageServer:
         self._end = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._web: Any = None  # wslink's server
-        self.trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3",
-                                ws_max_msg_size=LONGEST_MESSAGE)
+        self.trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3", ws_max_msg_size=LONGEST_MESSAGE)
         self.trame.add_protocol_to_configure(self._configure)
         self.trame.controller.on_server_bind.add(self._bind)
         self.content = make(self)
@@ -160,9 +166,17 @@ class PageServer:
 
     def _start(self) -> Any:
         with _no_arguments():  # trame reads the command line, where it would find options of ours
-            return self.trame.start(port=self._wanted_port, host=self.host, thread=True, open_browser=False,
-                                     show_connection_info=False, disable_logging=True, backend="aiohttp",
-                                     exec_mode="coroutine", timeout=0)
+            return self.trame.start(
+                port=self._wanted_port,
+                host=self.host,
+                thread=True,
+                open_browser=False,
+                show_connection_info=False,
+                disable_logging=True,
+                backend="aiohttp",
+                exec_mode="coroutine",
+                timeout=0,
+            )
 
     async def _watch(self, serving: asyncio.Future[Any]) -> None:
         last, before = time.monotonic(), set[str]()
@@ -180,8 +194,14 @@ class PageServer:
                 self.stop("the program that started it has ended")
             self._slow_requests.cut_off(self._web.runner.server.connections)
             unauthenticated = self._password_check.unauthenticated(known)
-            await part_from([handler.connections[client] for handler in self._handlers for client in unauthenticated
-                             if client in handler.connections])
+            await part_from(
+                [
+                    handler.connections[client]
+                    for handler in self._handlers
+                    for client in unauthenticated
+                    if client in handler.connections
+                ]
+            )
 
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:
@@ -230,8 +250,7 @@ class PageServer:
         self.trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
         self._handlers = list(served._ws_handlers)
-        self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG)
-                        for handler in self._handlers]
+        self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG) for handler in self._handlers]
         check = access_check(lambda: own_names(self.host, self.port), self._handlers, self._framed_by)
         served.app.middlewares.extend([self._slow_requests.middleware(), check])
         own = {f"/deformnb/{name}": (bundle(name), _KINDS[Path(name).suffix]) for name in self.content.bundles()}
@@ -249,8 +268,12 @@ class PageServer:
         def failed(message: str) -> None:
             _LOG.error("the page reports: %.300s", " ".join(str(message).split()))
 
-        return {"trame.state.get": lambda: state_of(state), "trame.lifecycle.update": life,
-                "trame.error.client": failed, **self.content.answers()}
+        return {
+            "trame.state.get": lambda: state_of(state),
+            "trame.lifecycle.update": life,
+            "trame.error.client": failed,
+            **self.content.answers(),
+        }
 
 
 def _outlives_its_terminal() -> bool:
@@ -275,7 +298,8 @@ def _assets() -> dict[str, tuple[str, str]]:
     start, end = own.rindex("<script>"), own.rindex("</script>") + len("</script>")
     index = own[:start] + own[end:]
     return {
-        "/": (index, "text/html"), "/index.html": (index, "text/html"),
+        "/": (index, "text/html"),
+        "/index.html": (index, "text/html"),
         "/deformnb/access.js": (bundle("access.js"), "text/javascript"),
     }
 

@@ -42,8 +42,9 @@ def picture(volume: Volume) -> Picture:
 @pytest.fixture
 def points() -> ControlPoints:
     source = np.array([[10, 5], [60, 6], [30, 25], [50, 20]])
-    return ControlPoints.from_arrays(source, source + np.array([[1, 2], [-3, 0], [0, 4], [2, -2]]),
-                                     names=["nose", "", "\u00fcber", ""])
+    return ControlPoints.from_arrays(
+        source, source + np.array([[1, 2], [-3, 0], [0, 4], [2, -2]]), names=["nose", "", "\u00fcber", ""]
+    )
 
 
 @pytest.fixture
@@ -91,8 +92,16 @@ def test_the_state_for_the_page_is_plain_json(picture: Picture, points: ControlP
     state = Editor(picture, points).get_state()
     assert state["points"] == points_to_json(points)
     assert state["next_id"] == 4
-    assert state["raster"] == {"shape": [30, 40], "spacing": [2.0, 1.0], "origin": [0.0, 0.0], "channels": 1,
-                               "range": [0, 255], "window": list(picture.window), "unit": "", "lengths": "mm"}
+    assert state["raster"] == {
+        "shape": [30, 40],
+        "spacing": [2.0, 1.0],
+        "origin": [0.0, 0.0],
+        "channels": 1,
+        "range": [0, 255],
+        "window": list(picture.window),
+        "unit": "",
+        "lengths": "mm",
+    }
     assert state["uid"]
     json.dumps({k: v for k, v in state.items() if k not in ("image", "colours", "uncertainty", "ghost", "layout")})
 
@@ -131,11 +140,18 @@ def test_points_in_space_and_other_things_are_refused(picture: Picture, points: 
     assert editor.points == points
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [
-    ("kernel", "spline", "unknown kernel"), ("trend", "septic", "unknown trend"), ("support", 0.0, "positive"),
-    ("support", float("nan"), "positive"), ("smoothing", -1.0, "smoothing"), ("strength", float("inf"), "strength"),
-    ("lone_support", -1.0, "positive length"),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("kernel", "spline", "unknown kernel"),
+        ("trend", "septic", "unknown trend"),
+        ("support", 0.0, "positive"),
+        ("support", float("nan"), "positive"),
+        ("smoothing", -1.0, "smoothing"),
+        ("strength", float("inf"), "strength"),
+        ("lone_support", -1.0, "positive length"),
+    ],
+)
 def test_settings_that_make_no_sense_are_refused(picture: Picture, name: str, value: Any, words: str) -> None:
     with pytest.raises(DeformError, match=words):
         Editor(picture, **{name: value})
@@ -146,8 +162,9 @@ def test_settings_that_make_no_sense_are_refused(picture: Picture, name: str, va
     assert (getattr(editor, name), editor.settings) == (before, settings)
 
 
-def test_the_view_goes_to_a_point_that_is_there(picture: Picture, points: ControlPoints,
-                                                monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_view_goes_to_a_point_that_is_there(
+    picture: Picture, points: ControlPoints, monkeypatch: pytest.MonkeyPatch
+) -> None:
     editor = Editor(picture, points)
     sent: list[Any] = []
     monkeypatch.setattr(editor, "send", sent.append)
@@ -182,25 +199,29 @@ def test_a_lone_point_reaches_as_far_as_in_its_own_step(view: str) -> None:
     x = middle + np.random.default_rng(0).uniform(-20, 20, (50, 2))
     field = editor.step().field(volume.grid)
     in_space = picture.plane.from_plane(x)
-    np.testing.assert_allclose(editor.fit().displacement(x),
-                               field.displacement(in_space) @ picture.plane.frame[:2].T, atol=1e-12)
+    np.testing.assert_allclose(
+        editor.fit().displacement(x), field.displacement(in_space) @ picture.plane.frame[:2].T, atol=1e-12
+    )
 
 
 # ---- messages --------------------------------------------------------------------------------------------------------
 
 
-def test_the_end_of_an_edit_sets_the_points_and_is_answered(picture: Picture, points: ControlPoints,
-                                                            sent: list[Any]) -> None:
+def test_the_end_of_an_edit_sets_the_points_and_is_answered(
+    picture: Picture, points: ControlPoints, sent: list[Any]
+) -> None:
     editor = Editor(picture, points)
     receive(editor, edit(points_to_json(points.move(0, [12, 9])), 7))
     assert editor.points == points.move(0, [12, 9])
     assert sent == [done(7)]
 
 
-def test_a_movement_reaches_callbacks_and_leaves_the_points(picture: Picture, points: ControlPoints,
-                                                            sent: list[Any]) -> None:
+def test_a_movement_reaches_callbacks_and_leaves_the_points(
+    picture: Picture, points: ControlPoints, sent: list[Any]
+) -> None:
     editor, seen = Editor(picture, points), []
     assert not editor.live
+
     def note(p: ControlPoints, phase: str) -> None:
         seen.append((p, phase, editor.points == p))
 
@@ -215,8 +236,9 @@ def test_a_movement_reaches_callbacks_and_leaves_the_points(picture: Picture, po
     assert not editor.live
 
 
-def test_an_exception_of_a_callback_is_told_the_page(picture: Picture, points: ControlPoints, sent: list[Any],
-                                                    caplog: pytest.LogCaptureFixture) -> None:
+def test_an_exception_of_a_callback_is_told_the_page(
+    picture: Picture, points: ControlPoints, sent: list[Any], caplog: pytest.LogCaptureFixture
+) -> None:
     editor = Editor(picture, points)
 
     def fail(_points: ControlPoints, _phase: str) -> None:
@@ -260,8 +282,9 @@ def test_an_observer_can_tell_the_page_from_code(picture: Picture, points: Contr
     assert seen == [("nudge", True), None]
 
 
-def test_the_page_learns_what_python_has_taken_in_after_it_has_the_points(picture: Picture, points: ControlPoints,
-                                                                       sent: list[Any]) -> None:
+def test_the_page_learns_what_python_has_taken_in_after_it_has_the_points(
+    picture: Picture, points: ControlPoints, sent: list[Any]
+) -> None:
     editor, told = Editor(picture, points), []
     editor.observe(lambda change: told.append(change["name"]), ["points", "seen"])
     receive(editor, edit(points_to_json(points.move(0, [2, 2])), 5))
@@ -305,24 +328,39 @@ def test_a_history_in_python_is_asked_by_the_page(picture: Picture, points: Cont
 
 GOOD = {"id": 0, "name": "", "source": [1.0, 2.0], "target": [1.0, 2.0], "active": True, "weight": 1.0}
 BAD_POINTS = {
-    "no list": {"0": GOOD}, "none": None, "a text": "points", "a number for a point": [3],
-    "no id": [{k: v for k, v in GOOD.items() if k != "id"}], "an id twice": [GOOD, GOOD],
-    "a negative id": [{**GOOD, "id": -1}], "true as id": [{**GOOD, "id": True}], "half an id": [{**GOOD, "id": 0.5}],
+    "no list": {"0": GOOD},
+    "none": None,
+    "a text": "points",
+    "a number for a point": [3],
+    "no id": [{k: v for k, v in GOOD.items() if k != "id"}],
+    "an id twice": [GOOD, GOOD],
+    "a negative id": [{**GOOD, "id": -1}],
+    "true as id": [{**GOOD, "id": True}],
+    "half an id": [{**GOOD, "id": 0.5}],
     "an id beyond all": [{**GOOD, "id": 2**60}],
-    "not a number": [{**GOOD, "target": [float("nan"), 0]}], "endless": [{**GOOD, "source": [float("inf"), 0]}],
-    "huge": [{**GOOD, "source": [1e200, 0]}], "a whole number beyond floats": [{**GOOD, "source": [10**400, 0]}],
-    "three coordinates": [{**GOOD, "target": [1, 2, 3]}], "one coordinate": [{**GOOD, "target": [1]}],
-    "texts as coordinates": [{**GOOD, "target": ["1", "2"]}], "true as a coordinate": [{**GOOD, "target": [True, 2]}],
-    "no target": [{**GOOD, "target": None}], "a number as name": [{**GOOD, "name": 5}],
-    "an endless name": [{**GOOD, "name": "x" * 1000}], "a number as switch": [{**GOOD, "active": 1}],
-    "no weight": [{**GOOD, "weight": 0.0}], "a text as weight": [{**GOOD, "weight": "1"}],
-    "too many": [{**GOOD, "id": k} for k in range(3000)], "lists in lists": [[[[[]]]]],
+    "not a number": [{**GOOD, "target": [float("nan"), 0]}],
+    "endless": [{**GOOD, "source": [float("inf"), 0]}],
+    "huge": [{**GOOD, "source": [1e200, 0]}],
+    "a whole number beyond floats": [{**GOOD, "source": [10**400, 0]}],
+    "three coordinates": [{**GOOD, "target": [1, 2, 3]}],
+    "one coordinate": [{**GOOD, "target": [1]}],
+    "texts as coordinates": [{**GOOD, "target": ["1", "2"]}],
+    "true as a coordinate": [{**GOOD, "target": [True, 2]}],
+    "no target": [{**GOOD, "target": None}],
+    "a number as name": [{**GOOD, "name": 5}],
+    "an endless name": [{**GOOD, "name": "x" * 1000}],
+    "a number as switch": [{**GOOD, "active": 1}],
+    "no weight": [{**GOOD, "weight": 0.0}],
+    "a text as weight": [{**GOOD, "weight": "1"}],
+    "too many": [{**GOOD, "id": k} for k in range(3000)],
+    "lists in lists": [[[[[]]]]],
 }
 
 
 @pytest.mark.parametrize("name", list(BAD_POINTS))
-def test_points_that_are_wrong_are_refused_and_logged(name: str, picture: Picture, points: ControlPoints,
-                                                      sent: list[Any], caplog: pytest.LogCaptureFixture) -> None:
+def test_points_that_are_wrong_are_refused_and_logged(
+    name: str, picture: Picture, points: ControlPoints, sent: list[Any], caplog: pytest.LogCaptureFixture
+) -> None:
     editor = Editor(picture, points)
     receive(editor, edit(BAD_POINTS[name], 3))
     editor.set_state({"points": BAD_POINTS[name]})
@@ -335,13 +373,30 @@ def test_points_that_are_wrong_are_refused_and_logged(name: str, picture: Pictur
         points_from_json(BAD_POINTS[name])
 
 
-@pytest.mark.parametrize("content", [
-    None, 3, "edit", [], {}, {"type": "edit"}, edit([GOOD], type="run"), edit([GOOD], type=["edit"]),
-    edit([GOOD], seq="1"), edit([GOOD], seq=True), edit([GOOD], seq=-1), edit([GOOD], seq=None),  # type: ignore[arg-type]
-    edit([GOOD], sender=""), edit([GOOD], sender=5), edit([GOOD], sender="x" * 1000), edit([GOOD], sender=["w1"]),
-])
-def test_messages_that_are_no_edits_are_dropped_and_logged(content: Any, picture: Picture, sent: list[Any],
-                                                          caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize(
+    "content",
+    [
+        None,
+        3,
+        "edit",
+        [],
+        {},
+        {"type": "edit"},
+        edit([GOOD], type="run"),
+        edit([GOOD], type=["edit"]),
+        edit([GOOD], seq="1"),
+        edit([GOOD], seq=True),
+        edit([GOOD], seq=-1),
+        edit([GOOD], seq=None),  # type: ignore[arg-type]
+        edit([GOOD], sender=""),
+        edit([GOOD], sender=5),
+        edit([GOOD], sender="x" * 1000),
+        edit([GOOD], sender=["w1"]),
+    ],
+)
+def test_messages_that_are_no_edits_are_dropped_and_logged(
+    content: Any, picture: Picture, sent: list[Any], caplog: pytest.LogCaptureFixture
+) -> None:
     editor = Editor(picture)
     receive(editor, content)
     assert len(editor.points) == 0
@@ -349,14 +404,25 @@ def test_messages_that_are_no_edits_are_dropped_and_logged(content: Any, picture
     assert "dropped" in caplog.text
 
 
-@pytest.mark.parametrize("content", [
-    edit([GOOD], phase="begin"), edit([GOOD], phase=["end"]), edit([GOOD], kind="run"), edit([GOOD], kind=None),  # type: ignore[arg-type]
-    edit([GOOD], kind=["move"]), edit([GOOD], joins=1), edit([GOOD], next_id=-1), edit([GOOD], next_id=2.5),
-    edit([GOOD], next_id="9"), step(["undo"]),  # type: ignore[arg-type]
-    edit([{**GOOD, "id": k, "name": "\u00fc" * 200} for k in range(1500)]),
-])
-def test_edits_with_something_wrong_are_refused_and_the_page_hears_it(content: Any, picture: Picture,
-                                                                    sent: list[Any]) -> None:
+@pytest.mark.parametrize(
+    "content",
+    [
+        edit([GOOD], phase="begin"),
+        edit([GOOD], phase=["end"]),
+        edit([GOOD], kind="run"),
+        edit([GOOD], kind=None),  # type: ignore[arg-type]
+        edit([GOOD], kind=["move"]),
+        edit([GOOD], joins=1),
+        edit([GOOD], next_id=-1),
+        edit([GOOD], next_id=2.5),
+        edit([GOOD], next_id="9"),
+        step(["undo"]),  # type: ignore[arg-type]
+        edit([{**GOOD, "id": k, "name": "\u00fc" * 200} for k in range(1500)]),
+    ],
+)
+def test_edits_with_something_wrong_are_refused_and_the_page_hears_it(
+    content: Any, picture: Picture, sent: list[Any]
+) -> None:
     editor = Editor(picture)
     receive(editor, content)
     assert len(editor.points) == 0
@@ -370,12 +436,28 @@ def test_as_many_points_as_a_fit_takes_come_in_one_edit(picture: Picture, sent: 
     assert len(editor.points) == LARGEST_SET
 
 
-def test_the_page_changes_only_what_is_its_own(picture: Picture, points: ControlPoints,
-                                               caplog: pytest.LogCaptureFixture) -> None:
+def test_the_page_changes_only_what_is_its_own(
+    picture: Picture, points: ControlPoints, caplog: pytest.LogCaptureFixture
+) -> None:
     editor = Editor(picture, points)
-    editor.set_state({"settings": {"kernel": "gaussian"}, "raster": {}, "image": "", "uid": "other", "live": True,
-                      "next_id": 2, "selected": ["all"], "show_grid": 1, "_esm": "took_over()", "show_radius": True,
-                      "points": [GOOD], "seen": {"w1": 99}, "history": {"undo": "all", "redo": ""}, "waiting": "x"})
+    editor.set_state(
+        {
+            "settings": {"kernel": "gaussian"},
+            "raster": {},
+            "image": "",
+            "uid": "other",
+            "live": True,
+            "next_id": 2,
+            "selected": ["all"],
+            "show_grid": 1,
+            "_esm": "took_over()",
+            "show_radius": True,
+            "points": [GOOD],
+            "seen": {"w1": 99},
+            "history": {"undo": "all", "redo": ""},
+            "waiting": "x",
+        }
+    )
     assert editor.waiting == ""
     assert (editor.kernel, editor.uid != "other", editor.live, editor.next_id) == ("wendland_c2", True, False, 4)
     assert editor.raster["shape"] == [30, 40]
@@ -498,8 +580,9 @@ def test_the_still_shows_the_deformed_picture_with_grid_and_points(picture: Pict
     assert moved.shape != gridded.shape or (np.abs(moved - gridded).max(axis=-1) > 40).mean() > 0.01
 
 
-def test_a_still_that_cannot_be_drawn_does_not_hide_the_widget(picture: Picture,
-                                                               caplog: pytest.LogCaptureFixture) -> None:
+def test_a_still_that_cannot_be_drawn_does_not_hide_the_widget(
+    picture: Picture, caplog: pytest.LogCaptureFixture
+) -> None:
     editor = Editor(picture, ControlPoints.from_arrays([[0, 0], [9, 9]], [[5, 5], [5, 5]]))
     bundle = editor._repr_mimebundle_()
     data = bundle[0] if isinstance(bundle, tuple) else bundle

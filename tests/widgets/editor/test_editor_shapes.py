@@ -46,8 +46,15 @@ def said(editor: Editor, **changes: Any) -> list[Any]:
     """What the editor answers to a message of the page."""
     answers: list[Any] = []
     editor.send = lambda content, buffers=None: answers.append(content)  # type: ignore[method-assign]
-    message = {"type": "shapes", "sender": "page", "seq": 1, "what": "cuts", "kind": "add cut",
-               "shapes": [{"region": LINE}], **changes}
+    message = {
+        "type": "shapes",
+        "sender": "page",
+        "seq": 1,
+        "what": "cuts",
+        "kind": "add cut",
+        "shapes": [{"region": LINE}],
+        **changes,
+    }
     editor._received(editor, message, [])
     return answers
 
@@ -62,16 +69,25 @@ def test_traits_hold_shapes_and_the_page_gets_plain_data(points: ControlPoints) 
     square = RigidPart(Polygon(SQUARE["vertices"]))
     assert (editor.cuts, editor.parts) == ((cut,), (part, square))
     assert editor.get_state(["cuts", "parts", "cut_rule"]) == {
-        "cuts": [cut_to_data(cut)], "parts": [part_to_data(part), part_to_data(square)], "cut_rule": "paper"}
+        "cuts": [cut_to_data(cut)],
+        "parts": [part_to_data(part), part_to_data(square)],
+        "cut_rule": "paper",
+    }
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [
-    ("cuts", [{"region": LINE}] * 9, "at most 8"), ("cuts", "line", "must be a list"), ("parts", [3], "parts"),
-    ("cuts", [{"region": {"kind": "half_space", "point": [0, 0, 0], "normal": [0, 0, 1]}}], "lies in space"),
-    ("parts", [{"region": LINE}], "no inside"), ("cuts", [{"region": {"kind": "blob"}}], "blob"),
-    ("cuts", [{"region": {"kind": "polygon", "vertices": [[0, 0], [9, 9], [9, 0], [0, 9]]}}], "crosses itself"),
-    ("parts", [{"region": SQUARE, "name": "x" * 201}], "200"),
-])
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("cuts", [{"region": LINE}] * 9, "at most 8"),
+        ("cuts", "line", "must be a list"),
+        ("parts", [3], "parts"),
+        ("cuts", [{"region": {"kind": "half_space", "point": [0, 0, 0], "normal": [0, 0, 1]}}], "lies in space"),
+        ("parts", [{"region": LINE}], "no inside"),
+        ("cuts", [{"region": {"kind": "blob"}}], "blob"),
+        ("cuts", [{"region": {"kind": "polygon", "vertices": [[0, 0], [9, 9], [9, 0], [0, 9]]}}], "crosses itself"),
+        ("parts", [{"region": SQUARE, "name": "x" * 201}], "200"),
+    ],
+)
 def test_what_is_no_shape_is_refused(points: ControlPoints, name: str, value: Any, words: str) -> None:
     editor = Editor(None, points)
     with pytest.raises(DeformError, match=words):
@@ -87,8 +103,13 @@ def test_the_fit_is_that_of_the_step(points: ControlPoints) -> None:
     cut, part = Cut(Line(LINE["vertices"])), RigidPart(Polygon(SQUARE["vertices"]))
     at = np.random.default_rng(1).uniform(0, 30, (200, 2))
     in_space = shown.plane.from_plane(np.concatenate([at, np.zeros((200, 1))], axis=1))
-    for cuts, parts, kind in (([], [], RBFInterpolant), ([], [part], RigidInterpolant), ([cut], [], Decoupled),
-                              ([cut], [part], Decoupled), ([Cut(cut.region, enabled=False)], [], RBFInterpolant)):
+    for cuts, parts, kind in (
+        ([], [], RBFInterpolant),
+        ([], [part], RigidInterpolant),
+        ([cut], [], Decoupled),
+        ([cut], [part], Decoupled),
+        ([Cut(cut.region, enabled=False)], [], RBFInterpolant),
+    ):
         editor = Editor(shown, points, cuts=cuts, parts=parts, strength=0.7)
         assert type(editor.fit()) is kind
         step = editor.step()
@@ -128,19 +149,40 @@ def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
     assert (len(heard), len(editor.parts), editor.seen) == (1, 1, {"page": 2})
 
 
-@pytest.mark.parametrize("changes", [
-    {"what": "points"}, {"joins": "yes"}, {"kind": 3}, {"kind": ""}, {"kind": "x" * 81}, {"shapes": None},
-    {"shapes": [{"region": LINE}] * 9},
-    {"what": "parts", "shapes": [{"region": SQUARE}] * (MOST_PARTS + 1)}, {"shapes": [{"region": {"kind": "line"}}]},
-    {"shapes": [{"region": {**LINE, "vertices": [[0, float("nan")], [1, 1]]}}]},
-    {"shapes": [{"region": {**LINE, "vertices": [[0, 10**400], [1, 1]]}}]},
-    {"shapes": [{"region": {**LINE, "vertices": [[k, k * k] for k in range(LARGEST_SHAPE + 1)]}}]},
-    {"shapes": [{"region": LINE, "name": "x" * 2**21}]}, {"what": "parts", "shapes": [{"region": LINE}]},
-    {"what": "parts", "shapes": [{"region": SQUARE, "motion": {"matrix": [[2, 0], [0, 1]], "shift": [0, 0]}}]},
-    {"what": "parts", "shapes": [{"region": SQUARE, "pivot": [1, 2, 3]}]},
-    {"shapes": [{"region": {"kind": "mask", "shape": [2**13, 2**12], "spacing": [1, 1], "origin": [0, 0],
-                            "bits": base64.b64encode(zlib.compress(bytes(2**22))).decode()}}]},
-])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"what": "points"},
+        {"joins": "yes"},
+        {"kind": 3},
+        {"kind": ""},
+        {"kind": "x" * 81},
+        {"shapes": None},
+        {"shapes": [{"region": LINE}] * 9},
+        {"what": "parts", "shapes": [{"region": SQUARE}] * (MOST_PARTS + 1)},
+        {"shapes": [{"region": {"kind": "line"}}]},
+        {"shapes": [{"region": {**LINE, "vertices": [[0, float("nan")], [1, 1]]}}]},
+        {"shapes": [{"region": {**LINE, "vertices": [[0, 10**400], [1, 1]]}}]},
+        {"shapes": [{"region": {**LINE, "vertices": [[k, k * k] for k in range(LARGEST_SHAPE + 1)]}}]},
+        {"shapes": [{"region": LINE, "name": "x" * 2**21}]},
+        {"what": "parts", "shapes": [{"region": LINE}]},
+        {"what": "parts", "shapes": [{"region": SQUARE, "motion": {"matrix": [[2, 0], [0, 1]], "shift": [0, 0]}}]},
+        {"what": "parts", "shapes": [{"region": SQUARE, "pivot": [1, 2, 3]}]},
+        {
+            "shapes": [
+                {
+                    "region": {
+                        "kind": "mask",
+                        "shape": [2**13, 2**12],
+                        "spacing": [1, 1],
+                        "origin": [0, 0],
+                        "bits": base64.b64encode(zlib.compress(bytes(2**22))).decode(),
+                    }
+                }
+            ]
+        },
+    ],
+)
 def test_what_is_wrong_in_a_message_of_shapes_is_said_and_changes_nothing(points: ControlPoints, changes: Any) -> None:
     editor = Editor(None, points, cuts=[Cut(HalfSpace((5, 5), (1, 0)))])
     before = editor.cuts
@@ -193,15 +235,18 @@ def test_a_shape_is_followed_to_where_it_is(before: list[int], after: list[int],
         assert after[place] == before[index]
         assert all(abs(k - index) >= abs(place - index) for k, shape in enumerate(after) if shape == before[index])
     else:
-        others = len(after) == len(before) and all(a == b for k, (a, b) in enumerate(zip(before, after, strict=True))
-                                                   if k != index)
+        others = len(after) == len(before) and all(
+            a == b for k, (a, b) in enumerate(zip(before, after, strict=True)) if k != index
+        )
         assert place == (index if others else None)
 
 
 def test_the_page_follows_a_shape_as_python_does() -> None:
     rng = np.random.default_rng(3)
-    cases = [(*(rng.integers(0, 4, rng.integers(0, 6)).tolist() for _ in range(2)), int(rng.integers(0, 6)))
-             for _ in range(500)]
+    cases = [
+        (*(rng.integers(0, 4, rng.integers(0, 6)).tolist() for _ in range(2)), int(rng.integers(0, 6)))
+        for _ in range(500)
+    ]
     found = run_script(("maths/shapes.js",), "(cases) => cases.map((given) => followedShape(...given))", cases)
     assert found == [followed(*case) for case in cases]
     assert {type(place) for place in found} == {int, type(None)}

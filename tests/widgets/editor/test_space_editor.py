@@ -69,6 +69,7 @@ def edit(points: Any, seq: int = 1, phase: str = "end", kind: str = "move") -> d
 
 def pictures(editor: SpaceEditor, since: int = 0) -> tuple[dict[str, Any], list[bytes]]:
     """The next message with pictures after so many messages."""
+
     def come() -> list[tuple[dict[str, Any], list[bytes]]]:
         return [message for message in editor.messages[since:] if message[0]["type"] == "pictures"]
 
@@ -230,8 +231,9 @@ def test_a_movement_shows_what_the_core_makes_of_it(editor: SpaceEditor, points:
     assert np.abs(sent.astype(int) - made.slice(0, fit_rbf(points), editor.cursor, 256).values).max() > 5
 
 
-def test_points_that_cannot_be_fitted_are_said_and_the_last_pictures_stay(editor: SpaceEditor,
-                                                                           points: ControlPoints) -> None:
+def test_points_that_cannot_be_fitted_are_said_and_the_last_pictures_stay(
+    editor: SpaceEditor, points: ControlPoints
+) -> None:
     receive(editor, {"type": "hello", "view": "v"})
     pictures(editor)
     count = len(editor.messages)
@@ -244,16 +246,30 @@ def test_points_that_cannot_be_fitted_are_said_and_the_last_pictures_stay(editor
     count = len(editor.messages)
     receive(editor, {"type": "seen", "view": "v", "seq": content["seq"]})
     editor.points = points
-    wait_for(lambda: any(content["type"] == "pictures" and not content["facts"]["isBad"]
-                         for content, _ in editor.messages[count:]))
+    wait_for(
+        lambda: any(
+            content["type"] == "pictures" and not content["facts"]["isBad"] for content, _ in editor.messages[count:]
+        )
+    )
 
 
-@pytest.mark.parametrize("content", [
-    {"type": "look"}, {"type": "look", "view": "v", "cursor": [1, 2]}, {"type": "look", "view": "v", "cursor": "here"},
-    {"type": "look", "view": "v", "cursor": [1, 2, float("nan")]}, {"type": "look", "view": "v", "projection": "x-ray"},
-    {"type": "look", "view": "v", "original": 3}, {"type": "seen", "view": "v", "seq": -1}, {"type": "seen", "view": 4},
-    {"type": "hello", "view": "v" * 300}, {"type": ["look"]}, None, 7,
-])
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"type": "look"},
+        {"type": "look", "view": "v", "cursor": [1, 2]},
+        {"type": "look", "view": "v", "cursor": "here"},
+        {"type": "look", "view": "v", "cursor": [1, 2, float("nan")]},
+        {"type": "look", "view": "v", "projection": "x-ray"},
+        {"type": "look", "view": "v", "original": 3},
+        {"type": "seen", "view": "v", "seq": -1},
+        {"type": "seen", "view": 4},
+        {"type": "hello", "view": "v" * 300},
+        {"type": ["look"]},
+        None,
+        7,
+    ],
+)
 def test_what_is_wrong_in_a_message_is_dropped(editor: SpaceEditor, content: Any) -> None:
     before = editor.get_state(["cursor", "projection", "shows_original", "points"])
     receive(editor, content)
@@ -353,10 +369,12 @@ numbers = st.floats(-1e3, 1e3, allow_nan=False)
 
 
 @settings(max_examples=12, deadline=None)
-@given(place=st.tuples(numbers, numbers, numbers), way=st.tuples(numbers, numbers),
-       turn=st.sampled_from([0.0, 0.3, -1.1]))
-def test_a_drag_in_a_picture_never_leaves_its_depth(place: tuple[float, ...], way: tuple[float, float],
-                                                    turn: float) -> None:
+@given(
+    place=st.tuples(numbers, numbers, numbers), way=st.tuples(numbers, numbers), turn=st.sampled_from([0.0, 0.3, -1.1])
+)
+def test_a_drag_in_a_picture_never_leaves_its_depth(
+    place: tuple[float, ...], way: tuple[float, float], turn: float
+) -> None:
     c, s = float(np.cos(turn)), float(np.sin(turn))
     grid = Grid(SHAPE, SPACING, ORIGIN, ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
     panes = [Pane.of(grid, view) for view in PANES]
@@ -376,9 +394,12 @@ def test_a_drag_in_a_picture_never_leaves_its_depth(place: tuple[float, ...], wa
 def test_a_point_off_the_slice_says_how_far(volume: Volume, points: ControlPoints) -> None:
     pane = Pane.of(volume.grid, "+z")
     depth = pane.depth_of(points.target[0])
-    flat = run_script(EDITS, "({ pane, points, depth }) => points.map((p) => { const flat = flatPoint(p, pane, depth); "
-                      "return { ...flat, label: spaceLabel(flat), tip: spaceTip(flat) }; })",
-                      {"pane": pane.info(), "points": points_to_json(points), "depth": depth})
+    flat = run_script(
+        EDITS,
+        "({ pane, points, depth }) => points.map((p) => { const flat = flatPoint(p, pane, depth); "
+        "return { ...flat, label: spaceLabel(flat), tip: spaceTip(flat) }; })",
+        {"pane": pane.info(), "points": points_to_json(points), "depth": depth},
+    )
     assert not flat[0]["isFar"]
     assert flat[0]["label"].startswith("Point 0 nose, at ")
     for k, p in enumerate(flat):

@@ -119,10 +119,18 @@ def test_values_with_too_many_bends_are_shown_as_they_are() -> None:
     assert repr(editor) == "CurveEditor('129 values')"
 
 
-@pytest.mark.parametrize(("formula", "count", "error"), [
-    ("z", 2, 1e-9), ("1", 2, 1e-9), ("abs(z-0.5)", 3, 1e-9), ("sin(pi*z)", 9, 0.02), ("z*z*(3-2*z)", 9, 0.015),
-    ("min(1,3*z)", 9, 0.008), ("sin(6*pi*z)", 9, 1.2),
-])
+@pytest.mark.parametrize(
+    ("formula", "count", "error"),
+    [
+        ("z", 2, 1e-9),
+        ("1", 2, 1e-9),
+        ("abs(z-0.5)", 3, 1e-9),
+        ("sin(pi*z)", 9, 0.02),
+        ("z*z*(3-2*z)", 9, 0.015),
+        ("min(1,3*z)", 9, 0.008),
+        ("sin(6*pi*z)", 9, 1.2),
+    ],
+)
 def test_a_formula_becomes_few_nodes(formula: str, count: int, error: float) -> None:
     values = CurveEditor(formula).values(257)
     found = few_nodes(values)
@@ -143,11 +151,19 @@ def test_rounding_the_lines_changes_the_curve_and_back() -> None:
     assert editor.curve == straight
 
 
-@pytest.mark.parametrize(("curve", "words"), [
-    ("sin(", "not a formula"), ("1/(z-0.5)", "not finite at z = 0.5"), ("__import__('os')", "may only use"),
-    ("", "empty"), ((1.0,), "at least two"), ([1, float("nan")], "finite"), (lambda z: z, "no nodes"),
-    ({"a": 1}, "array of numbers"),
-])
+@pytest.mark.parametrize(
+    ("curve", "words"),
+    [
+        ("sin(", "not a formula"),
+        ("1/(z-0.5)", "not finite at z = 0.5"),
+        ("__import__('os')", "may only use"),
+        ("", "empty"),
+        ((1.0,), "at least two"),
+        ([1, float("nan")], "finite"),
+        (lambda z: z, "no nodes"),
+        ({"a": 1}, "array of numbers"),
+    ],
+)
 def test_a_wrong_curve_is_refused_and_the_old_one_stays(curve: Any, words: str) -> None:
     editor = CurveEditor("1-z")
     shown = editor.shown
@@ -156,10 +172,19 @@ def test_a_wrong_curve_is_refused_and_the_old_one_stays(curve: Any, words: str) 
     assert (editor.curve, editor.shown) == ("1-z", shown)
 
 
-@pytest.mark.parametrize("rows", [
-    3, [(0, 0)], [(0, 0), (0.5, 1)], [(0, 0), (0.6, 1), (0.4, 1), (1, 0)], [(0, 0, 0), (1, 1)],
-    [(0, 0), (0.5, 1), (0.5, 0), (1, 1)], [(0, 0), (1, float("nan"))], [("a", 0), (1, 1)],
-])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        3,
+        [(0, 0)],
+        [(0, 0), (0.5, 1)],
+        [(0, 0), (0.6, 1), (0.4, 1), (1, 0)],
+        [(0, 0, 0), (1, 1)],
+        [(0, 0), (0.5, 1), (0.5, 0), (1, 1)],
+        [(0, 0), (1, float("nan"))],
+        [("a", 0), (1, 1)],
+    ],
+)
 def test_wrong_nodes_are_refused(rows: Any) -> None:
     editor = CurveEditor("1-z")
     with pytest.raises(DeformError):
@@ -224,8 +249,9 @@ def test_a_formula_by_the_page_is_checked_here(sent: list[Any], caplog: pytest.L
     assert "refused" in caplog.text
 
 
-def test_a_failing_callback_is_said_in_the_page_and_the_edit_stays(sent: list[Any],
-                                                                   caplog: pytest.LogCaptureFixture) -> None:
+def test_a_failing_callback_is_said_in_the_page_and_the_edit_stays(
+    sent: list[Any], caplog: pytest.LogCaptureFixture
+) -> None:
     editor = CurveEditor("z")
     editor.on_edit(lambda curve, phase: 1 / 0)  # type: ignore[arg-type, return-value]
     receive(editor, {"formula": "1"})
@@ -244,14 +270,33 @@ def test_a_callback_can_be_taken_away() -> None:
     assert (heard, editor.live) == ([], False)
 
 
-@pytest.mark.parametrize("value", [
-    None, [], {}, {"nodes": None}, {"nodes": [[0, 0], [1, 1]]}, nodes([[0, 0]]), nodes([[0, 0], [1, "1"]]),
-    nodes([[0, 0], [1, True]]), nodes([[0.1, 0], [1, 1]]), nodes([[0, 0], [0.9, 1]]), nodes([[0, 0], [1, 1]], 1),  # type: ignore[arg-type]
-    nodes([[0, 0], [0.5, 1], [0.5, 0], [1, 1]]), nodes([[0, 0], [1, 1e301]]), nodes([[k / 70, 0] for k in range(71)]),
-    {"formula": 3}, {"formula": ""}, {"formula": "z" * 201}, {"formula": "9^9^9^9"}, {"formula": "1/z"},
-])
-def test_what_is_no_curve_is_refused_and_answered(value: Any, sent: list[Any],
-                                                   caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize(
+    "value",
+    [
+        None,
+        [],
+        {},
+        {"nodes": None},
+        {"nodes": [[0, 0], [1, 1]]},
+        nodes([[0, 0]]),
+        nodes([[0, 0], [1, "1"]]),
+        nodes([[0, 0], [1, True]]),
+        nodes([[0.1, 0], [1, 1]]),
+        nodes([[0, 0], [0.9, 1]]),
+        nodes([[0, 0], [1, 1]], 1),  # type: ignore[arg-type]
+        nodes([[0, 0], [0.5, 1], [0.5, 0], [1, 1]]),
+        nodes([[0, 0], [1, 1e301]]),
+        nodes([[k / 70, 0] for k in range(71)]),
+        {"formula": 3},
+        {"formula": ""},
+        {"formula": "z" * 201},
+        {"formula": "9^9^9^9"},
+        {"formula": "1/z"},
+    ],
+)
+def test_what_is_no_curve_is_refused_and_answered(
+    value: Any, sent: list[Any], caplog: pytest.LogCaptureFixture
+) -> None:
     editor = CurveEditor("1-z")
     receive(editor, value, seq=7)
     assert editor.curve == "1-z"
@@ -259,10 +304,21 @@ def test_what_is_no_curve_is_refused_and_answered(value: Any, sent: list[Any],
     assert "Traceback" not in caplog.text
 
 
-@pytest.mark.parametrize("changes", [
-    {"seq": "1"}, {"seq": True}, {"seq": None}, {"seq": 2**60}, {"phase": "over"}, {"phase": None}, {"view": 3},
-    {"view": "v" * 41}, {"type": "run"}, {"value": "x" * (LONGEST_MESSAGE + 1)},
-])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seq": "1"},
+        {"seq": True},
+        {"seq": None},
+        {"seq": 2**60},
+        {"phase": "over"},
+        {"phase": None},
+        {"view": 3},
+        {"view": "v" * 41},
+        {"type": "run"},
+        {"value": "x" * (LONGEST_MESSAGE + 1)},
+    ],
+)
 def test_what_is_no_edit_is_dropped(changes: Any, sent: list[Any], caplog: pytest.LogCaptureFixture) -> None:
     editor = CurveEditor("1-z")
     good = {"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": {"formula": "1"}}

@@ -37,8 +37,9 @@ def test_fewer_knots_keep_the_selection_inside() -> None:
     assert repr(keys) == "DepthKeys((0.25), selected=0)"
 
 
-@pytest.mark.parametrize("knots", [(), (0.5, 0.5), (1.0, 0.0), (-0.1, 1.0), (0.0, 1.1), (0.0, float("nan")), 3, "ab",
-                                   None])
+@pytest.mark.parametrize(
+    "knots", [(), (0.5, 0.5), (1.0, 0.0), (-0.1, 1.0), (0.0, 1.1), (0.0, float("nan")), 3, "ab", None]
+)
 def test_wrong_knots_are_refused(knots: Any) -> None:
     keys = DepthKeys(KNOTS)
     with pytest.raises(DeformError, match="knots"):
@@ -52,11 +53,16 @@ def test_there_is_no_other_key_to_select(index: int) -> None:
         DepthKeys(KNOTS, selected=index)
 
 
-@pytest.mark.parametrize(("edit", "phase"), [
-    (KeyEdit("move", 1, (0.0, 0.25, 1.0), 1), "end"), (KeyEdit("move", 1, (0.0, 0.25, 1.0), 1), "move"),
-    (KeyEdit("add", 1, (0.0, 0.3, 0.5, 1.0), 1), "end"), (KeyEdit("remove", 2, (0.0, 0.5), 1), "end"),
-    (KeyEdit("select", 2, KNOTS, 2), "end"),
-])
+@pytest.mark.parametrize(
+    ("edit", "phase"),
+    [
+        (KeyEdit("move", 1, (0.0, 0.25, 1.0), 1), "end"),
+        (KeyEdit("move", 1, (0.0, 0.25, 1.0), 1), "move"),
+        (KeyEdit("add", 1, (0.0, 0.3, 0.5, 1.0), 1), "end"),
+        (KeyEdit("remove", 2, (0.0, 0.5), 1), "end"),
+        (KeyEdit("select", 2, KNOTS, 2), "end"),
+    ],
+)
 def test_an_edit_says_what_was_done(edit: KeyEdit, phase: str, sent: list[Any]) -> None:
     keys = DepthKeys(KNOTS)
     heard: list[Any] = []
@@ -71,15 +77,30 @@ def test_an_edit_says_what_was_done(edit: KeyEdit, phase: str, sent: list[Any]) 
     assert [m["type"] for m in sent] == ["done"]
 
 
-@pytest.mark.parametrize(("kind", "index", "knots", "selected"), [
-    ("turn", 0, [0, 0.5, 1], 0), ("move", 3, [0, 0.5, 1], 0), ("move", 0, [0, 0.5, 1], 3), ("move", -1, [0, 0.5, 1], 0),
-    ("move", True, [0, 0.5, 1], 0), ("move", 0, [0, 0.5, 1], None), ("move", 0, [0, 1], 0), ("add", 0, [0, 0.5, 1], 0),
-    ("remove", 0, [], 0), ("move", 0, [0.495, 0.5, 1], 0), ("move", 0, [0.6, 0.5, 1], 0),
-    ("move", 0, [-0.1, 0.5, 1], 0), ("move", 0, "abc", 0), ("move", 0, [0, None, 1], 0),
-    (None, 0, [0, 0.5, 1], 0), ([], 0, [0, 0.5, 1], 0),
-])
-def test_what_makes_no_sense_is_refused_and_answered(kind: Any, index: Any, knots: Any, selected: Any,
-                                                     sent: list[Any]) -> None:
+@pytest.mark.parametrize(
+    ("kind", "index", "knots", "selected"),
+    [
+        ("turn", 0, [0, 0.5, 1], 0),
+        ("move", 3, [0, 0.5, 1], 0),
+        ("move", 0, [0, 0.5, 1], 3),
+        ("move", -1, [0, 0.5, 1], 0),
+        ("move", True, [0, 0.5, 1], 0),
+        ("move", 0, [0, 0.5, 1], None),
+        ("move", 0, [0, 1], 0),
+        ("add", 0, [0, 0.5, 1], 0),
+        ("remove", 0, [], 0),
+        ("move", 0, [0.495, 0.5, 1], 0),
+        ("move", 0, [0.6, 0.5, 1], 0),
+        ("move", 0, [-0.1, 0.5, 1], 0),
+        ("move", 0, "abc", 0),
+        ("move", 0, [0, None, 1], 0),
+        (None, 0, [0, 0.5, 1], 0),
+        ([], 0, [0, 0.5, 1], 0),
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_answered(
+    kind: Any, index: Any, knots: Any, selected: Any, sent: list[Any]
+) -> None:
     keys = DepthKeys(KNOTS, selected=1)
     receive(keys, kind, index, knots, selected)
     assert (keys.knots, keys.selected) == (KNOTS, 1)

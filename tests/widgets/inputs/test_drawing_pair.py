@@ -18,7 +18,7 @@ from deformnb.widgets import DrawingPair
 
 def a_leaf(width: int) -> Volume:
     values = np.zeros((1, 40, 80), np.uint8)
-    values[0, 10:30, 10:10 + width] = 200
+    values[0, 10:30, 10 : 10 + width] = 200
     return Volume.from_array(values)
 
 

@@ -43,14 +43,19 @@ def test_a_file_comes_in_pieces_that_a_socket_takes_and_is_gone_afterwards() -> 
     requests = [m for m in sent if m["type"] == "next"]
     assert len(requests) == -(-len(content) // PIECE)
     assert PIECE + 4096 < LONGEST_MESSAGE
-    assert [m["type"] for m in sent[len(requests):]] == ["reading", "reading", "done"]
+    assert [m["type"] for m in sent[len(requests) :]] == ["reading", "reading", "done"]
     taken.input.close()
 
 
 def test_what_cannot_be_taken_is_refused_before_it_is_sent() -> None:
     taken = Taken()
-    for name, size, words in (("a.zip", 5, "no such file"), ("a.nrrd", 0, "empty"), ("..", 3, "no name"),
-                              ("a.nrrd", LARGEST_UPLOAD + 1, "more than the 500 MB"), ("a.nrrd", "5", "a size")):
+    for name, size, words in (
+        ("a.zip", 5, "no such file"),
+        ("a.nrrd", 0, "empty"),
+        ("..", 3, "no name"),
+        ("a.nrrd", LARGEST_UPLOAD + 1, "more than the 500 MB"),
+        ("a.nrrd", "5", "a size"),
+    ):
         taken.input._handle_custom_msg({"type": "begin", "id": "x", "name": name, "size": size}, [])
         assert words in taken.guard.errors[-1]
     taken.input.wait()

@@ -53,10 +53,20 @@ def test_a_drag_of_the_page_is_the_new_grid_and_is_heard() -> None:
     assert heard == [("move", (2, 3, 2)), ("end", (2, 3, 2))]
 
 
-@pytest.mark.parametrize(("nodes", "placed"), [
-    ([[[0, 0]] * 3], []), ([[[0, 0]] * 2] * 2, []), ([[[0, "x"]] * 3] * 2, []), ([[[0, 1e400]] * 3] * 2, []), (7, []),
-    (None, None), ([[[0, 0]] * 3] * 2, [6]), ([[[0, 0]] * 3] * 2, [1, 1]), ([[[0, 0]] * 3] * 2, [True]),
-])
+@pytest.mark.parametrize(
+    ("nodes", "placed"),
+    [
+        ([[[0, 0]] * 3], []),
+        ([[[0, 0]] * 2] * 2, []),
+        ([[[0, "x"]] * 3] * 2, []),
+        ([[[0, 1e400]] * 3] * 2, []),
+        (7, []),
+        (None, None),
+        ([[[0, 0]] * 3] * 2, [6]),
+        ([[[0, 0]] * 3] * 2, [1, 1]),
+        ([[[0, 0]] * 3] * 2, [True]),
+    ],
+)
 def test_a_page_that_says_nonsense_changes_nothing(nodes: Any, placed: Any) -> None:
     drawing = GridDrawing(a_leaf(), 2, 3)
     before = drawing.nodes

@@ -28,17 +28,35 @@ def test_what_is_asked_for_reaches_the_callback() -> None:
     says(made, what="rename", value="neck")
     for what in ("up", "down", "double", "remove"):
         says(made, what=what, value="no matter")
-    assert heard == [("choose", 1, None), ("switch", 0, False), ("rename", 0, "neck"), ("up", 0, None),
-                     ("down", 0, None), ("double", 0, None), ("remove", 0, None)]
+    assert heard == [
+        ("choose", 1, None),
+        ("switch", 0, False),
+        ("rename", 0, "neck"),
+        ("up", 0, None),
+        ("down", 0, None),
+        ("double", 0, None),
+        ("remove", 0, None),
+    ]
 
 
-@pytest.mark.parametrize("wrong", [
-    {"what": "explode"}, {"what": ["up"]}, {"what": "choose", "index": 2}, {"what": "choose", "index": -1},
-    {"what": "choose", "index": True}, {"what": "choose", "index": 1.0}, {"what": "switch", "value": 1},
-    {"what": "switch", "value": None}, {"what": "rename", "value": 5},
-    {"what": "rename", "value": "x" * (LONGEST_NAME + 1)}, {"what": "choose", "version": "1"},
-    {"what": "choose", "version": None}, {"what": "choose", "type": "do"},
-])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"what": "explode"},
+        {"what": ["up"]},
+        {"what": "choose", "index": 2},
+        {"what": "choose", "index": -1},
+        {"what": "choose", "index": True},
+        {"what": "choose", "index": 1.0},
+        {"what": "switch", "value": 1},
+        {"what": "switch", "value": None},
+        {"what": "rename", "value": 5},
+        {"what": "rename", "value": "x" * (LONGEST_NAME + 1)},
+        {"what": "choose", "version": "1"},
+        {"what": "choose", "version": None},
+        {"what": "choose", "type": "do"},
+    ],
+)
 def test_what_is_wrong_is_dropped_and_answered(wrong: dict[str, Any], caplog: pytest.LogCaptureFixture) -> None:
     made, heard = a_list()
     sent: list[Any] = []

@@ -48,8 +48,9 @@ def test_the_page_decides_on_what_it_plays_and_on_nothing_else(caplog: pytest.Lo
     player.set_state({"time": 1.25, "is_playing": True, "speed": 0.5, "loop": "loop"})
     assert (player.time, player.is_playing, player.speed, player.loop) == (1.25, True, 0.5, "loop")
     with caplog.at_level(logging.WARNING):
-        player.set_state({"duration": 99.0, "time": "now", "speed": 1e9, "loop": "never", "uid": "x",
-                          "_esm": "alert()"})
+        player.set_state(
+            {"duration": 99.0, "time": "now", "speed": 1e9, "loop": "never", "uid": "x", "_esm": "alert()"}
+        )
     assert len(caplog.records) == 6
     assert (player.time, player.duration, player.speed, player.loop) == (1.25, 2.0, 0.5, "loop")
     player.set_state({"time": float("inf")})

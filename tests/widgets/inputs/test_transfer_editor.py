@@ -47,12 +47,15 @@ def receive(editor: TransferEditor, value: Any, phase: str = "end") -> None:
 # ---- histogram -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("values", "bins", "first", "last"), [
-    (np.arange(200, dtype=np.uint8), 200, 0, 199),
-    (np.arange(200, dtype=np.int16) * 16 - 1000, 200, -1000, 2184),  # 12 bits in 16
-    ((np.arange(200) / 255).astype(np.float32), 200, 0, 199 / 255),  # what was once bytes
-    (np.arange(4000, dtype=np.int32), 999, 0, 3995),  # four values to a bin, but for the very brightest
-])
+@pytest.mark.parametrize(
+    ("values", "bins", "first", "last"),
+    [
+        (np.arange(200, dtype=np.uint8), 200, 0, 199),
+        (np.arange(200, dtype=np.int16) * 16 - 1000, 200, -1000, 2184),  # 12 bits in 16
+        ((np.arange(200) / 255).astype(np.float32), 200, 0, 199 / 255),  # what was once bytes
+        (np.arange(4000, dtype=np.int32), 999, 0, 3995),  # four values to a bin, but for the very brightest
+    ],
+)
 def test_bins_hold_whole_steps_so_that_none_is_empty(values: Any, bins: int, first: float, last: float) -> None:
     volume = Volume.from_array(np.stack([values.reshape(-1, 20)] * 4).repeat(2, 1).repeat(2, 2))
     found, extent = shown_histogram(volume)
@@ -87,8 +90,15 @@ def test_air_does_not_flatten_the_rest() -> None:
     assert heights[50] == 0.0
 
 
-@pytest.mark.parametrize("values", [np.zeros((2, 3, 4), np.uint8), np.full((1, 1, 1), -7.5), np.ones((2, 2, 2), bool),
-                                    np.full((3, 3, 3), np.nan, np.float32)])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((2, 3, 4), np.uint8),
+        np.full((1, 1, 1), -7.5),
+        np.ones((2, 2, 2), bool),
+        np.full((3, 3, 3), np.nan, np.float32),
+    ],
+)
 def test_a_constant_volume_has_a_plot(values: Any) -> None:
     editor = TransferEditor(Volume.from_array(values))
     low, high = editor.histogram["low"], editor.histogram["high"]
@@ -159,15 +169,41 @@ def test_dragging_a_node_changes_the_opacities_alone(volume: Volume, sent: list[
     assert [m["type"] for m in sent] == ["done"] * 3
 
 
-@pytest.mark.parametrize("value", [
-    {}, [], {"nodes": []}, {"nodes": [[1, 0], [0, 0]]}, {"nodes": [[0, -0.1]]}, {"nodes": [[0, 1.1]]},
-    {"nodes": [[0, None]]}, {"nodes": [[0, 0]] * 65}, {"preset": "wood"}, {"preset": 3}, {"preset": ["bone"]},
-    {"colors": []}, {"colors": None}, {"colors": [[0, "#ff0000"]] * 65}, {"colors": [[0, "red"]]}, {"colors": [[0, 3]]},
-    {"colors": [[0, "#ff0000", 1]]}, {"colors": [["0", "#ff0000"]]}, {"colors": [[None, "#ff0000"]]},
-    {"colors": [[9, "#ff0000"], [0, "#ff0000"]]}, {"colors": [[0, "#ff00001"]]}, {"colors": [[0, "url(x)"]]},
-    {"window": None}, {"window": [0]}, {"window": [0, 1, 2]}, {"window": [1, 1]}, {"window": [2, 1]},
-    {"window": ["0", 1]}, {"window": [0, 1e301]}, {"window": [0, True]},
-])
+@pytest.mark.parametrize(
+    "value",
+    [
+        {},
+        [],
+        {"nodes": []},
+        {"nodes": [[1, 0], [0, 0]]},
+        {"nodes": [[0, -0.1]]},
+        {"nodes": [[0, 1.1]]},
+        {"nodes": [[0, None]]},
+        {"nodes": [[0, 0]] * 65},
+        {"preset": "wood"},
+        {"preset": 3},
+        {"preset": ["bone"]},
+        {"colors": []},
+        {"colors": None},
+        {"colors": [[0, "#ff0000"]] * 65},
+        {"colors": [[0, "red"]]},
+        {"colors": [[0, 3]]},
+        {"colors": [[0, "#ff0000", 1]]},
+        {"colors": [["0", "#ff0000"]]},
+        {"colors": [[None, "#ff0000"]]},
+        {"colors": [[9, "#ff0000"], [0, "#ff0000"]]},
+        {"colors": [[0, "#ff00001"]]},
+        {"colors": [[0, "url(x)"]]},
+        {"window": None},
+        {"window": [0]},
+        {"window": [0, 1, 2]},
+        {"window": [1, 1]},
+        {"window": [2, 1]},
+        {"window": ["0", 1]},
+        {"window": [0, 1e301]},
+        {"window": [0, True]},
+    ],
+)
 def test_wrong_opacities_are_refused_and_answered(volume: Volume, value: Any, sent: list[Any]) -> None:
     editor = TransferEditor(volume)
     before = editor.transfer
@@ -224,8 +260,10 @@ def test_a_node_for_a_step_may_share_its_value(volume: Volume, sent: list[Any]) 
 
 
 def shown_pictures(editor: TransferEditor) -> dict[str, Any]:
-    return {name: np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))))
-            for name, url in editor.thumbnails.items()}
+    return {
+        name: np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))))
+        for name, url in editor.thumbnails.items()
+    }
 
 
 def test_each_preset_has_a_picture_of_the_volume(volume: Volume) -> None:
@@ -261,8 +299,11 @@ def test_the_page_stretches_a_window_as_python_does() -> None:
     function = preset("specimen", PHANTOMS["fish"].make((24, 48, 24)))
     main = """({ nodes, stops, to }) => { const from = windowOf(nodes, stops);
         return [from, ...[nodes, stops].map((rows) => rows.map(([v]) => stretchedValue(v, from, to)))]; }"""
-    window, nodes, stops = run_script(("inputs/transfer_editor.js",), main, {
-        "nodes": function.opacities, "stops": function.colors, "to": [-12.5, 31.7]})
+    window, nodes, stops = run_script(
+        ("inputs/transfer_editor.js",),
+        main,
+        {"nodes": function.opacities, "stops": function.colors, "to": [-12.5, 31.7]},
+    )
     assert tuple(window) == function.window
     wanted = function.windowed(-12.5, 31.7)
     np.testing.assert_allclose(nodes, [v for v, _ in wanted.opacities], atol=1e-12)

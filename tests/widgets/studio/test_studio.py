@@ -138,8 +138,10 @@ def test_a_drop_is_solved_once_for_the_page_and_the_result(studio: Studio, monke
 def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None:
     sent: list[Any] = []
     studio.editor.send = lambda content, buffers=None: sent.append(content)  # what would go to the page
+
     def fails(_change: Any) -> None:
         raise ZeroDivisionError("of a cell")
+
     studio.observe(fails, "deformation")
     drag(studio, a_drag(studio))
     said = notice_of(studio) + str(sent)
@@ -374,8 +376,17 @@ def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: 
     assert (slices.read_only, len(slices.points)) == (True, 0)
     assert studio.editor.live  # what is on its way is shown too
     points = studio.editor.points.move(4, [3.0, 3.0])
-    page_says(studio, {"type": "edit", "phase": "move", "kind": "move", "joins": False, "next_id": points.next_id,
-                       "points": points_to_json(points)})
+    page_says(
+        studio,
+        {
+            "type": "edit",
+            "phase": "move",
+            "kind": "move",
+            "joins": False,
+            "next_id": points.next_id,
+            "points": points_to_json(points),
+        },
+    )
     studio.wait()
     wanted = studio.session.step.with_points(points, 0).field(studio.volume.grid)
     place = [[3.0, 3.0, 3.0]]
@@ -592,7 +603,10 @@ def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> Non
         tabs = next(box for box in all_of(studio) if isinstance(box, ipw.Tab))
         tabs.selected_index = 2
         assert {late.title for late in studio._panels.late if late.made is not None} == {
-            *made, "Colours and opacity", "Picture"}
+            *made,
+            "Colours and opacity",
+            "Picture",
+        }
         points = next(late for late in studio._panels.late if late.title == "Points")
         assert "dnb-late" in points.box._dom_classes
         points.reveal()
@@ -685,8 +699,9 @@ def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
 def test_channels_are_shown_in_colours_of_their_own(tmp_path: Path) -> None:
     _, y, x = np.mgrid[:10, :20, :30]
     values = np.stack([200 * (x < 12), 100 * (x >= 18), 50 * (y < 8)], axis=-1).astype(np.uint8)
-    stained = Channels.from_array(values, Grid((10, 20, 30)), ("nuclei", "actin", "membrane"),
-                                  ((0, 0, 1), (1, 0, 0), (0, 1, 0)))
+    stained = Channels.from_array(
+        values, Grid((10, 20, 30)), ("nuclei", "actin", "membrane"), ((0, 0, 1), (1, 0, 0), (0, 1, 0))
+    )
     write_channels(stained, tmp_path / "in.nrrd")
     studio = Studio(tmp_path / "in.nrrd", side="+z", folder=tmp_path)
     try:

@@ -40,13 +40,21 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 
 
 @pytest.mark.sampled(4)
-@pytest.mark.parametrize("wrong", [
-    {"view": "hologram"}, {"side": "+w"}, {"transfer": "no such preset"}, {"method": "cubist"},
-    {"deformation": "none.json"}, {"labels": np.zeros((3, 3, 3))},
-    {"target": np.zeros(7)},
-])
-def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(wrong: dict[str, Any], tmp_path: Path,
-                                                              monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"view": "hologram"},
+        {"side": "+w"},
+        {"transfer": "no such preset"},
+        {"method": "cubist"},
+        {"deformation": "none.json"},
+        {"labels": np.zeros((3, 3, 3))},
+        {"target": np.zeros(7)},
+    ],
+)
+def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(
+    wrong: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = ["cell", "1"]
     monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: tuple(run))
     good = Studio(a_volume(), folder=tmp_path)
@@ -72,6 +80,7 @@ def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, mo
 
     def fails(*_given: Any, **_more: Any) -> None:
         raise ZeroDivisionError("the last part")
+
     monkeypatch.setattr(LiveView, "follow", fails)
     for shown in ("live", view):
         with pytest.raises(ZeroDivisionError, match="the last part"):
@@ -122,6 +131,7 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
         if is_poor[0]:
             raise MemoryError("no room for a picture")
         return make(session, *given)
+
     monkeypatch.setattr(Session, "automatic_picture", picture)
     controls(studio)["Side"].value = "+z"
     studio.wait()
@@ -159,6 +169,7 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
 def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_given: Any) -> None:
         raise FloatingPointError("of the status line")
+
     with monkeypatch.context() as patched:
         patched.setattr("deformnb.widgets.studio.studio.diagnostics_of", fails)
         drag(studio, a_drag(studio))
@@ -285,6 +296,7 @@ def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatc
 
     def full(*_given: Any) -> None:
         raise AssertionError("a picture of all voxels")
+
     monkeypatch.setattr(LiveView, "still", full)
     bundle = studio._repr_mimebundle_()
     shown = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])

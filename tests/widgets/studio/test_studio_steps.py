@@ -88,8 +88,14 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
     drag(studio, a_drag(studio))
     (a, b) = studio.editor.points.source[-1].tolist()
     corners = [[a - 2, b - 2], [a + 2, b - 2], [a + 2, b + 2], [a - 2, b + 2]]
-    around = {"name": "stone", "enabled": True, "motion": None, "weight": "saturated", "reach": None,
-              "region": {"kind": "polygon", "vertices": corners}}
+    around = {
+        "name": "stone",
+        "enabled": True,
+        "motion": None,
+        "weight": "saturated",
+        "reach": None,
+        "region": {"kind": "polygon", "vertices": corners},
+    }
     draws(studio, "parts", "add part", around)
     assert "stone" in notice_of(studio)
     assert studio.editor.parts == ()
@@ -235,8 +241,10 @@ def test_a_label_file_is_opened_and_several_labels_are_taken_in_one_edit(tmp_pat
     path = tmp_path / "bones.seg.nrrd"
     write_volume(Volume(values, volume.grid, "bones", is_labels=True), path)
     head, data = path.read_bytes().split(b"\n\n", 1)
-    path.write_bytes(head + b"\nSegment0_LabelValue:=7\nSegment0_Name:=femur\nSegment1_LabelValue:=11\n"
-                     b"Segment1_Name:=tibia\n\n" + data)
+    path.write_bytes(
+        head + b"\nSegment0_LabelValue:=7\nSegment0_Name:=femur\nSegment1_LabelValue:=11\n"
+        b"Segment1_Name:=tibia\n\n" + data
+    )
     write_volume(Volume(values.astype(np.float32) / 2, volume.grid), tmp_path / "scan.nrrd")
     write_volume(Volume(values, replace(volume.grid, origin=(900.0, 0.0, 0.0))), tmp_path / "far.nrrd")
     made = Studio(volume, side="+y", folder=tmp_path)
@@ -305,8 +313,17 @@ def test_what_the_page_cannot_follow_is_previewed_by_python(studio: Studio) -> N
     studio.wait()
     assert studio.editor.live
     moved = a_drag(studio, 3.0)
-    page_says(studio, {"type": "edit", "phase": "move", "kind": "move", "joins": False, "next_id": moved.next_id,
-                       "points": points_to_json(moved)})
+    page_says(
+        studio,
+        {
+            "type": "edit",
+            "phase": "move",
+            "kind": "move",
+            "joins": False,
+            "next_id": moved.next_id,
+            "points": points_to_json(moved),
+        },
+    )
     studio.wait()
     assert studio.stats()["previews"] == 1
     wanted = studio.deformation.with_step(0, studio.session.step.with_points(moved)).field(studio.volume.grid)

@@ -37,13 +37,21 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     session.depth = session.slices.depth(7)
     editor, worker, guard = make_editor(session, 300), Worker("test"), Guarded()
     taken: list[tuple[str, str, Mask]] = []
-    wand = Wand(session, editor, worker, guard,
-                lambda what, regions: taken.extend((what, name, mask) for name, mask in regions))
+    wand = Wand(
+        session, editor, worker, guard, lambda what, regions: taken.extend((what, name, mask) for name, mask in regions)
+    )
     assert editor.wand == {"region": None, "words": "", "share": 1.0}
 
     def use(place: Any, what: str = "preview", **changes: Any) -> dict[str, Any]:
-        message = {"type": "wand", "what": what, "place": list(place), "tolerance": 20.0, "rule": "near",
-                   "through": False, **changes}
+        message = {
+            "type": "wand",
+            "what": what,
+            "place": list(place),
+            "tolerance": 20.0,
+            "rule": "near",
+            "through": False,
+            **changes,
+        }
         editor._handle_custom_msg(message, [])
         done = threading.Event()
         worker.latest("wait", done.set)  # behind the preview
@@ -86,8 +94,18 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     editor.close()
 
 
-@pytest.mark.parametrize("wrong", [{"what": "all"}, {"place": [1.0]}, {"place": [1.0, float("nan")]}, {"rule": "any"},
-                                   {"tolerance": -1.0}, {"through": 1}, {"tolerance": "5"}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"what": "all"},
+        {"place": [1.0]},
+        {"place": [1.0, float("nan")]},
+        {"rule": "any"},
+        {"tolerance": -1.0},
+        {"through": 1},
+        {"tolerance": "5"},
+    ],
+)
 def test_a_wrong_message_is_dropped(wrong: dict[str, Any], caplog: pytest.LogCaptureFixture) -> None:
     seen: list[Any] = []
     editor = Editor()

@@ -96,8 +96,14 @@ def test_a_view_of_ones_own_follows_a_rigid_part_on_its_way() -> None:
     inside = PLANE.from_plane([5.0, 4.5])
     view.follow(editor, extrusion(0.0))
     motion = {"matrix": [[1, 0], [0, 1]], "shift": [1.5, 0]}
-    edit = {"type": "edit", "sender": "a", "phase": "move", "kind": "move", "joins": False,
-            "points": points_to_json(points())}
+    edit = {
+        "type": "edit",
+        "sender": "a",
+        "phase": "move",
+        "kind": "move",
+        "joins": False,
+        "points": points_to_json(points()),
+    }
     deliver(editor, {**edit, "seq": 1, "part": {"index": 0, "motion": motion}})
     assert view.gone(inside) == pytest.approx(1.5, abs=1e-4)
     assert editor.parts == (part,)

@@ -151,8 +151,15 @@ def test_it_ends_with_its_last_page(view: Recorded) -> None:
     assert not editor.live
 
 
-@pytest.mark.parametrize("said", [None, {}, {"type": "camera", "view": "a", "camera": {"zoom": "x"}, "number": 1},
-                                  {"type": "hello", "view": "a", "width": 10**9, "height": 10, "background": "dark"}])
+@pytest.mark.parametrize(
+    "said",
+    [
+        None,
+        {},
+        {"type": "camera", "view": "a", "camera": {"zoom": "x"}, "number": 1},
+        {"type": "hello", "view": "a", "width": 10**9, "height": 10, "background": "dark"},
+    ],
+)
 def test_what_is_wrong_is_dropped(view: Recorded, said: Any, caplog: pytest.LogCaptureFixture) -> None:
     drawn_for(view)
     view.say(type="drawn", say=said)

@@ -136,14 +136,28 @@ def test_work_waits_until_a_page_has_the_voxels_or_has_them_drawn_in_python() ->
     assert done[1:] == ["drawn in Python"]
 
 
-@pytest.mark.parametrize("message", [
-    None, [], "hello", {}, {"type": "nothing"}, {"type": []}, {"type": "chunk"}, {"type": "chunk", "view": 3},
-    {"type": "chunk", "view": "a" * 201}, {"type": "hello", "view": "a"},
-    {"type": "hello", "view": "a", "largest": 1e3}, {"type": "hello", "view": "a", "largest": -1},
-    {"type": "still"}, {"type": "screenshot", "view": "a", "id": 1},
-    {"type": "screenshot", "view": "a", "id": "x"}, {"type": "_chunk", "view": "a"},
-    {"type": "movie_piece", "view": "a", "id": "x", "index": 1, "offset": 0, "size": 1},
-])
+@pytest.mark.parametrize(
+    "message",
+    [
+        None,
+        [],
+        "hello",
+        {},
+        {"type": "nothing"},
+        {"type": []},
+        {"type": "chunk"},
+        {"type": "chunk", "view": 3},
+        {"type": "chunk", "view": "a" * 201},
+        {"type": "hello", "view": "a"},
+        {"type": "hello", "view": "a", "largest": 1e3},
+        {"type": "hello", "view": "a", "largest": -1},
+        {"type": "still"},
+        {"type": "screenshot", "view": "a", "id": 1},
+        {"type": "screenshot", "view": "a", "id": "x"},
+        {"type": "_chunk", "view": "a"},
+        {"type": "movie_piece", "view": "a", "id": "x", "index": 1, "offset": 0, "size": 1},
+    ],
+)
 def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture) -> None:
     view = Recorded(ball())
     with caplog.at_level(logging.WARNING):
@@ -177,8 +191,9 @@ def test_a_piece_that_is_asked_for_while_a_cell_shows_another_volume_does_not_ge
     monkeypatch.setattr(live_pages, "whole", whole)
     values = []
     for name in (id_of_old, None):
-        ((content, (packed,)),) = view.say({"type": "chunk", "view": "a", "id": name or view.volume_info["id"],
-                                            "index": 0})
+        ((content, (packed,)),) = view.say(
+            {"type": "chunk", "view": "a", "id": name or view.volume_info["id"], "index": 0}
+        )
         assert content["id"] == (name or view.volume_info["id"])
         values.append(set(gzip.decompress(packed)))
     assert values == [{3}, {7}]
@@ -193,8 +208,9 @@ def test_what_a_page_measured_is_kept_where_it_is_a_number() -> None:
 
 def test_a_smaller_card_gets_a_smaller_volume() -> None:
     view = Recorded(ball(Grid((4, 300, 5))))
-    view.show_deformation(Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(
-        view._volume.grid, "+z"))))
+    view.show_deformation(
+        Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(view._volume.grid, "+z")))
+    )
     answers = view.say({"type": "hello", "view": "a", "largest": 128, "renderer": "", "software": True})
     assert view.volume_info["shape"] == [5, 100, 4]
     assert view.volume_info["note"] == "shown at 1/3 along y"
@@ -203,8 +219,9 @@ def test_a_smaller_card_gets_a_smaller_volume() -> None:
 
 def test_a_card_with_too_little_memory_gets_fewer_voxels_and_the_same_deformation() -> None:
     view = Recorded(ball(Grid((20, 30, 40))))
-    view.show_deformation(Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(
-        view._volume.grid, "+z"))))
+    view.show_deformation(
+        Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(view._volume.grid, "+z")))
+    )
     view.say({"type": "hello", "view": "a", "largest": 2048})
     fine = view.volume_info["id"]
     for voxels, shape in ((20 * 30 * 40, [40, 30, 20]), (12_000, [20, 30, 20]), (6_000, [20, 15, 20])):
@@ -233,9 +250,14 @@ def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
     assert shown.box() == {"low": [-0.75, -1.0, -1.0], "high": [3.75, 6.0, 9.0]}  # from the first centre
 
 
-@pytest.mark.parametrize(("shape", "limit", "largest"), [
-    ((1, 1, 1), 1, 1), ((7, 5, 3), 1, 2048), ((9, 400, 3), 10**6, 64),
-])
+@pytest.mark.parametrize(
+    ("shape", "limit", "largest"),
+    [
+        ((1, 1, 1), 1, 1),
+        ((7, 5, 3), 1, 2048),
+        ((9, 400, 3), 10**6, 64),
+    ],
+)
 def test_the_limits_hold(shape: tuple[int, int, int], limit: int, largest: int) -> None:
     shown = packed_volume(Volume(np.zeros(shape, np.float32), Grid(shape)), limit, largest)
     assert shown.volume.grid.size <= limit
@@ -243,9 +265,15 @@ def test_the_limits_hold(shape: tuple[int, int, int], limit: int, largest: int) 
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("values", [
-    np.zeros((3, 4, 5), bool), np.full((3, 4, 5), 7, np.int16), np.full((3, 4, 5), np.nan), np.ones((1, 1, 1)),
-])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros((3, 4, 5), bool),
+        np.full((3, 4, 5), 7, np.int16),
+        np.full((3, 4, 5), np.nan),
+        np.ones((1, 1, 1)),
+    ],
+)
 def test_any_volume_can_be_shown(values: Any) -> None:
     view = Recorded(Volume.from_array(values))
     assert view.still((32, 24)).shape == (24, 32, 3)
@@ -498,8 +526,9 @@ def test_a_screenshot_of_a_page_arrives() -> None:
 
 
 def bent(view: LiveView) -> Deformation:
-    return Deformation.on_picture(view._volume.grid, "+y", ControlPoints.from_arrays([[12.0, 12.0]], [[17.0, 9.0]]),
-                                  trend="translation")
+    return Deformation.on_picture(
+        view._volume.grid, "+y", ControlPoints.from_arrays([[12.0, 12.0]], [[17.0, 9.0]]), trend="translation"
+    )
 
 
 def test_a_still_shows_the_original_the_deformed_or_both() -> None:
@@ -546,10 +575,15 @@ def test_the_picture_for_readers_is_made_anew_when_something_changes(monkeypatch
     for _ in range(3):
         assert view.preview_png() == b"png"
     assert len(made) == 1
-    changes = [lambda: view.set_camera(zoom=2), lambda: view.show_deformation(bent(view)),
-               lambda: setattr(view, "shows", "side_by_side"), lambda: setattr(view, "background", "light"),
-               lambda: view.set_transfer("bone"), lambda: setattr(view, "projection", "mip"),
-               lambda: view.show(ball(Grid((24, 24, 24))))]
+    changes = [
+        lambda: view.set_camera(zoom=2),
+        lambda: view.show_deformation(bent(view)),
+        lambda: setattr(view, "shows", "side_by_side"),
+        lambda: setattr(view, "background", "light"),
+        lambda: view.set_transfer("bone"),
+        lambda: setattr(view, "projection", "mip"),
+        lambda: view.show(ball(Grid((24, 24, 24)))),
+    ]
     for count, change in enumerate(changes, 2):
         change()
         view.preview_png()
@@ -599,8 +633,18 @@ def test_a_camera_is_completed_and_checked() -> None:
     assert checked_camera({"direction": (0, 0, 2)})["up"] == [0.0, -1.0, 0.0]  # not parallel to the direction
     view = Recorded(ball())
     before = view.camera
-    for wrong in ({"direction": [0, 0, 0]}, {"direction": "abc"}, {"up": [1, 2]}, {"zoom": float("inf")}, {"zoom": -1},
-                  {"pan": [0, None]}, {"direction": [0, 1, 0], "up": [0, 2, 0]}, {"speed": 3}, [1, 2], None):
+    for wrong in (
+        {"direction": [0, 0, 0]},
+        {"direction": "abc"},
+        {"up": [1, 2]},
+        {"zoom": float("inf")},
+        {"zoom": -1},
+        {"pan": [0, None]},
+        {"direction": [0, 1, 0], "up": [0, 2, 0]},
+        {"speed": 3},
+        [1, 2],
+        None,
+    ):
         with pytest.raises(DeformError):
             view.camera = wrong
     assert view.camera == before
@@ -706,18 +750,30 @@ def rough() -> np.ndarray:
 def test_gradients_are_central_differences_of_the_smoothed_volume_in_physical_units(z0: int, z1: int) -> None:
     values, spacing = rough()[:9, 15:24, :8], (1.0, 2.0, 0.5)
     values[:, 0, 0], values[8, 4, 4] = 50, 200  # at edges too
-    got = run_script(("webgl/volume_blocks.js",), """({ values, shape, spacing, z0, z1 }) =>
+    got = run_script(
+        ("webgl/volume_blocks.js",),
+        """({ values, shape, spacing, z0, z1 }) =>
         Array.from(new GradientSlabs(Uint8Array.from(values), shape, spacing, 3).slab(z0, z1))""",
-        {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "spacing": spacing, "z0": z0, "z1": z1})
+        {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "spacing": spacing, "z0": z0, "z1": z1},
+    )
     rgba = np.array(got).reshape(z1 - z0, *values.shape[1:], 4)
     np.testing.assert_array_equal(rgba[..., 3], values[z0:z1])
     smooth = values.astype(float)
     for axis in range(3):
         smooth = convolve1d(smooth, np.array([1, 4, 6, 4, 1]) / 16, axis=axis, mode="nearest")
     padded = np.pad(smooth, 1, constant_values=3)
-    g = np.stack([(padded[1:-1, 1:-1, 2:] - padded[1:-1, 1:-1, :-2]) / 2 * 0.5 / spacing[0],
-                  (padded[1:-1, 2:, 1:-1] - padded[1:-1, :-2, 1:-1]) / 2 * 0.5 / spacing[1],
-                  (padded[2:, 1:-1, 1:-1] - padded[:-2, 1:-1, 1:-1]) / 2 * 0.5 / spacing[2]], axis=-1) * 127 / 64
+    g = (
+        np.stack(
+            [
+                (padded[1:-1, 1:-1, 2:] - padded[1:-1, 1:-1, :-2]) / 2 * 0.5 / spacing[0],
+                (padded[1:-1, 2:, 1:-1] - padded[1:-1, :-2, 1:-1]) / 2 * 0.5 / spacing[1],
+                (padded[2:, 1:-1, 1:-1] - padded[:-2, 1:-1, 1:-1]) / 2 * 0.5 / spacing[2],
+            ],
+            axis=-1,
+        )
+        * 127
+        / 64
+    )
     g *= np.minimum(1, 127 / np.maximum(np.abs(g).max(axis=-1, keepdims=True), 1e-9))
     np.testing.assert_allclose(rgba[..., :3] - 128, g[z0:z1], atol=0.51)  # rounded to a byte
 
@@ -728,9 +784,12 @@ BLOCK = 4  # voxels along the edge of a block of the volume
 def test_rings_of_cells_are_empty_and_no_fewer() -> None:
     rng = np.random.default_rng(6)
     filled = rng.random((7, 12, 9)) > 0.995
-    rings = run_script(("webgl/volume_blocks.js", "webgl/empty_space.js"), """({ values, size }) =>
+    rings = run_script(
+        ("webgl/volume_blocks.js", "webgl/empty_space.js"),
+        """({ values, size }) =>
         Array.from(emptyRings(Uint8Array.from(values), size))""",
-        {"values": filled.ravel().astype(int).tolist(), "size": list(filled.shape[::-1])})
+        {"values": filled.ravel().astype(int).tolist(), "size": list(filled.shape[::-1])},
+    )
     at = np.argwhere(filled)
     assert 0 < len(at) < 10
     for index, ring in zip(np.ndindex(*filled.shape), rings, strict=True):
@@ -739,10 +798,13 @@ def test_rings_of_cells_are_empty_and_no_fewer() -> None:
 
 def test_extremes_of_blocks_hold_what_interpolation_mixes_in() -> None:
     values = rough()
-    got = run_script(("webgl/volume_blocks.js",), """({ values, shape }) => {
+    got = run_script(
+        ("webgl/volume_blocks.js",),
+        """({ values, shape }) => {
         const { size, low, high } = blockExtremes(Uint8Array.from(values), shape);
         return { size, low: Array.from(low), high: Array.from(high) }; }""",
-        {"values": values.ravel().tolist(), "shape": list(values.shape[::-1])})
+        {"values": values.ravel().tolist(), "shape": list(values.shape[::-1])},
+    )
     counts = [-(-n // BLOCK) for n in values.shape]
     assert got["size"] == counts[::-1]
     for index in np.ndindex(*counts):
@@ -755,8 +817,9 @@ def test_extremes_of_blocks_hold_what_interpolation_mixes_in() -> None:
 @pytest.mark.parametrize("name", ["replicate", "modulate", "oblique", "in space", "two planes"])
 @pytest.mark.parametrize("is_largest", [False, True])
 @pytest.mark.parametrize("voxels", [8, 16])
-def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(name: str, is_largest: bool,
-                                                                           voxels: int) -> None:
+def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(
+    name: str, is_largest: bool, voxels: int
+) -> None:
     grid = Grid((40, 44, 36), (1.5, 1.0, 2.0))
     plane, oblique = Plane.along(grid, "+y"), Plane.through(grid.center, (1, 2, -0.7))
     rng = np.random.default_rng(11)
@@ -764,20 +827,25 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(name:
     twice = Deformation.on_picture(grid, plane, points(grid, plane, size=3.0))
     field = {
         "replicate": twice,
-        "modulate": Deformation.on_picture(grid, plane, points(grid, plane, size=4.0), extrusion="modulate",
-                                           curve="sin(pi*z)"),
+        "modulate": Deformation.on_picture(
+            grid, plane, points(grid, plane, size=4.0), extrusion="modulate", curve="sin(pi*z)"
+        ),
         "oblique": Deformation.on_picture(grid, oblique, points(grid, oblique, size=3.0)),
         "in space": Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
-        "two planes": twice.then(Deformation.in_space(
-            ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))).steps[0]),
+        "two planes": twice.then(
+            Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))).steps[0]
+        ),
     }[name].field(grid)
     values = np.zeros(grid.shape, np.uint8)
     values[8:14, 20:30, 15:22] = rng.integers(40, 255, (6, 10, 7))
     shown = packed_volume(Volume(values, grid), 10**6, 2048)
     message = field_textures(field, shown, None, 128, 48)
-    buffers = {n: np.frombuffer(b, "<f4").tolist() for n, b in zip(message.content["buffers"], message.buffers,
-                                                                    strict=True)}
-    got = run_script(("webgl/volume_blocks.js", "webgl/region_bits.js", "webgl/empty_space.js"), """(given) => {
+    buffers = {
+        n: np.frombuffer(b, "<f4").tolist() for n, b in zip(message.content["buffers"], message.buffers, strict=True)
+    }
+    got = run_script(
+        ("webgl/volume_blocks.js", "webgl/region_bits.js", "webgl/empty_space.js"),
+        """(given) => {
         const { values, shape, spacing, box, alphas, planar, space, toMap, isLargest, voxels } = given;
         const extremes = blockExtremes(Uint8Array.from(values), shape);
         const blocks = isLargest ? extremes.high : blockOpacities(extremes, alphas);
@@ -787,9 +855,17 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(name:
         const { size, cells } = emptyCells({ box, shape, spacing, extremes, pairs: blockPairs(blocks, extremes.size),
           beyond: 0, isLargest, voxels }, { planar: cast, space: inSpace && { ranges: new SpaceRanges(inSpace) } });
         return { size, cells: Array.from(cells) }; }""",
-        {"values": values.ravel().tolist(), "shape": list(grid.shape[::-1]), "spacing": list(grid.spacing),
-         "box": message.content["box"], "alphas": np.where(np.arange(256) > 30, 0.1, 0.0).tolist(),
-         "isLargest": is_largest, "voxels": voxels, **_maps_for_cells(message.content, buffers)})
+        {
+            "values": values.ravel().tolist(),
+            "shape": list(grid.shape[::-1]),
+            "spacing": list(grid.spacing),
+            "box": message.content["box"],
+            "alphas": np.where(np.arange(256) > 30, 0.1, 0.0).tolist(),
+            "isLargest": is_largest,
+            "voxels": voxels,
+            **_maps_for_cells(message.content, buffers),
+        },
+    )
     cells = np.reshape(got["cells"], (*got["size"][::-1], 2))
     at = rng.uniform(-0.5, np.array(grid.shape[::-1]) - 0.5, (30_000, 3))
     places = grid.index_to_point(at)
@@ -827,16 +903,22 @@ def test_a_block_is_filled_by_what_lies_between_two_bytes(each: int) -> None:
     values[..., 16:] = 13
     alphas = np.zeros(255 * each + 1)
     alphas[12 * each - each // 2] = 0.5  # at 12, or half-way between 11 and 12 where the table has an entry there
-    opacities = run_script(("webgl/volume_blocks.js",), """({ values, shape, alphas }) =>
+    opacities = run_script(
+        ("webgl/volume_blocks.js",),
+        """({ values, shape, alphas }) =>
         Array.from(blockOpacities(blockExtremes(Uint8Array.from(values), shape), alphas))""",
-        {"values": values.ravel().tolist(), "shape": [24, 8, 8], "alphas": alphas.tolist()})
+        {"values": values.ravel().tolist(), "shape": [24, 8, 8], "alphas": alphas.tolist()},
+    )
     counts = np.reshape(opacities, (2, 2, 6))  # voxel 15 and 16, on both sides of the change, are in the fourth block
     assert (counts[..., :3] == 0).all()
     assert (counts[..., 3:5] == 255).all()
     assert (counts[..., 5] == 0).all()
     rgba = np.repeat(alphas, 4).tolist()
-    byte = run_script(("webgl/volume_blocks.js",), "({ rgba, byte }) => opacityOfByte(Float32Array.from(rgba), byte)",
-                      {"rgba": rgba, "byte": 12})
+    byte = run_script(
+        ("webgl/volume_blocks.js",),
+        "({ rgba, byte }) => opacityOfByte(Float32Array.from(rgba), byte)",
+        {"rgba": rgba, "byte": 12},
+    )
     assert byte == alphas[12 * each]
 
 

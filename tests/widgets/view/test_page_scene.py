@@ -44,10 +44,19 @@ def test_a_frame_is_put_together_of_its_pieces_also_if_one_comes_twice() -> None
     assert page.refused == []
 
 
-@pytest.mark.parametrize(("about", "why"), [
-    ({"id": "another"}, "another movie"), ({"index": 7}, "or frame"), ({"size": 2**40}, "not whole"),
-    ({"size": 1.5}, "not whole"), ({"offset": -1}, "not whole"), ({"offset": None}, "not whole"),
-    ({"size": 20}, "does not fit")], ids=str)
+@pytest.mark.parametrize(
+    ("about", "why"),
+    [
+        ({"id": "another"}, "another movie"),
+        ({"index": 7}, "or frame"),
+        ({"size": 2**40}, "not whole"),
+        ({"size": 1.5}, "not whole"),
+        ({"offset": -1}, "not whole"),
+        ({"offset": None}, "not whole"),
+        ({"size": 20}, "does not fit"),
+    ],
+    ids=str,
+)
 def test_a_piece_that_does_not_fit_is_refused_and_the_wait_has_an_end(about: dict[str, Any], why: str) -> None:
     page = Page((0, None), **about)
     with pytest.raises(PageGoneError, match=r"not answered for 0\.01 seconds"):

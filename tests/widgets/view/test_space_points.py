@@ -70,12 +70,15 @@ def opened(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
 
 
 def told(editor: SpaceEditor, points: ControlPoints, phase: str, seq: int) -> None:
-    deliver(editor, {"type": "edit", "sender": "w", "seq": seq, "phase": phase, "kind": "move",
-                     "points": points_to_json(points)})
+    deliver(
+        editor,
+        {"type": "edit", "sender": "w", "seq": seq, "phase": phase, "kind": "move", "points": points_to_json(points)},
+    )
 
 
-def test_a_view_follows_every_movement_coarsely_and_the_end_finely(volume: Volume, editor: SpaceEditor,
-                                                                   points: ControlPoints) -> None:
+def test_a_view_follows_every_movement_coarsely_and_the_end_finely(
+    volume: Volume, editor: SpaceEditor, points: ControlPoints
+) -> None:
     view, fields = opened(volume)
     view.edit_points(editor)
     assert view.points_editor is editor
@@ -88,8 +91,9 @@ def test_a_view_follows_every_movement_coarsely_and_the_end_finely(volume: Volum
     told(editor, moved, "end", 2)
     assert max(fields[-1]["space"]["shape"]) == 64
     editor.kernel = "gaussian"
-    np.testing.assert_allclose(view._field.displacement(x + 2), fit_rbf(moved, kernel="gaussian").displacement(x + 2),
-                               atol=1e-9)
+    np.testing.assert_allclose(
+        view._field.displacement(x + 2), fit_rbf(moved, kernel="gaussian").displacement(x + 2), atol=1e-9
+    )
 
 
 def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
@@ -99,8 +103,9 @@ def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEdito
     wait_for(lambda: max(fields[-1]["space"]["shape"]) == 64)
 
 
-def test_what_cannot_be_fitted_leaves_the_last_picture(volume: Volume, editor: SpaceEditor,
-                                                       points: ControlPoints) -> None:
+def test_what_cannot_be_fitted_leaves_the_last_picture(
+    volume: Volume, editor: SpaceEditor, points: ControlPoints
+) -> None:
     view, fields = opened(volume)
     view.edit_points(editor)
     count, field = len(fields), view._field
@@ -163,8 +168,9 @@ def followed(view: LiveView, sender: str = "w") -> None:
     deliver(view, {"type": "follows", "view": "v", "sender": sender})
 
 
-def test_a_page_that_fits_the_points_gets_no_field_while_they_move(volume: Volume, editor: SpaceEditor,
-                                                                   points: ControlPoints) -> None:
+def test_a_page_that_fits_the_points_gets_no_field_while_they_move(
+    volume: Volume, editor: SpaceEditor, points: ControlPoints
+) -> None:
     view, fields = opened(volume)
     view.edit_points(editor)
     followed(view)
@@ -174,12 +180,14 @@ def test_a_page_that_fits_the_points_gets_no_field_while_they_move(volume: Volum
     assert len(fields) == count
     told(editor, moved, "end", 2)
     assert fields[-1]["moved"]["points"] == points_to_json(moved)
-    np.testing.assert_allclose(view._field.displacement(points.target), fit_rbf(moved).displacement(points.target),
-                               atol=1e-12)
+    np.testing.assert_allclose(
+        view._field.displacement(points.target), fit_rbf(moved).displacement(points.target), atol=1e-12
+    )
 
 
-def test_a_page_in_another_window_gets_every_movement(volume: Volume, editor: SpaceEditor,
-                                                      points: ControlPoints) -> None:
+def test_a_page_in_another_window_gets_every_movement(
+    volume: Volume, editor: SpaceEditor, points: ControlPoints
+) -> None:
     view, fields = opened(volume)
     view.edit_points(editor)
     followed(view, "another window")
@@ -196,8 +204,11 @@ def test_what_a_page_cannot_make_python_makes(volume: Volume, points: ControlPoi
     if kind == "many":
         every = GRID.index_to_point(np.random.default_rng(1).uniform(2, 28, (MOST_FITTED + 1, 3)))
         points = ControlPoints.from_arrays(every, every + 0.1)
-    given: dict[str, dict[str, Any]] = {"part": {"options": {"parts": (part,)}}, "stages": {"stages": 3},
-                                        "before": {"before": before}}
+    given: dict[str, dict[str, Any]] = {
+        "part": {"options": {"parts": (part,)}},
+        "stages": {"stages": 3},
+        "before": {"before": before},
+    }
     made = SpaceEditor(volume, points, **given.get(kind, {}))
     view, fields = opened(volume)
     view.edit_points(made, (lambda given: compose(before, fit_rbf(given))) if kind == "document" else None)
@@ -227,20 +238,34 @@ FOLLOWED = """async ({ info, moves, fields, settings }) => {
 }"""
 
 
-@pytest.mark.parametrize("settings", [{}, {"kernel": "quintic", "trend": "quadratic"}, {"strength": 0.5},
-                                      {"kernel": "gaussian", "trend": "rigid", "smoothing": 0.2}])
-def test_the_page_makes_the_field_of_moving_points_as_python_does(volume: Volume, points: ControlPoints,
-                                                                  settings: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"kernel": "quintic", "trend": "quadratic"},
+        {"strength": 0.5},
+        {"kernel": "gaussian", "trend": "rigid", "smoothing": 0.2},
+    ],
+)
+def test_the_page_makes_the_field_of_moving_points_as_python_does(
+    volume: Volume, points: ControlPoints, settings: dict[str, Any]
+) -> None:
     """In a volume that is turned and has another spacing along each axis, at the same nodes."""
     made = SpaceEditor(volume, points, **settings)
     view, fields = opened(volume)
     view.edit_points(made)
     moved = [points, *(points.move(0, points.target[0] + np.array(by)) for by in ([1.0, 0, 0], [2.0, -1.5, 3.0]))]
     state = made.get_state(["settings"])["settings"]
-    result = run_script(("view/follow_space.js", "sync/bus.js"), FOLLOWED, {
-        "info": packed_volume(volume, 10**6, 2048).info(), "settings": state,
-        "moves": [points_to_json(each) for each in moved],
-        "fields": [{"space": fields[-1]["space"], "moved": fields[-1]["moved"]}]})
+    result = run_script(
+        ("view/follow_space.js", "sync/bus.js"),
+        FOLLOWED,
+        {
+            "info": packed_volume(volume, 10**6, 2048).info(),
+            "settings": state,
+            "moves": [points_to_json(each) for each in moved],
+            "fields": [{"space": fields[-1]["space"], "moved": fields[-1]["moved"]}],
+        },
+    )
     field = made.field(moved[2])
     maps = field_textures(field, packed_volume(volume, 10**6, 2048), None, 192, QUICK_SIZE)
     content, values = maps.content["space"], np.frombuffer(maps.buffer("space"), "<f4")
@@ -276,8 +301,9 @@ def test_pixels_and_places_belong_together(bend: float) -> None:
     places, direction = rng.uniform(-30, 30, (6, 3)), np.array([0.3, 0.9, -0.4])
     camera = {"direction": direction.tolist(), "up": [0, 0, 1], "pan": [3, -2], "height": 80}
     box = {"left": 40, "top": 0, "width": 300, "height": 200}
-    results = run_script(RAYS, CAMERA, {"camera": camera, "bend": bend, "middle": [1, 2, 3], "box": box,
-                                        "places": places.tolist()})
+    results = run_script(
+        RAYS, CAMERA, {"camera": camera, "bend": bend, "middle": [1, 2, 3], "box": box, "places": places.tolist()}
+    )
     ahead = direction / np.linalg.norm(direction)
     for place, r in zip(places, results, strict=True):
         start, ray = np.array(r["start"]), np.array(r["ray"])
@@ -297,8 +323,9 @@ def test_pixels_and_places_belong_together(bend: float) -> None:
 def test_an_axis_that_is_seen_from_its_end_stands_still() -> None:
     camera = {"direction": [0, 1, 0], "up": [0, 0, 1], "pan": [0, 0], "height": 80}
     box = {"left": 0, "top": 0, "width": 300, "height": 200}
-    (result,) = run_script(RAYS, CAMERA, {"camera": camera, "bend": 0, "middle": [0, 0, 0], "box": box,
-                                          "places": [[1, 2, 3]]})
+    (result,) = run_script(
+        RAYS, CAMERA, {"camera": camera, "bend": 0, "middle": [0, 0, 0], "box": box, "places": [[1, 2, 3]]}
+    )
     along = np.array(result["along"])
     np.testing.assert_allclose(along, [[7 * 0.4, 0, 0], [0, 0, 0], [0, 0, 3 * 0.4]], atol=1e-9)
 
@@ -320,20 +347,31 @@ def page_body(volume: Volume, field: Any) -> dict[str, Any]:
     if maps.content["space"]:
         content["space"] = {**maps.content["space"], "values": buffers.pop(0)}
     table = [[1, 1, 1, 1.0 if value > 100 else 0.0] for value in range(256)]
-    return {"info": shown.info(), "field": content, "values": shown.volume.values.ravel().tolist(),
-            "table": np.ravel(table).tolist(), "unit": 1.0}
+    return {
+        "info": shown.info(),
+        "field": content,
+        "values": shown.volume.values.ravel().tolist(),
+        "table": np.ravel(table).tolist(),
+        "unit": 1.0,
+    }
 
 
 @pytest.mark.parametrize("kind", ["space", "replicated", "interpolated", "both"])
 def test_the_page_looks_up_where_the_core_does(volume: Volume, points: ControlPoints, kind: str) -> None:
     plane = Plane.along(GRID, "+y")
-    flat = [fit_rbf(ControlPoints.from_arrays([[10, 8], [30, 9], [20, 20.0]], [[10 + k, 8], [30, 9 - k], [20, 22.0]]))
-            for k in (1, 3)]
+    flat = [
+        fit_rbf(ControlPoints.from_arrays([[10, 8], [30, 9], [20, 20.0]], [[10 + k, 8], [30, 9 - k], [20, 22.0]]))
+        for k in (1, 3)
+    ]
     in_space = fit_rbf(points)
-    fields = {"space": in_space, "replicated": extrude(plane, GRID, flat[:1], replicate()),
-              "interpolated": extrude(plane, GRID, flat, interpolate((0.0, 1.0)))}
-    fields["both"] = Deformation((Step((points,)), Step((ControlPoints.from_arrays([[10, 8.0]], [[13, 8.0]]),), plane)),
-                                 ).field(GRID)
+    fields = {
+        "space": in_space,
+        "replicated": extrude(plane, GRID, flat[:1], replicate()),
+        "interpolated": extrude(plane, GRID, flat, interpolate((0.0, 1.0))),
+    }
+    fields["both"] = Deformation(
+        (Step((points,)), Step((ControlPoints.from_arrays([[10, 8.0]], [[13, 8.0]]),), plane)),
+    ).field(GRID)
     places = GRID.index_to_point(np.random.default_rng(2).uniform(3, 26, (12, 3)))
     result = run_script(RAYS, BODY, {**page_body(volume, fields[kind]), "places": places.tolist(), "rays": []})
     turn = np.asarray(GRID.direction)
@@ -344,8 +382,13 @@ def test_the_page_looks_up_where_the_core_does(volume: Volume, points: ControlPo
 def test_a_displacement_with_cuts_is_left_out(volume: Volume) -> None:
     """Its numbers are of half precision and stand for several regions."""
     data, places = page_body(volume, None), GRID.index_to_point([[3.0, 4, 5], [8, 9, 7]])
-    data["field"]["space"] = {"shape": [2, 2, 2], "origin": [0, 0, 0], "spacing": [30, 30, 30], "values": [15360] * 64,
-                              "cut": {"regions": 2, "rule": "source", "softness": 1.0, "slope": 0.5}}
+    data["field"]["space"] = {
+        "shape": [2, 2, 2],
+        "origin": [0, 0, 0],
+        "spacing": [30, 30, 30],
+        "values": [15360] * 64,
+        "cut": {"regions": 2, "rule": "source", "softness": 1.0, "slope": 0.5},
+    }
     result = run_script(RAYS, BODY, {**data, "places": places.tolist(), "rays": []})
     expected = (places - np.asarray(GRID.origin)) @ np.asarray(GRID.direction)
     np.testing.assert_allclose(result["origins"], expected, atol=1e-9)
@@ -354,8 +397,10 @@ def test_a_displacement_with_cuts_is_left_out(volume: Volume) -> None:
 def test_a_ray_meets_the_front_of_the_body_and_of_a_deformed_one(volume: Volume) -> None:
     to_y = np.asarray(GRID.direction)[:, 1]  # along the second axis of the voxels
     start = GRID.index_to_point([18, -20, 15])
-    rays = [{"start": start.tolist(), "ray": to_y.tolist()},
-            {"start": GRID.index_to_point([2, -20, 15]).tolist(), "ray": to_y.tolist()}]
+    rays = [
+        {"start": start.tolist(), "ray": to_y.tolist()},
+        {"start": GRID.index_to_point([2, -20, 15]).tolist(), "ray": to_y.tolist()},
+    ]
     still, none = run_script(RAYS, BODY, {**page_body(volume, None), "places": [], "rays": rays})["met"]
     assert none is None
     np.testing.assert_allclose(GRID.point_to_index(still), [18, 8.5, 15], atol=1.01)

@@ -27,8 +27,9 @@ def session() -> Session:
 
 
 @pytest.mark.parametrize("view_class", [LiveView, pytest.param(VolumeView, marks=pytest.mark.needs_gl)])
-def test_a_rendering_tells_how_far_it_is_and_stops_in_between(session: Session, tmp_path: Path,
-                                                              view_class: type[LiveView] | type[VolumeView]) -> None:
+def test_a_rendering_tells_how_far_it_is_and_stops_in_between(
+    session: Session, tmp_path: Path, view_class: type[LiveView] | type[VolumeView]
+) -> None:
     view = view_class(session.volume)
     shares: list[float] = []
 
@@ -88,16 +89,20 @@ class Cell:
         return {"content": self.content}
 
 
-@pytest.mark.parametrize(("content", "host", "wanted"), [
-    ({"code": "studio", "allow_stdin": False}, "", True),
-    ({"code": "studio", "allow_stdin": True}, "", False),
-    ({"code": "studio"}, "", False),
-    ({"comm_id": "x"}, "", False),  # a front end is there, which has sent this
-    ({"code": "studio", "allow_stdin": False}, "SERVER_SOFTWARE", False),  # Voila has a page in front of it
-    ({"code": "studio", "allow_stdin": False}, "VOILA_BASE_URL", False),
-])
+@pytest.mark.parametrize(
+    ("content", "host", "wanted"),
+    [
+        ({"code": "studio", "allow_stdin": False}, "", True),
+        ({"code": "studio", "allow_stdin": True}, "", False),
+        ({"code": "studio"}, "", False),
+        ({"comm_id": "x"}, "", False),  # a front end is there, which has sent this
+        ({"code": "studio", "allow_stdin": False}, "SERVER_SOFTWARE", False),  # Voila has a page in front of it
+        ({"code": "studio", "allow_stdin": False}, "VOILA_BASE_URL", False),
+    ],
+)
 def test_a_picture_takes_the_place_of_the_widget_where_nobody_is_in_front_of_it(
-        content: dict[str, object], host: str, wanted: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    content: dict[str, object], host: str, wanted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("IPython.get_ipython", lambda: Cell(**content))
     if host:
         monkeypatch.setenv(host, "voila/0.5")

@@ -69,8 +69,15 @@ class Recorded(VolumeView):
 
     def see_all(self) -> None:
         """A page that shows every frame, until the full one of the newest state is there."""
-        wait_for(lambda: self._step() and self._loop is not None and self._loop.is_settled
-                 and self.frames and self.frames[-1][0]["full"])
+        wait_for(
+            lambda: (
+                self._step()
+                and self._loop is not None
+                and self._loop.is_settled
+                and self.frames
+                and self.frames[-1][0]["full"]
+            )
+        )
 
     def _step(self) -> bool:
         if self.frames:
@@ -83,8 +90,11 @@ def opened() -> Iterator[Callable[..., Recorded]]:
     made: list[Recorded] = []
 
     def make(volume: Volume | None = None, **options: Any) -> Recorded:
-        made.append(Recorded(volume or ball(), **{"transfer": "surface", "settle_ms": 20.0, "width": 96, "height": 72,
-                                                  **options}))
+        made.append(
+            Recorded(
+                volume or ball(), **{"transfer": "surface", "settle_ms": 20.0, "width": 96, "height": 72, **options}
+            )
+        )
         return made[-1]
 
     yield make
@@ -171,16 +181,28 @@ def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(o
     assert view.camera["zoom"] == 2.0
 
 
-@pytest.mark.parametrize("message", [
-    None, [], "hello", {}, {"type": "nothing"}, {"type": []}, {"type": "hello", "view": 3},
-    {"type": "hello", "view": "a"},
-    {"type": "hello", "view": "a", "width": 1e3, "height": 5},
-    {"type": "size", "view": "a", "width": 9, "height": 10**9},
-    {"type": "camera", "view": "a", "number": 1}, {"type": "camera", "view": "a", "camera": {"zoom": -1}, "number": 1},
-    {"type": "camera", "view": "a", "camera": {"direction": [0, 0, 0]}, "number": 1},
-    {"type": "camera", "view": "a", "camera": {"evil": 1}, "number": 1}, {"type": "camera", "view": "a", "camera": {}},
-    {"type": "seen", "view": "a", "seq": "x"}, {"type": "_rest", "view": "a"},
-])
+@pytest.mark.parametrize(
+    "message",
+    [
+        None,
+        [],
+        "hello",
+        {},
+        {"type": "nothing"},
+        {"type": []},
+        {"type": "hello", "view": 3},
+        {"type": "hello", "view": "a"},
+        {"type": "hello", "view": "a", "width": 1e3, "height": 5},
+        {"type": "size", "view": "a", "width": 9, "height": 10**9},
+        {"type": "camera", "view": "a", "number": 1},
+        {"type": "camera", "view": "a", "camera": {"zoom": -1}, "number": 1},
+        {"type": "camera", "view": "a", "camera": {"direction": [0, 0, 0]}, "number": 1},
+        {"type": "camera", "view": "a", "camera": {"evil": 1}, "number": 1},
+        {"type": "camera", "view": "a", "camera": {}},
+        {"type": "seen", "view": "a", "seq": "x"},
+        {"type": "_rest", "view": "a"},
+    ],
+)
 def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogCaptureFixture, opened: Any) -> None:
     view, threads = opened(), Threads()
     with caplog.at_level(logging.WARNING):
@@ -541,8 +563,9 @@ class Carrier:
         self.closed += 1
 
 
-def test_pictures_go_by_the_transport_and_the_page_hears_where(opened: Any, monkeypatch: pytest.MonkeyPatch,
-                                                              caplog: pytest.LogCaptureFixture) -> None:
+def test_pictures_go_by_the_transport_and_the_page_hears_where(
+    opened: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setitem(TRANSPORTS, "trame", Carrier)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: True)
     view = opened(method="core", transport="trame")

@@ -92,8 +92,9 @@ def scene() -> Iterator[Any]:
     made: list[VtkScene] = []
 
     def make(method: str = "texture", **options: Any) -> VtkScene:
-        made.append(VtkScene(slab(), SIZE, **{"transfer": OPAQUE, "method": method, "projection": "composite",
-                                              **options}))
+        made.append(
+            VtkScene(slab(), SIZE, **{"transfer": OPAQUE, "method": method, "projection": "composite", **options})
+        )
         made[-1].set_camera(FACING)
         made[-1].folding.show = True
         return made[-1]
@@ -113,14 +114,17 @@ def places(depth: float = 0.0) -> NDArray[np.float64]:
     step = seen_height(GRID, FACING["direction"], FACING["up"], SIZE[0] / SIZE[1]) / SIZE[1]
     a, b = np.meshgrid(*((np.arange(n) + 0.5 - n / 2) * step for n in SIZE))
     return Plane.through(GRID.center, PLANE.normal, FACING["up"]).from_plane(
-        np.stack([a, b, np.full(a.shape, depth)], axis=-1))
+        np.stack([a, b, np.full(a.shape, depth)], axis=-1)
+    )
 
 
 def on_matter(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Where a place of the result, and what is seen there, lies within the volume."""
     low, high = GRID.corners().min(axis=0) + 3, GRID.corners().max(axis=0) - 3
-    return np.asarray(((at > low) & (at < high)).all(axis=-1) & (
-        (at + field.displacement(at) > low) & (at + field.displacement(at) < high)).all(axis=-1))
+    return np.asarray(
+        ((at > low) & (at < high)).all(axis=-1)
+        & ((at + field.displacement(at) > low) & (at + field.displacement(at) < high)).all(axis=-1)
+    )
 
 
 FRONT = -11.5  # of the slab, as the viewer sees it
@@ -282,15 +286,19 @@ def squeezed(weights: list[list[float]], *slopes: float) -> Extrusion:
     return Extrusion(PLANE, PLANE.depth_range(GRID), maps, knots, np.array(weights))
 
 
-@pytest.mark.parametrize(("field", "folds"), [
-    # det = (1 + w s)^2 is never negative, and 0 only where w s = -1.
-    (lambda: squeezed([[0.0, 1.0]], -0.9), False),
-    (lambda: squeezed([[0.0, 1.0]], -3.0), True),  # only between the ends, where it is 1 and 4
-    (lambda: squeezed([[0.5, 1.0]], -3.0), False),  # 1/4 and 4, turned by half
-    (lambda: squeezed([[1.0, 0.0], [0.0, 1.0]], -3.0, -3.0), False),  # always 4
-    (lambda: squeezed([[1.0, 0.0], [0.0, 1.0]], -3.0, 0.0), True),
-    (lambda: squeezed([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 0.5, -0.9), False),
-], ids=["short", "between", "turned round", "two alike", "two apart", "one after the other"])
+@pytest.mark.parametrize(
+    ("field", "folds"),
+    [
+        # det = (1 + w s)^2 is never negative, and 0 only where w s = -1.
+        (lambda: squeezed([[0.0, 1.0]], -0.9), False),
+        (lambda: squeezed([[0.0, 1.0]], -3.0), True),  # only between the ends, where it is 1 and 4
+        (lambda: squeezed([[0.5, 1.0]], -3.0), False),  # 1/4 and 4, turned by half
+        (lambda: squeezed([[1.0, 0.0], [0.0, 1.0]], -3.0, -3.0), False),  # always 4
+        (lambda: squeezed([[1.0, 0.0], [0.0, 1.0]], -3.0, 0.0), True),
+        (lambda: squeezed([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 0.5, -0.9), False),
+    ],
+    ids=["short", "between", "turned round", "two alike", "two apart", "one after the other"],
+)
 def test_weights_between_the_ends_count(field: Any, folds: bool) -> None:
     assert maps_fold(field_textures(field(), frame_of(slab()), None, 32, 16)) is folds
 

@@ -29,8 +29,15 @@ class Canvas:
     def set_size(self, size: tuple[int, int]) -> None:
         self.size = size
 
-    def render(self, *, scale: float = 1.0, coarseness: float = 1.0, shows: str | None = None, bands: int = 1,
-               interrupted: Callable[[], bool] | None = None) -> Any:
+    def render(
+        self,
+        *,
+        scale: float = 1.0,
+        coarseness: float = 1.0,
+        shows: str | None = None,
+        bands: int = 1,
+        interrupted: Callable[[], bool] | None = None,
+    ) -> Any:
         self.threads.add(threading.current_thread())
         self.asked.append((scale, shows, interrupted is not None))
         self.gate.wait(PATIENCE)

@@ -34,8 +34,11 @@ pytestmark = pytest.mark.needs_gl
 SIZE = (120, 90)
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
 ANGLE = np.radians(25.0)
-OBLIQUE = ((float(np.cos(ANGLE)), float(-np.sin(ANGLE)), 0.0), (float(np.sin(ANGLE)), float(np.cos(ANGLE)), 0.0),
-           (0.0, 0.0, 1.0))
+OBLIQUE = (
+    (float(np.cos(ANGLE)), float(-np.sin(ANGLE)), 0.0),
+    (float(np.sin(ANGLE)), float(np.cos(ANGLE)), 0.0),
+    (0.0, 0.0, 1.0),
+)
 GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
 SKEW = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), OBLIQUE)
 WHITE = TransferFunction(((0, 1, 1, 1),), ((0, 0), (50, 0.9), (255, 0.9)))
@@ -134,8 +137,9 @@ def cut_step(grid: Grid, gap: float, rule: str = "source", **options: Any) -> St
     source = np.array([[a - 8, b], [a - 5, b + 8], [a + 8, b], [a + 5, b - 8]])
     target = source + np.where(source[:, :1] < a, -gap / 2, gap / 2) * np.array([1.0, 0.1])
     cut = Cut(Line(((a - 1.5, b - 10.0), (a + 1.5, b + 10.0))))
-    return Step((ControlPoints.from_arrays(source, target),), plane, trend="translation", cuts=(cut,), cut_rule=rule,
-                **options)
+    return Step(
+        (ControlPoints.from_arrays(source, target),), plane, trend="translation", cuts=(cut,), cut_rule=rule, **options
+    )
 
 
 def slit_step(grid: Grid, gap: float) -> Step:
@@ -150,9 +154,17 @@ def slit_step(grid: Grid, gap: float) -> Step:
 
 
 @pytest.mark.sampled(7)
-@pytest.mark.parametrize("name", ["replicate", "modulate", "paper", "after a bend", "before a bend",
-                                  *(pytest.param(f"stops inside{more}", marks=pytest.mark.nightly)
-                                    for more in ("", ", before a bend"))])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "replicate",
+        "modulate",
+        "paper",
+        "after a bend",
+        "before a bend",
+        *(pytest.param(f"stops inside{more}", marks=pytest.mark.nightly) for more in ("", ", before a bend")),
+    ],
+)
 def test_both_ways_show_cuts_as_the_core_does(scene: Any, name: str) -> None:
     volume = shape_without_symmetry()
     options = {"modulate": {"extrusion": "modulate", "curve": "z"}, "paper": {"rule": "paper"}}.get(name, {})
@@ -240,8 +252,9 @@ def test_slopes_are_those_of_the_deformed_body(scene: Any, monkeypatch: pytest.M
     right = scene(volume)
     right.set_field(field)
     good = right.render()  # which is when the shader is written
-    monkeypatch.setattr(vtk_warp, "_REPLACED",
-                        {k: v for k, v in vtk_warp._REPLACED.items() if "Pvec" not in k and "Nvec" not in k})
+    monkeypatch.setattr(
+        vtk_warp, "_REPLACED", {k: v for k, v in vtk_warp._REPLACED.items() if "Pvec" not in k and "Nvec" not in k}
+    )
     wrong = scene(volume)
     wrong.set_field(field)
     assert difference(good, wanted) < 0.5 * difference(wrong.render(), wanted)
@@ -343,10 +356,16 @@ def test_the_array_is_written_over_in_place(scene: Any) -> None:
     np.testing.assert_array_equal(volume.values, given)
 
 
-@pytest.mark.parametrize("values", [
-    np.arange(60).reshape(3, 4, 5) % 2 == 0, np.full((3, 4, 5), 7, np.int16), np.full((3, 4, 5), np.nan),
-    np.ones((1, 1, 1), np.float32), np.arange(24.0).reshape(1, 4, 6),
-])
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.arange(60).reshape(3, 4, 5) % 2 == 0,
+        np.full((3, 4, 5), 7, np.int16),
+        np.full((3, 4, 5), np.nan),
+        np.ones((1, 1, 1), np.float32),
+        np.arange(24.0).reshape(1, 4, 6),
+    ],
+)
 def test_any_volume_can_be_shown_and_deformed(scene: Any, values: Any) -> None:
     volume = Volume.from_array(values)
     for method in ("texture", "array"):
@@ -386,9 +405,15 @@ def test_bad_input_is_refused_and_loses_nothing(scene: Any) -> None:
     one.set_field(deformation("replicate", GRID))
     before = one.render()
     plane = DisplacementField(np.zeros((2, 2, 2)), Raster((2, 2), (1.0, 1.0), (0.0, 0.0)))
-    wrong: list[Any] = [lambda: one.set_field(plane), lambda: one.set_transfer("no"), lambda: one.set_shows("no"),
-                        lambda: one.set_background("red"), lambda: one.set_projection("x"),
-                        lambda: one.set_size((0, 5)), lambda: one.set_camera({"zoom": -1})]
+    wrong: list[Any] = [
+        lambda: one.set_field(plane),
+        lambda: one.set_transfer("no"),
+        lambda: one.set_shows("no"),
+        lambda: one.set_background("red"),
+        lambda: one.set_projection("x"),
+        lambda: one.set_size((0, 5)),
+        lambda: one.set_camera({"zoom": -1}),
+    ]
     for call in wrong:
         with pytest.raises(DeformError):
             call()
@@ -457,8 +482,9 @@ def test_a_still_is_the_picture_of_the_view(scene: Any, method: str, background:
     view = scene(volume, method, transfer=WHITE, background=background)
     view.set_camera(look)
     height = seen_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
-    still = render_volume(volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS[background],
-                          backend="vtk", **look)
+    still = render_volume(
+        volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS[background], backend="vtk", **look
+    )
     assert np.ptp(still) > 100
     # The view's shader computes where a sample comes from, here from its own place, with the rounding of a float32.
     assert np.abs(view.render().astype(int) - still).max() <= (0 if method == "array" else 2)
@@ -470,8 +496,9 @@ def test_a_still_of_the_core_is_the_picture_of_the_cores_view() -> None:
     view = CoreScene(volume, SIZE, transfer=WHITE)
     view.set_camera(look)
     height = seen_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
-    still = render_volume(volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS["dark"],
-                          backend="core", **look)
+    still = render_volume(
+        volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS["dark"], backend="core", **look
+    )
     got = view.render()
     assert got is not None
     assert np.ptp(still) > 100
@@ -487,5 +514,3 @@ def test_the_core_s_scene_shows_the_same(scene: Any) -> None:
     a, b = ((one.render().max(axis=2) > 64) for one in (core, vtk))
     assert 2 * (a & b).sum() / (a.sum() + b.sum()) > 0.95
     assert core.render(scale=0.3).shape == (31, 42, 3)
-
-

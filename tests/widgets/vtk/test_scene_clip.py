@@ -44,12 +44,21 @@ def parted() -> Step:
     a, b = plane.to_plane(GRID.center)[:2]
     source = np.array([[a - 6, b], [a - 4, b + 6], [a + 6, b], [a + 4, b - 6]])
     target = source + np.where(source[:, :1] < a, -2.0, 2.0) * np.array([1.0, 0.1])
-    return Step((ControlPoints.from_arrays(source, target),), plane, trend="translation",
-                cuts=(Cut(Line(((a - 1.0, b - 10.0), (a + 1.0, b + 10.0)))),))
+    return Step(
+        (ControlPoints.from_arrays(source, target),),
+        plane,
+        trend="translation",
+        cuts=(Cut(Line(((a - 1.0, b - 10.0), (a + 1.0, b + 10.0)))),),
+    )
 
 
-DEFORMED = {"as it is": Deformation(), "bent": Deformation((bent(),)), "cut": Deformation((parted(),)),
-            "bent and cut": Deformation((bent(), parted())), "cut and bent": Deformation((parted(), bent()))}
+DEFORMED = {
+    "as it is": Deformation(),
+    "bent": Deformation((bent(),)),
+    "cut": Deformation((parted(),)),
+    "bent and cut": Deformation((bent(), parted())),
+    "cut and bent": Deformation((parted(), bent())),
+}
 
 
 def cut(axis: int, pair: tuple[float, float]) -> Any:
@@ -71,8 +80,9 @@ def scene() -> Iterator[Any]:
 
     def make(method: str, **options: Any) -> Any:
         looks = {"transfer": "surface", **options}
-        made.append(CoreScene(body(), SIZE, **looks) if method == "core" else
-                    VtkScene(body(), SIZE, method=method, **looks))
+        made.append(
+            CoreScene(body(), SIZE, **looks) if method == "core" else VtkScene(body(), SIZE, method=method, **looks)
+        )
         made[-1].set_camera(OBLIQUE)
         return made[-1]
 

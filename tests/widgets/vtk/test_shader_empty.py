@@ -16,8 +16,11 @@ from deformnb.widgets.vtk.shader import SKIP_EMPTY
 pytestmark = pytest.mark.needs_gl
 
 SHOWN: dict[str, Any] = {
-    "nothing": None, "one map": deformation("replicate", GRID), "three maps": deformation("interpolate", GRID),
-    "in space": deformation("in space", GRID), "a cut": Deformation((cut_step(GRID, 6.0),)),
+    "nothing": None,
+    "one map": deformation("replicate", GRID),
+    "three maps": deformation("interpolate", GRID),
+    "in space": deformation("in space", GRID),
+    "a cut": Deformation((cut_step(GRID, 6.0),)),
     "a cut of the paper": Deformation((cut_step(GRID, 6.0, "paper"),)),
 }
 

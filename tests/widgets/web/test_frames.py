@@ -39,14 +39,27 @@ def app() -> Iterator[Any]:
 def test_what_only_the_application_offers_is_unknown(app: Any) -> None:
     async def ask() -> list[Any]:
         async with connected(app) as page:
-            return [(await page.call(method, *given))["message"] for method, *given in (
-                ("deformnb.open",), ("deformnb.comm", "view", {}, "1", []), ("trame.trigger", "undo", [], {}))]
+            return [
+                (await page.call(method, *given))["message"]
+                for method, *given in (
+                    ("deformnb.open",),
+                    ("deformnb.comm", "view", {}, "1", []),
+                    ("trame.trigger", "undo", [], {}),
+                )
+            ]
 
     assert set(asyncio.run(ask())) == {"Unregistered method called"}
 
 
-@pytest.mark.parametrize("call", [("trame.rca.size", "other", "", {}), ("trame.rca.event", "volume", "", {}),
-                                  ("deformnb.seen", "volume", 0, "p"), ("deformnb.look", "sideways")])
+@pytest.mark.parametrize(
+    "call",
+    [
+        ("trame.rca.size", "other", "", {}),
+        ("trame.rca.event", "volume", "", {}),
+        ("deformnb.seen", "volume", 0, "p"),
+        ("deformnb.look", "sideways"),
+    ],
+)
 def test_what_cannot_be_is_dropped(app: Any, call: tuple[Any, ...], caplog: pytest.LogCaptureFixture) -> None:
     async def ask() -> None:
         async with connected(app) as page:

@@ -40,6 +40,7 @@ def running() -> Iterator[RunningApp]:
 
 def _refused(running: RunningApp, **how: Any) -> int:
     """Status with which a socket is refused; 0 if it is not."""
+
     async def attempt() -> int:
         try:
             async with connected(running, secret=None, **how):
@@ -54,7 +55,9 @@ def _refused(running: RunningApp, **how: Any) -> int:
 
 
 def test_it_listens_at_this_machine_only(running: RunningApp) -> None:
-    assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://127.0.0.1:{running.server.port}"]
+    assert [site.name for site in running.server.trame._server.runner.sites] == [
+        f"http://127.0.0.1:{running.server.port}"
+    ]
 
 
 def test_two_starts_have_different_passwords(running: RunningApp) -> None:
@@ -79,8 +82,10 @@ def test_other_passwords_are_refused(running: RunningApp, secret: Any) -> None:
 def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
     async def attempt() -> list[Any]:
         async with connected(running, secret=None) as page:
-            return [await page.call(*call) for call in (
-                ("trame.state.get",), ("deformnb.open",), ("deformnb.comm", "editor", {}, "1", []))]
+            return [
+                await page.call(*call)
+                for call in (("trame.state.get",), ("deformnb.open",), ("deformnb.comm", "editor", {}, "1", []))
+            ]
 
     before = running.application.session.deformation
     assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 3
@@ -96,8 +101,17 @@ def test_the_password_of_this_start_opens(running: RunningApp) -> None:
     assert "trame__title" in asyncio.run(attempt())["state"]
 
 
-@pytest.mark.parametrize("origin", ["http://evil.example", "null", None, "https://127.0.0.1:{port}",
-                                    "http://127.0.0.1:1", "http://127.0.0.1:{port}.evil.example"])
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://evil.example",
+        "null",
+        None,
+        "https://127.0.0.1:{port}",
+        "http://127.0.0.1:1",
+        "http://127.0.0.1:{port}.evil.example",
+    ],
+)
 def test_sockets_of_foreign_pages_are_refused(running: RunningApp, origin: str | None) -> None:
     assert _refused(running, origin=origin and origin.format(port=running.server.port)) == 403
 
@@ -157,24 +171,28 @@ def _without(*names: str, **others: str) -> dict[str, str]:
     return {name: value for name, value in {**HANDSHAKE, **others}.items() if name not in names}
 
 
-@pytest.mark.parametrize(("method", "headers", "status"), [
-    ("GET", {}, 403),  # an <img> of any page
-    ("GET", {"Origin": "http://evil.example"}, 403),
-    ("GET", {"Origin": "http://evil.example", **_without("Origin")}, 403),
-    ("GET", {"Origin": "http://{name}"}, 400),
-    ("GET", _without("Upgrade"), 400),
-    ("GET", _without(Upgrade="h2c"), 400),
-    ("GET", _without("Connection"), 400),
-    ("GET", _without(Connection="close"), 400),
-    ("GET", _without("Sec-WebSocket-Version"), 400),
-    ("GET", {**HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
-    ("GET", _without("Sec-WebSocket-Key"), 400),
-    ("GET", {**HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
-    ("HEAD", HANDSHAKE, 405),
-    ("POST", HANDSHAKE, 405),
-])
-def test_what_is_no_websocket_takes_no_place(running: RunningApp, method: str, headers: dict[str, str], status: int
-                                             ) -> None:
+@pytest.mark.parametrize(
+    ("method", "headers", "status"),
+    [
+        ("GET", {}, 403),  # an <img> of any page
+        ("GET", {"Origin": "http://evil.example"}, 403),
+        ("GET", {"Origin": "http://evil.example", **_without("Origin")}, 403),
+        ("GET", {"Origin": "http://{name}"}, 400),
+        ("GET", _without("Upgrade"), 400),
+        ("GET", _without(Upgrade="h2c"), 400),
+        ("GET", _without("Connection"), 400),
+        ("GET", _without(Connection="close"), 400),
+        ("GET", _without("Sec-WebSocket-Version"), 400),
+        ("GET", {**HANDSHAKE, "Sec-WebSocket-Version": "12"}, 400),
+        ("GET", _without("Sec-WebSocket-Key"), 400),
+        ("GET", {**HANDSHAKE, "Sec-WebSocket-Key": "short"}, 400),
+        ("HEAD", HANDSHAKE, 405),
+        ("POST", HANDSHAKE, 405),
+    ],
+)
+def test_what_is_no_websocket_takes_no_place(
+    running: RunningApp, method: str, headers: dict[str, str], status: int
+) -> None:
     for _ in range(MOST_PAGES + 1):
         with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
@@ -240,10 +258,16 @@ def test_a_page_has_some_time_to_give_the_password(monkeypatch: pytest.MonkeyPat
 # -- what a page may send ----------------------------------------------------------------------------------------------
 
 _FORBIDDEN = (
-    ("application.exit",), ("application.exit.later", 0), ("trame.force.push", "kernel"),
-    ("trame.state.update", [{"key": "trame__template_main", "value": "<script>"}]), ("trame.trigger", "save", [], {}),
-    ("trame.rca.push", "volume", {}, b"x"), ("trame.rca.drop", "volume", 1), ("trame.rca.size", "volume", "page", {}),
-    ("viewport.image.render", {}), ("deformnb.close", "editor"),
+    ("application.exit",),
+    ("application.exit.later", 0),
+    ("trame.force.push", "kernel"),
+    ("trame.state.update", [{"key": "trame__template_main", "value": "<script>"}]),
+    ("trame.trigger", "save", [], {}),
+    ("trame.rca.push", "volume", {}, b"x"),
+    ("trame.rca.drop", "volume", 1),
+    ("trame.rca.size", "volume", "page", {}),
+    ("viewport.image.render", {}),
+    ("deformnb.close", "editor"),
 )
 
 
@@ -268,28 +292,47 @@ def _update(**state: Any) -> dict[str, Any]:
 
 # A widget by its name, and what it cannot be sent.
 _BAD = (
-    ("nobody", _update(value=1)), ("../../etc/passwd", _update(value=1)), (7, _update(value=1)),
-    ("editor", "text"), ("editor", {"method": "request_state"}), ("editor", {"method": "update"}),
-    ("editor", _custom("text")), ("editor", {**_update(), "state": ["kernel"]}),
+    ("nobody", _update(value=1)),
+    ("../../etc/passwd", _update(value=1)),
+    (7, _update(value=1)),
+    ("editor", "text"),
+    ("editor", {"method": "request_state"}),
+    ("editor", {"method": "update"}),
+    ("editor", _custom("text")),
+    ("editor", {**_update(), "state": ["kernel"]}),
     ("editor", _custom({"type": "edit", "seq": 1, "phase": "end", "points": [{"id": "x"}]})),
     ("editor", _update(kernel="gaussian", image=b"x", comm=1, layout={})),
     ("view", _custom({"type": "chunk", "view": "v", "id": "other", "index": -1})),
     ("view", _update(projection="none", volume_info={"id": 1})),
-    ("head", _update(name="<script>")), ("head", _custom({"type": "delete"})),
-    ("studio", _update(children=[])), ("studio", _update(layout="IPY_MODEL_1")), ("status", _update(value="<script>")),
-    ("kernel", _update(index=99)), ("kernel", _update(index="__class__")), ("kernel", _update(_options_labels=["x"])),
-    ("kernel", _update(index=1, description="<script>")), ("strength", _update(value="x")),
-    ("strength", {**_update(value=None), "buffer_paths": [["value", "x"]]}), ("strength", _update(max=9.0)),
+    ("head", _update(name="<script>")),
+    ("head", _custom({"type": "delete"})),
+    ("studio", _update(children=[])),
+    ("studio", _update(layout="IPY_MODEL_1")),
+    ("status", _update(value="<script>")),
+    ("kernel", _update(index=99)),
+    ("kernel", _update(index="__class__")),
+    ("kernel", _update(_options_labels=["x"])),
+    ("kernel", _update(index=1, description="<script>")),
+    ("strength", _update(value="x")),
+    ("strength", {**_update(value=None), "buffer_paths": [["value", "x"]]}),
+    ("strength", _update(max=9.0)),
 )
 
 
 @pytest.mark.parametrize(("name", "data"), _BAD, ids=[f"{name}-{str(data)[-40:]}" for name, data in _BAD])
-def test_wrong_messages_change_nothing(running: RunningApp, name: Any, data: Any,
-                                       caplog: pytest.LogCaptureFixture) -> None:
+def test_wrong_messages_change_nothing(
+    running: RunningApp, name: Any, data: Any, caplog: pytest.LogCaptureFixture
+) -> None:
     studio, session = running.studio, running.session
-    known = {"editor": studio.editor, "view": studio.view, "studio": studio,
-             "head": _part(studio, "name", session.volume.name), "status": _part(studio, "_model_name", "HTMLModel"),
-             "kernel": _part(studio, "description", "Kernel"), "strength": _part(studio, "description", "Strength")}
+    known = {
+        "editor": studio.editor,
+        "view": studio.view,
+        "studio": studio,
+        "head": _part(studio, "name", session.volume.name),
+        "status": _part(studio, "_model_name", "HTMLModel"),
+        "kernel": _part(studio, "description", "Kernel"),
+        "strength": _part(studio, "description", "Strength"),
+    }
 
     async def attempt() -> Any:
         async with connected(running) as page:
@@ -298,9 +341,20 @@ def test_wrong_messages_change_nothing(running: RunningApp, name: Any, data: Any
             return (await page.call("deformnb.open"))["widgets"]
 
     def looks() -> Any:
-        return (session.deformation, session.view, session.method, session.transfer, studio.editor.image,
-                studio.editor.kernel, studio.view.projection, dict(studio.view.volume_info), studio.children,
-                known["head"].name, known["kernel"].description, known["strength"].max)
+        return (
+            session.deformation,
+            session.view,
+            session.method,
+            session.transfer,
+            studio.editor.image,
+            studio.editor.kernel,
+            studio.view.projection,
+            dict(studio.view.volume_info),
+            studio.children,
+            known["head"].name,
+            known["kernel"].description,
+            known["strength"].max,
+        )
 
     shown = looks()
     states = asyncio.run(attempt())
@@ -329,16 +383,30 @@ def _part(widget: Any, trait: str, value: Any) -> Any:
     return next((part for part in parts if part is not None), None)
 
 
-@pytest.mark.parametrize("data", [
-    b"", b"\x00" * 12, b"\xff" * 40, framed(b"\xc1"), framed(b"\x91" * 60000), framed({"id": 1, "method": "x"}),
-    framed([1, 2]), framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": {}, "kwargs": {}}),
-    framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": [], "kwargs": [], "more": 1}),
-    b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little") + b"x",  # 2 GB are promised
-    b"\x01\x00\x00\x00" + (50).to_bytes(4, "little") + (60).to_bytes(4, "little") + b"0123456789",  # a later piece
-    framed({"id": "x" * 300, "method": "trame.state.get"}),
-    *(framed({"id": "rpc:c0:1", "method": "trame.state.get"})[:k] + (7).to_bytes(4, "little")
-      + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4:] for k in (4, 8)),  # a later piece, another size
-], ids=range(14))
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\x00" * 12,
+        b"\xff" * 40,
+        framed(b"\xc1"),
+        framed(b"\x91" * 60000),
+        framed({"id": 1, "method": "x"}),
+        framed([1, 2]),
+        framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": {}, "kwargs": {}}),
+        framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": [], "kwargs": [], "more": 1}),
+        b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little") + b"x",  # 2 GB are promised
+        b"\x01\x00\x00\x00" + (50).to_bytes(4, "little") + (60).to_bytes(4, "little") + b"0123456789",  # a later piece
+        framed({"id": "x" * 300, "method": "trame.state.get"}),
+        *(
+            framed({"id": "rpc:c0:1", "method": "trame.state.get"})[:k]
+            + (7).to_bytes(4, "little")
+            + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4 :]
+            for k in (4, 8)
+        ),  # a later piece, another size
+    ],
+    ids=range(14),
+)
 @pytest.mark.parametrize("is_known", [True, False])
 def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp, data: bytes, is_known: bool) -> None:
     async def attempt() -> Any:
@@ -447,16 +515,24 @@ def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFix
 # -- requests that are none --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("request_", [
-    b"GET / HTTP/1.1\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"\x16\x03\x01\x02\x00\x01\r\n\r\n",
-    b"GET http://[/ HTTP/1.1\r\nHost: {}\r\n\r\n", b"GET / HTTP/1.1\r\nHost: {}\r\nX: " + 9000 * b"a" + b"\r\n\r\n",
-    b"GET / HTTP/1.1\r\nHost: {}\r\nCookie: \x01\r\n\r\n",
-    b"POST / HTTP/1.1\r\nHost: {}\r\nContent-Length: -1\r\n\r\n",
-    b"POST / HTTP/1.1\r\nHost: {}\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
-    b"POST / HTTP/1.1\r\nHost: {}\r\nContent-Encoding: gzip\r\nContent-Length: 5\r\n\r\nabcde",
-], ids=["no host", "version", "TLS", "address", "long", "character", "length", "chunk", "gzip"])
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"\x16\x03\x01\x02\x00\x01\r\n\r\n",
+        b"GET http://[/ HTTP/1.1\r\nHost: {}\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: {}\r\nX: " + 9000 * b"a" + b"\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: {}\r\nCookie: \x01\r\n\r\n",
+        b"POST / HTTP/1.1\r\nHost: {}\r\nContent-Length: -1\r\n\r\n",
+        b"POST / HTTP/1.1\r\nHost: {}\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+        b"POST / HTTP/1.1\r\nHost: {}\r\nContent-Encoding: gzip\r\nContent-Length: 5\r\n\r\nabcde",
+    ],
+    ids=["no host", "version", "TLS", "address", "long", "character", "length", "chunk", "gzip"],
+)
 def test_a_request_that_cannot_be_read_is_a_line_of_the_log_without_what_was_sent(
-        running: RunningApp, request_: bytes, caplog: pytest.LogCaptureFixture) -> None:
+    running: RunningApp, request_: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
     for _ in range(3):
         with connection_with(running.name, request_.replace(b"{}", running.name.encode())) as foreign:
             assert b" 40" in foreign.recv(64)

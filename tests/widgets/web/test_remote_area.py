@@ -36,8 +36,12 @@ def test_what_is_no_event_of_a_mouse_is_refused(event: Any) -> None:
 def test_the_end_of_a_drag_and_of_a_notch_is_said() -> None:
     cameras, ends = [checked_camera({})], []
     mouse = MouseCamera(lambda change: cameras.append(change(cameras[-1])), lambda: ends.append(len(cameras)))
-    for event in ({"type": "RightButtonPress", "x": 0, "y": 0}, {"type": "MouseMove", "x": 0, "y": 51.2},
-                  {"type": "RightButtonRelease"}, {"type": "MouseWheel", "spinY": 1}):
+    for event in (
+        {"type": "RightButtonPress", "x": 0, "y": 0},
+        {"type": "MouseMove", "x": 0, "y": 51.2},
+        {"type": "RightButtonRelease"},
+        {"type": "MouseWheel", "spinY": 1},
+    ):
         assert mouse.is_held == (event["type"] in ("MouseMove", "RightButtonRelease"))
         mouse.on_event(event, Grid((4, 4, 4)))
     assert ends == [2, 3]

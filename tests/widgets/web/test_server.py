@@ -76,8 +76,9 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
 
 
 def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
-    process = subprocess.Popen(in_a_terminal(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
-                               cwd=folder)
+    process = subprocess.Popen(
+        in_a_terminal(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder
+    )
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     assert url.startswith("http://127.0.0.1:"), url

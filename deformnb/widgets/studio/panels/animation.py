@@ -31,8 +31,10 @@ from deformnb.widgets.worker import Worker
 
 _EASINGS = {"linear": "at an even pace", "smooth": "slowly at each key frame"}
 _KINDS = {"MP4": ".mp4", "GIF": ".gif", "WebP": ".webp", "Pictures (PNG)": ""}
-_EMPTY = ("No key frames yet. Press \u201cAdd key frame\u201d for the start; drag points, and press it again for the "
-          "next moment.")
+_EMPTY = (
+    "No key frames yet. Press \u201cAdd key frame\u201d for the start; drag points, and press it again for the "
+    "next moment."
+)
 _STYLE = {"description_width": "initial"}
 # The front end reports the time at which it has stopped only after an edit has stopped it: that shall not hide the
 # edit again.
@@ -60,32 +62,71 @@ class AnimationPanel(Panel):
         self._known = session.deformation
         self._quiet_until = 0.0
         self._held = -1.0  # moment of the key frame at which the player was put, until it leaves that
-        self.items = ItemList(label="Key frames", columns=["Time", "Points", ""], commands=["double", "remove"],
-                              switches=False, empty=_EMPTY)
+        self.items = ItemList(
+            label="Key frames",
+            columns=["Time", "Points", ""],
+            commands=["double", "remove"],
+            switches=False,
+            empty=_EMPTY,
+        )
         self.items.on_act(self._act)
         self.player = Player(label="Animation of the key frames")
-        self._easing = ipw.Dropdown(options=[(_EASINGS.get(name, name), name) for name in EASINGS],
-                                    description="Time passes", style=_STYLE, layout=ipw.Layout(width="280px"),
-                                    tooltip="How time passes from one key frame to the next")
-        self.playback = Playback(view, self.player, self.animation, session.grid, self._shown,
-                                 lambda: session.result_grid)
+        self._easing = ipw.Dropdown(
+            options=[(_EASINGS.get(name, name), name) for name in EASINGS],
+            description="Time passes",
+            style=_STYLE,
+            layout=ipw.Layout(width="280px"),
+            tooltip="How time passes from one key frame to the next",
+        )
+        self.playback = Playback(
+            view, self.player, self.animation, session.grid, self._shown, lambda: session.result_grid
+        )
         self.add(self._easing, lambda: session.deformation.easing, lambda value: self._play_as(easing=value))
         self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
         self.movie = MovieControls(session, guard, view, Path(folder))
-        self._time = ipw.BoundedFloatText(min=0, max=LONGEST, step=0.1, description="Time (s)", style=_STYLE,
-                                          layout=ipw.Layout(width="170px"), tooltip="When the chosen key frame comes",
-                                          continuous_update=False)
-        self.add(self._time, self._chosen_time, lambda value: self._edit("move a key frame", partial(
-            key_frames.move_key, index=self._chosen, time=value)))
-        self._update = self._button("Update", "The chosen key frame becomes what the document is now",
-                                    "update a key frame", lambda d: key_frames.update_key(d, self._chosen))
-        add = button("Add key frame", "The document as it is now; where the player rests between two key frames, or "
-                     "one second after the last", lambda: self.guard(self._add))
-        self._here = self._button("Edit this moment", "The document becomes what the player shows, to be edited",
-                                  "go to a moment", self._at_moment)
+        self._time = ipw.BoundedFloatText(
+            min=0,
+            max=LONGEST,
+            step=0.1,
+            description="Time (s)",
+            style=_STYLE,
+            layout=ipw.Layout(width="170px"),
+            tooltip="When the chosen key frame comes",
+            continuous_update=False,
+        )
+        self.add(
+            self._time,
+            self._chosen_time,
+            lambda value: self._edit("move a key frame", partial(key_frames.move_key, index=self._chosen, time=value)),
+        )
+        self._update = self._button(
+            "Update",
+            "The chosen key frame becomes what the document is now",
+            "update a key frame",
+            lambda d: key_frames.update_key(d, self._chosen),
+        )
+        add = button(
+            "Add key frame",
+            "The document as it is now; where the player rests between two key frames, or one second after the last",
+            lambda: self.guard(self._add),
+        )
+        self._here = self._button(
+            "Edit this moment",
+            "The document becomes what the player shows, to be edited",
+            "go to a moment",
+            self._at_moment,
+        )
         # Above the list, which grows: what is pressed again stays where it is.
-        self.box = ipw.VBox([row(add, self._update), self.items, row(self._time, self._here), self.player,
-                             row(self._easing, self.movie.box)], layout=ipw.Layout(grid_gap="6px"))
+        self.box = ipw.VBox(
+            [
+                row(add, self._update),
+                self.items,
+                row(self._time, self._here),
+                self.player,
+                row(self._easing, self.movie.box),
+            ],
+            layout=ipw.Layout(grid_gap="6px"),
+        )
         self.refresh()
 
     def _button(self, text: str, tooltip: str, label: str, change: Callable[[Deformation], Deformation]) -> ipw.Button:
@@ -123,14 +164,19 @@ class AnimationPanel(Panel):
         document = self.session.deformation
         added, following = document.keyframes[self._chosen].time, key_frames.free_time(document)
         play = " Or play what is there." if len(document.keyframes) > 1 else ""
-        self.session.notice = (f"Key frame {self._chosen + 1} is at {added:.4g} s. Drag on and press \u201cAdd key "
-                               f"frame\u201d again for the next, at {following:.4g} s.{play}")
+        self.session.notice = (
+            f"Key frame {self._chosen + 1} is at {added:.4g} s. Drag on and press \u201cAdd key "
+            f"frame\u201d again for the next, at {following:.4g} s.{play}"
+        )
 
     def _is_between(self) -> bool:
         """True if the player rests between two key frames."""
         keys, t = self.session.deformation.keyframes, self.player.time
-        return len(keys) > 1 and keys[0].time < t < keys[-1].time and key_frames.key_at(
-            self.session.deformation, t) is None
+        return (
+            len(keys) > 1
+            and keys[0].time < t < keys[-1].time
+            and key_frames.key_at(self.session.deformation, t) is None
+        )
 
     def _at_moment(self, deformation: Deformation) -> Deformation:
         self.player.pause()
@@ -228,13 +274,27 @@ class MovieControls:
         self._thread = Worker("deformnb-movie")
         self._is_writing = self._has_keys = False
         self._begun = 0.0
-        layouts = {"kind": {"width": "130px"}, "fps": {"width": "130px"},
-                   "name": {"flex": "1 1 120px", "min_width": "80px", "max_width": "260px"}}
+        layouts = {
+            "kind": {"width": "130px"},
+            "fps": {"width": "130px"},
+            "name": {"flex": "1 1 120px", "min_width": "80px", "max_width": "260px"},
+        }
         self.kind = ipw.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="What is written")
-        self.name = ipw.Text(value="animation.mp4", layout=layouts["name"], placeholder="file name",
-                             tooltip="In the folder of the notebook; pictures get one of their own")
-        self.fps = ipw.BoundedFloatText(value=24, min=1, max=50, step=1, description="Frames/s", layout=layouts["fps"],
-                                        style={"description_width": "60px"})
+        self.name = ipw.Text(
+            value="animation.mp4",
+            layout=layouts["name"],
+            placeholder="file name",
+            tooltip="In the folder of the notebook; pictures get one of their own",
+        )
+        self.fps = ipw.BoundedFloatText(
+            value=24,
+            min=1,
+            max=50,
+            step=1,
+            description="Frames/s",
+            layout=layouts["fps"],
+            style={"description_width": "60px"},
+        )
         self.kind.observe(lambda change: self._renamed(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
         self.cancel = button("Cancel", "Stop; no half file is left", self._stop.set)

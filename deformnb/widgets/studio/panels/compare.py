@@ -35,8 +35,16 @@ class ComparePanel(Panel):
 
     title = "Second volume"
 
-    def __init__(self, session: Session, guard: Guard, view: Any, place: Any, worker: Worker,
-                 folder: str | PathLike[str], given: Volume | None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        guard: Guard,
+        view: Any,
+        place: Any,
+        worker: Worker,
+        folder: str | PathLike[str],
+        given: Volume | None,
+    ) -> None:
         super().__init__(session, guard)
         self._view, self._place, self._worker = view, place, worker
         self._chosen = FitTarget(session, folder, given)
@@ -45,8 +53,11 @@ class ComparePanel(Panel):
         self._links: list[traitlets.link] = []
         self._name: ipw.HTML | None = None  # of the second volume, over its view
         self._line = ipw.HTML()
-        chooser = menu("Show beside", self._chosen.choices(), "Another volume of the folder, or the result of another "
-                       "session; both turn together")
+        chooser = menu(
+            "Show beside",
+            self._chosen.choices(),
+            "Another volume of the folder, or the result of another session; both turn together",
+        )
         self._menu = self.add(chooser, lambda: self._wanted, self._choose)
         session.observe(weakly(self, ComparePanel._follow_colours), "transfer")
         self.box = ipw.VBox([row(self._menu), self._line])
@@ -102,8 +113,10 @@ class ComparePanel(Panel):
         with parts_of_another():
             made = LiveView(volume, transfer=self.session.transfer, width=view.width, height=view.height, fill=True)
         made.layout.width = "100%"
-        self._links = [view.link_camera(made), *(traitlets.link((view, name), (made, name)) for name in _SHARED
-                                                 if view.has_trait(name))]
+        self._links = [
+            view.link_camera(made),
+            *(traitlets.link((view, name), (made, name)) for name in _SHARED if view.has_trait(name)),
+        ]
         self._second, self._name = made, ipw.HTML(name)
         beside = ipw.VBox([self._name, made], layout=ipw.Layout(display=view.layout.display)).add_class("dnb-second")
         first, *others = self._place.children

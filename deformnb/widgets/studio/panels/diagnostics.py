@@ -57,8 +57,10 @@ class DiagnosticsPanel(Panel):
         self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
         self.message = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox([row(*self._fold_buttons()), row(*self._prediction()), self.suspects, row(*self._overlays()),
-                          self.message], layout=ipw.Layout(flex="1 1 425px", min_width="0"))
+        doing = ipw.VBox(
+            [row(*self._fold_buttons()), row(*self._prediction()), self.suspects, row(*self._overlays()), self.message],
+            layout=ipw.Layout(flex="1 1 425px", min_width="0"),
+        )
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
         self.refresh()
@@ -75,8 +77,9 @@ class DiagnosticsPanel(Panel):
         return [self.back, self.unfold, self.stages, self.keep]
 
     def _prediction(self) -> list[Any]:
-        self.predict = action_button("best_prediction",
-                                     lambda: self._soon(lambda panel: panel._model.fold_actions.predict()))
+        self.predict = action_button(
+            "best_prediction", lambda: self._soon(lambda panel: panel._model.fold_actions.predict())
+        )
         self.chosen = widget_of("keep_chosen")
         self.chosen.observe(weakly(self, DiagnosticsPanel._chosen_changed, _is_open), "value")
         return [self.predict, self.chosen]
@@ -126,8 +129,11 @@ class DiagnosticsPanel(Panel):
             close_all(widget)
 
     def _suspect(self, points: ControlPoints, point: int) -> ipw.Button:
-        return button(point_name(points, point), ACTIONS["look_at"].tooltip,
-                      lambda: self.guard(lambda: look_at_point(self._editors.current, point)))
+        return button(
+            point_name(points, point),
+            ACTIONS["look_at"].tooltip,
+            lambda: self.guard(lambda: look_at_point(self._editors.current, point)),
+        )
 
     # -- the uncertainty overlay ---------------------------------------------------------------------------------------
 
@@ -162,4 +168,5 @@ def _is_open(panel: DiagnosticsPanel) -> bool:
 def _guarded(method: Callable[[Any], None]) -> Callable[[Any], None]:
     def run(panel: DiagnosticsPanel) -> None:
         panel.guard(lambda: method(panel))
+
     return run

@@ -35,8 +35,9 @@ class ExamplesPanel(Panel):
     def __init__(self, session: Session, guard: Guard, *, is_start: bool = False) -> None:
         super().__init__(session, guard)
         self._is_start = is_start
-        self.buttons = {name: button(example.title, example.tooltip, self._applier(name))
-                        for name, example in EXAMPLES.items()}
+        self.buttons = {
+            name: button(example.title, example.tooltip, self._applier(name)) for name, example in EXAMPLES.items()
+        }
         words = ipw.HTML(prose(_FIRST if is_start else _MENU))
         self.box = ipw.VBox([words, ipw.HBox(list(self.buttons.values()), layout=ipw.Layout(flex_flow="row wrap"))])
         self.refresh()
@@ -45,6 +46,7 @@ class ExamplesPanel(Panel):
         def apply() -> None:
             self.guard(lambda: apply_example(self.session, name))
             self.refresh()
+
         return apply
 
     def arrange(self) -> None:
@@ -55,5 +57,6 @@ class ExamplesPanel(Panel):
 
 def is_untouched(deformation: Deformation) -> bool:
     """Check that no point was dragged and that there is neither a cut nor a rigid part."""
-    return not any(step.cuts or step.parts or any(m.displacement.any() for m in step.maps)
-                   for step in deformation.steps)
+    return not any(
+        step.cuts or step.parts or any(m.displacement.any() for m in step.maps) for step in deformation.steps
+    )

@@ -62,8 +62,9 @@ class FilesPanel(Panel):
 
     title = "Export"
 
-    def __init__(self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str],
-                 write_page: WritePage) -> None:
+    def __init__(
+        self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str], write_page: WritePage
+    ) -> None:
         super().__init__(session, guard)
         self._view = view
         self._folder = Path(folder)
@@ -72,33 +73,56 @@ class FilesPanel(Panel):
         self._ending = threading.Lock()
         self._thread = Worker("deformnb-files")
         stem = file_stem(session.volume)
-        kinds = [(f"{e.title} ({e.suffixes[0]})", f"{stem}{'_deformed' * (name in _VOLUMES)}{e.suffixes[0]}")
-                 for name, e in EXPORTS.items()]  # not the name of the scan itself
+        kinds = [
+            (f"{e.title} ({e.suffixes[0]})", f"{stem}{'_deformed' * (name in _VOLUMES)}{e.suffixes[0]}")
+            for name, e in EXPORTS.items()
+        ]  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
         self.kind = ipw.Dropdown(options=kinds, layout=ipw.Layout(width="240px"), tooltip="What is written")
-        self.name = ipw.Text(value=kinds[0][1], layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
-                             placeholder="file name", tooltip="The end of the name chooses the kind of file")
+        self.name = ipw.Text(
+            value=kinds[0][1],
+            layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
+            placeholder="file name",
+            tooltip="The end of the name chooses the kind of file",
+        )
         self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
         self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
         self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
         self.cancel = self._acting("Cancel", "Stop; no half file is left", self._cancel)
         self._whole_name = next(name for title, name in kinds if name.endswith(_FOLDERS))
-        self.whole = self._acting("Export at full resolution", "Deform the finest level of the pyramid block by block, "
-                                  "into an OME-Zarr folder beside the notebook", self._start_whole)
-        self.level = row(ipw.HTML(html.escape(_level_text(session.volume)), layout=ipw.Layout(flex="1 1 240px",
-                                                                                       min_width="0")), self.whole)
+        self.whole = self._acting(
+            "Export at full resolution",
+            "Deform the finest level of the pyramid block by block, into an OME-Zarr folder beside the notebook",
+            self._start_whole,
+        )
+        self.level = row(
+            ipw.HTML(html.escape(_level_text(session.volume)), layout=ipw.Layout(flex="1 1 240px", min_width="0")),
+            self.whole,
+        )
         self.level.layout.display = "" if _level_text(session.volume) else "none"
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         whole = {"width": "auto", "margin": "2px 0"}
-        self.page_title = ipw.Text(value=session.volume.name, description="Title", layout=whole,
-                                   tooltip="Of the web page")
-        self.page_text = ipw.Textarea(description="Text", rows=3, layout=whole, continuous_update=False,
-                                      placeholder="What a reader of the page is to look at or to try",
-                                      tooltip="Stands under the title of the web page")
-        self.page_controls = {name: ipw.Checkbox(value=True, description=f"{label} on the page", indent=False,
-                                                 layout={"width": "auto", "margin": "2px 8px 2px 0"},
-                                                 tooltip="Whether the web page has this control")
-                              for name, label in CONTROLS.items()}
+        self.page_title = ipw.Text(
+            value=session.volume.name, description="Title", layout=whole, tooltip="Of the web page"
+        )
+        self.page_text = ipw.Textarea(
+            description="Text",
+            rows=3,
+            layout=whole,
+            continuous_update=False,
+            placeholder="What a reader of the page is to look at or to try",
+            tooltip="Stands under the title of the web page",
+        )
+        self.page_controls = {
+            name: ipw.Checkbox(
+                value=True,
+                description=f"{label} on the page",
+                indent=False,
+                layout={"width": "auto", "margin": "2px 8px 2px 0"},
+                tooltip="Whether the web page has this control",
+            )
+            for name, label in CONTROLS.items()
+        }
         chosen = row(*self.page_controls.values())
         self.of_page = ipw.VBox([self.page_title, self.page_text, chosen])
         self.name.observe(self._show_page_words, "value")
@@ -109,8 +133,16 @@ class FilesPanel(Panel):
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = ipw.VBox([row(*writing), self.level, self.of_page, row(self.copy, self.bar, self.message),
-                             self.question.box, self.file_transfer])
+        self.box = ipw.VBox(
+            [
+                row(*writing),
+                self.level,
+                self.of_page,
+                row(self.copy, self.bar, self.message),
+                self.question.box,
+                self.file_transfer,
+            ]
+        )
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
         return button(text, tooltip, lambda: self.guard(action))
@@ -136,14 +168,20 @@ class FilesPanel(Panel):
                 self.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, self._view.seen())
-        page = {"title": self.page_title.value, "about": self.page_text.value,
-                "controls": [name for name, box in self.page_controls.items() if box.value]}
+        page = {
+            "title": self.page_title.value,
+            "about": self.page_text.value,
+            "controls": [name for name, box in self.page_controls.items() if box.value],
+        }
         if os.path.lexists(path) and not frozen.files.has(path):
             self.message.value = ""
             is_volume = path.name.lower().endswith((*EXPORTS["volume"].suffixes, *_FOLDERS))
             doubt = ", and may be the original" if is_volume else ""
-            self.question.ask(f"{path.name} is already there{doubt}. Write over it?", "Write over it",
-                              lambda: self._begin(Job(path, frozen, downloads, page=page, overwrite=True)))
+            self.question.ask(
+                f"{path.name} is already there{doubt}. Write over it?",
+                "Write over it",
+                lambda: self._begin(Job(path, frozen, downloads, page=page, overwrite=True)),
+            )
             return
         self._begin(Job(path, frozen, downloads, page=page))
 
@@ -160,8 +198,9 @@ class FilesPanel(Panel):
         try:
             with writing_held_by(job.landing):
                 if job.path.name.lower().endswith(_PAGE):
-                    self._write_page(job.path, **job.page, overwrite=job.overwrite,
-                                     progress=partial(self._progress, job))
+                    self._write_page(
+                        job.path, **job.page, overwrite=job.overwrite, progress=partial(self._progress, job)
+                    )
                 else:
                     export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
             content = job.path.read_bytes() if job.downloads else None
@@ -172,9 +211,12 @@ class FilesPanel(Panel):
         except FileChangedError:
             over = Job(job.path, job.frozen, job.downloads, page=job.page, overwrite=True)
             if self._ended(job, ""):
-                self.question.ask(f"{job.path.name} has been changed by someone else since it was opened or saved here."
-                                  " Write it under another name, or over theirs?", "Write over it",
-                                  lambda: self._begin(over))
+                self.question.ask(
+                    f"{job.path.name} has been changed by someone else since it was opened or saved here."
+                    " Write it under another name, or over theirs?",
+                    "Write over it",
+                    lambda: self._begin(over),
+                )
         except Exception as error:
             reason = error
             if self._ended(job, ""):
@@ -215,8 +257,11 @@ class FilesPanel(Panel):
 
     def _copy(self) -> None:
         self.message.value = ""
-        note = "" if self.session.source else (
-            f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
+        note = (
+            ""
+            if self.session.source
+            else (f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
+        )
         self.file_transfer.copy(self.session.code(), note)
 
     def close(self) -> None:
@@ -250,8 +295,15 @@ class Job:
     False
     """
 
-    def __init__(self, path: Path, frozen: Frozen, downloads: bool, *, page: Mapping[str, Any] | None = None,
-                 overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        frozen: Frozen,
+        downloads: bool,
+        *,
+        page: Mapping[str, Any] | None = None,
+        overwrite: bool = False,
+    ) -> None:
         self.path, self.frozen, self.downloads, self.overwrite = path, frozen, downloads, overwrite
         self.page = dict(page or {})
         self.is_cancelled = self._is_landing = False
@@ -295,8 +347,13 @@ class Question:
         self.box = row(self.text, self.agree, self.refuse)
         self.forget()
 
-    def ask(self, text: str, agreement: str, action: Callable[[], None],
-            others: Mapping[str, Callable[[], None]] | None = None) -> None:
+    def ask(
+        self,
+        text: str,
+        agreement: str,
+        action: Callable[[], None],
+        others: Mapping[str, Callable[[], None]] | None = None,
+    ) -> None:
         """Ask, and do this if the answer is yes; an earlier question is dropped.
 
         Parameters
@@ -364,8 +421,11 @@ class FolderFiles:
             changed = self.folder.stat().st_mtime
             if self._seen is None or self._seen[0] != changed:
                 with os.scandir(self.folder) as found:
-                    names = sorted(f.name for f in found if f.name.lower().endswith(self._suffixes)
-                                   and not f.name.startswith(".") and f.is_file())
+                    names = sorted(
+                        f.name
+                        for f in found
+                        if f.name.lower().endswith(self._suffixes) and not f.name.startswith(".") and f.is_file()
+                    )
                 self._seen = (changed, names[:_MOST_FILES])
             return self._seen[1]
         except OSError:
@@ -377,8 +437,10 @@ def _level_text(volume: Volume) -> str:
     if volume.level is None or volume.level.number == 0:
         return ""
     grid = volume.finest_grid
-    return (f"Shown and edited: {volume.level}. The finest has {' x '.join(map(str, grid.shape[::-1]))} voxels, "
-            f"{human_bytes(grid.size * volume.dtype.itemsize)}.")
+    return (
+        f"Shown and edited: {volume.level}. The finest has {' x '.join(map(str, grid.shape[::-1]))} voxels, "
+        f"{human_bytes(grid.size * volume.dtype.itemsize)}."
+    )
 
 
 def _size(path: Path) -> str:
@@ -420,16 +482,29 @@ class ResultBox(Panel):
         self._left: tuple[str, ...] = ()
         self._length = float(f"{_MARGIN * max(session.grid.lengths):.1g}")
         self.margin = ipw.BoundedFloatText(
-            value=self._length, min=0.0, max=4 * session.grid.diagonal, step=1.0, continuous_update=False,
-            description=unit_of(session.grid), layout=ipw.Layout(width="120px"), style={"description_width": "28px"},
-            tooltip="Added on every side of the volume, in whole voxels")
+            value=self._length,
+            min=0.0,
+            max=4 * session.grid.diagonal,
+            step=1.0,
+            continuous_update=False,
+            description=unit_of(session.grid),
+            layout=ipw.Layout(width="120px"),
+            style={"description_width": "28px"},
+            tooltip="Added on every side of the volume, in whole voxels",
+        )
         self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
         self._warning_text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
         self._larger = button(*LARGER, self._make_larger)
         self.warning = row(self._warning_text, self._larger)
-        self.choice = self.add(menu("Result box", self._options(),
-                                    "What can be seen, and what the result holds: tissue dragged out of this box is "
-                                    "cut off"), self._chosen, self._choose)
+        self.choice = self.add(
+            menu(
+                "Result box",
+                self._options(),
+                "What can be seen, and what the result holds: tissue dragged out of this box is cut off",
+            ),
+            self._chosen,
+            self._choose,
+        )
         self.choice.layout.max_width = "280px"
         self.add(self.margin, lambda: self._length, self._grow)
         self.box = row(self.choice, self.margin, self.words)

@@ -50,22 +50,48 @@ class LabelChooser(Panel):
     box : all of it.
     """
 
-    def __init__(self, session: Session, guard: Guard, take: TakeRegions, folder: str | PathLike[str],
-                 labels: Volume | None = None, names: Mapping[int, str] | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        guard: Guard,
+        take: TakeRegions,
+        folder: str | PathLike[str],
+        labels: Volume | None = None,
+        names: Mapping[int, str] | None = None,
+    ) -> None:
         super().__init__(session, guard)
         self._take, self._files = take, FolderFiles(folder)
         self._labels: Volume | None = None
         self._table: Mapping[int, str] = {}  # of names, which came by itself
         self._opened = _NONE
-        self.file = self.add(menu("Labels", [_CLOSED], "A label volume of this scan in the folder, such as bones.nii.gz"
-                                  " or 3D Slicer's .seg.nrrd"), lambda: self._opened, self._open)
-        self.upload = FileInput(self._take_file, guard, _check_name, label="Open label file",
-                                tip="Label volume of this scan from this computer, and a table of its names",
-                                accept=",".join([supported().replace(" ", ""), *LABEL_TABLES]))
-        self.list = ipw.SelectMultiple(tooltip="Labels; Ctrl or Shift chooses several",
-                                       layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"))
-        add = [button(text, tip, self._taker(what)) for text, tip, what in (
-            ("Label as part", "Keep these regions rigid", "part"), ("Label as cut", "Cut along their outlines", "cut"))]
+        self.file = self.add(
+            menu(
+                "Labels",
+                [_CLOSED],
+                "A label volume of this scan in the folder, such as bones.nii.gz or 3D Slicer's .seg.nrrd",
+            ),
+            lambda: self._opened,
+            self._open,
+        )
+        self.upload = FileInput(
+            self._take_file,
+            guard,
+            _check_name,
+            label="Open label file",
+            tip="Label volume of this scan from this computer, and a table of its names",
+            accept=",".join([supported().replace(" ", ""), *LABEL_TABLES]),
+        )
+        self.list = ipw.SelectMultiple(
+            tooltip="Labels; Ctrl or Shift chooses several",
+            layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"),
+        )
+        add = [
+            button(text, tip, self._taker(what))
+            for text, tip, what in (
+                ("Label as part", "Keep these regions rigid", "part"),
+                ("Label as cut", "Cut along their outlines", "cut"),
+            )
+        ]
         self._choice = row(self.list, *add)
         self.box = ipw.VBox([row(self.file, self.upload), self._choice])
         self._choice.layout.display = "none"
@@ -114,8 +140,10 @@ class LabelChooser(Panel):
         """
         labels = labels.in_unit(self.session.grid.unit)
         if not labels.grid.overlaps(self.session.volume.grid):
-            raise DeformError(f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
-                              "open the labels of this scan.")
+            raise DeformError(
+                f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
+                "open the labels of this scan."
+            )
         self._show(labels, names or self._table)
         self._opened = name
         self.refresh()
@@ -143,8 +171,10 @@ class LabelChooser(Panel):
     def _show(self, labels: Volume, names: Mapping[int, str]) -> None:
         present = np.unique(labels.values)
         if len(present) > _MOST_LABELS or not (np.isfinite(present).all() and (present == np.round(present)).all()):
-            raise DeformError(f"{labels.name or 'this volume'} is no label volume: its voxels must be whole numbers, "
-                              f"one for each region and at most {_MOST_LABELS}.")
+            raise DeformError(
+                f"{labels.name or 'this volume'} is no label volume: its voxels must be whole numbers, "
+                f"one for each region and at most {_MOST_LABELS}."
+            )
         chosen = [int(value) for value in present if value != 0]
         if not chosen:
             raise DeformError(f"{labels.name or 'the label volume'} has no label to choose; every voxel of it is 0.")
@@ -164,15 +194,19 @@ class LabelChooser(Panel):
             raise DeformError("no label is chosen; click on one in the list, with Ctrl or Shift on several.")
         plane = self.session.step.plane
         masks = [Mask.from_labels(self._labels, n) for n in self.list.value]
-        return [(name, mask if plane is None else mask.silhouette(plane))
-                for name, mask in zip(self.list.label, masks, strict=True)]
+        return [
+            (name, mask if plane is None else mask.silhouette(plane))
+            for name, mask in zip(self.list.label, masks, strict=True)
+        ]
 
 
 def _check_name(name: str) -> None:
     """DeformError for the name of a file that is no volume file and no table."""
     if not (is_volume_name(name) or is_label_table(name)):
-        raise DeformError(f"{name} is no kind of volume file; open {supported()}, or a table of label names "
-                          f"({', '.join(LABEL_TABLES)}).")
+        raise DeformError(
+            f"{name} is no kind of volume file; open {supported()}, or a table of label names "
+            f"({', '.join(LABEL_TABLES)})."
+        )
 
 
 def is_volume_name(name: str) -> bool:

@@ -32,14 +32,23 @@ class LandmarkFiles:
     def __init__(self, session: Session, guard: Guard) -> None:
         self._session, self._guard = session, guard
         suffixes = [row.suffix for row in LANDMARK_FORMATS.values()]
-        self.upload = FileInput(self.take, guard, label="Open landmarks", accept=",".join([*suffixes, ".json"]),
-                                tip=f"Points from a file of landmarks ({landmark_suffixes()}); pairs are dragged to "
-                                    "their fixed places")
+        self.upload = FileInput(
+            self.take,
+            guard,
+            label="Open landmarks",
+            accept=",".join([*suffixes, ".json"]),
+            tip=f"Points from a file of landmarks ({landmark_suffixes()}); pairs are dragged to their fixed places",
+        )
         pairs = ", ".join(row.suffix for row in LANDMARK_FORMATS.values() if row.has_fixed)
-        self.kind = ipw.Dropdown(options=suffixes, value=suffixes[0], layout=ipw.Layout(width="auto"),
-                                 tooltip=f"{pairs} hold where the points were dragged too, the others hold places only")
-        self.save = button("Save landmarks", "Hand the points to the browser's downloads",
-                           lambda: guard(self._download))
+        self.kind = ipw.Dropdown(
+            options=suffixes,
+            value=suffixes[0],
+            layout=ipw.Layout(width="auto"),
+            tooltip=f"{pairs} hold where the points were dragged too, the others hold places only",
+        )
+        self.save = button(
+            "Save landmarks", "Hand the points to the browser's downloads", lambda: guard(self._download)
+        )
         self.file_transfer = FileTransfer()
         self.box = row(self.upload, self.save, self.kind, self.file_transfer)
 

@@ -36,8 +36,10 @@ from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel
 
 _SESSION = ".json"
-_KINDS = (f"a volume or labels ({supported()}), names of labels ({', '.join(LABEL_TABLES)}), landmarks "
-          f"({landmark_suffixes()}) or a session ({_SESSION})")
+_KINDS = (
+    f"a volume or labels ({supported()}), names of labels ({', '.join(LABEL_TABLES)}), landmarks "
+    f"({landmark_suffixes()}) or a session ({_SESSION})"
+)
 
 
 class OpenPanel(Panel):
@@ -59,22 +61,38 @@ class OpenPanel(Panel):
 
     title = "Open"
 
-    def __init__(self, session: Session, guard: Guard, points: LatePanel[PointsPanel],
-                 shapes: LatePanel[ShapesPanel], fit: LatePanel[FitPanel], compare: LatePanel[ComparePanel],
-                 open_volume: Callable[[Volume | Channels], None],
-                 decide_labels: Callable[[bool], None], box: FileInput | None = None) -> None:
+    def __init__(
+        self,
+        session: Session,
+        guard: Guard,
+        points: LatePanel[PointsPanel],
+        shapes: LatePanel[ShapesPanel],
+        fit: LatePanel[FitPanel],
+        compare: LatePanel[ComparePanel],
+        open_volume: Callable[[Volume | Channels], None],
+        decide_labels: Callable[[bool], None],
+        box: FileInput | None = None,
+    ) -> None:
         super().__init__(session, guard)
         self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
         self._open_volume = open_volume
         self.question = Question(guard)
         self.warning = self.question.box
-        self.box = box or FileInput(self._take, guard, _check_name, drops=True,
-                                    tip="Open a volume, labels and their names, landmarks, or a session")
+        self.box = box or FileInput(
+            self._take,
+            guard,
+            _check_name,
+            drops=True,
+            tip="Open a volume, labels and their names, landmarks, or a session",
+        )
         if session.volume.is_undecided:
             name = session.volume.name or "this volume"
-            self.question.ask(f"The voxels of {name} look like labels. Keep each number as it is, or blend them as "
-                              "amounts?", "They are labels", lambda: decide_labels(True),
-                              {"They are amounts": lambda: decide_labels(False)})
+            self.question.ask(
+                f"The voxels of {name} look like labels. Keep each number as it is, or blend them as amounts?",
+                "They are labels",
+                lambda: decide_labels(True),
+                {"They are amounts": lambda: decide_labels(False)},
+            )
 
     def begin(self) -> None:
         """Take the files from the panel before, also one that is on its way: it was chosen for what is open now."""
@@ -97,8 +115,11 @@ class OpenPanel(Panel):
         try:
             self._opened(path.name, document)
         except OtherVolumeError:
-            self.question.ask(self.session.difference(document), "Open anyway",
-                              lambda: self._opened(path.name, document, allow_other_volume=True))
+            self.question.ask(
+                self.session.difference(document),
+                "Open anyway",
+                lambda: self._opened(path.name, document, allow_other_volume=True),
+            )
 
     def _opened(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
         self.session.take(document, f"open {name}", allow_other_volume=allow_other_volume)
@@ -113,7 +134,8 @@ class OpenPanel(Panel):
             "Open": lambda: self._open_volume(subject),
             "Show beside": lambda: self._show_beside(path.name, volume),
             "Match to it": lambda: self._take_target(path.name, volume),
-            "Use as labels": lambda: self._take_labels(path.name, volume, names)}
+            "Use as labels": lambda: self._take_labels(path.name, volume, names),
+        }
         question = f"Open {path.name} in place of {present}?{kept}"
         if volume.grid.overlaps(self.session.volume.grid) and (names or is_segmentation(volume)):
             if names or volume.is_labels:
@@ -138,8 +160,10 @@ class OpenPanel(Panel):
         self._shapes.panel.labels.take(name, replace(volume, is_labels=True), names)
         self._shapes.reveal()
         count = len(self._shapes.panel.labels.list.options)
-        self.session.notice = (f'{name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
-                               'parts and cuts", and make them rigid parts or cuts.')
+        self.session.notice = (
+            f'{name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
+            'parts and cuts", and make them rigid parts or cuts.'
+        )
 
 
 def is_segmentation(volume: Volume) -> bool:

@@ -136,8 +136,10 @@ def _laid(target: Volume, volume: Volume) -> tuple[Volume, str]:
         return target, ""
     shift = np.asarray(volume.grid.center) - np.asarray(target.grid.center)
     x, y, z = (np.asarray(target.grid.origin) + shift).tolist()
-    return (replace(target, grid=replace(target.grid, origin=(x, y, z))),
-            "The target lies elsewhere in space; it was laid middle on middle.")
+    return (
+        replace(target, grid=replace(target.grid, origin=(x, y, z))),
+        "The target lies elsewhere in space; it was laid middle on middle.",
+    )
 
 
 def _box(volume: Volume) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -145,8 +147,9 @@ def _box(volume: Volume) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def compared(moving: Picture, fixed: Picture,
-             map_now: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def compared(
+    moving: Picture, fixed: Picture, map_now: AbstractField
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The deformed moving picture and the fixed one as grey values of one size, with square pixels."""
     a0, a1, b0, b1 = moving.raster.box
     d = max(a1 - a0, b1 - b0) / PREVIEW
@@ -173,14 +176,19 @@ def blended(now: NDArray[np.float64], fixed: NDArray[np.float64], share: float) 
     return (np.clip(np.concatenate([left, gap, right], axis=1), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
-_MEASURES = {"ncc": "Correlation (brightness does not count)", "ssd": "Squared difference (one grey scale)",
-             "mi": "Mutual information (any grey scale)"}
+_MEASURES = {
+    "ncc": "Correlation (brightness does not count)",
+    "ssd": "Squared difference (one grey scale)",
+    "mi": "Mutual information (any grey scale)",
+}
 _STYLE = {"description_width": "initial"}
 _HINT = "Choose what the volume shall look like. Lock points where the picture shows nothing to go by."
 _SNAP_TIP = "Each selected point goes to the place in the target that looks like its surroundings"
 _ALONG_TIP = "New points on the outline of the subject, which go to the target's outline"
-_SLIDE_TIP = ("The selected points, or all that were put on the outline, slide along the target's outline to where the "
-              "map bends least")
+_SLIDE_TIP = (
+    "The selected points, or all that were put on the outline, slide along the target's outline to where the "
+    "map bends least"
+)
 # Points that "Points along the outline" made are known by their names.
 _OUTLINE = "outline "
 
@@ -222,51 +230,94 @@ class FitPanel(Panel):
 
     title = "Match to another picture"
 
-    def __init__(self, session: Session, guard: Guard, editors: Any, folder: str | PathLike[str],
-                 target: Volume | None = None) -> None:
+    def __init__(
+        self, session: Session, guard: Guard, editors: Any, folder: str | PathLike[str], target: Volume | None = None
+    ) -> None:
         super().__init__(session, guard)
         self._editors = editors
         self.target = FitTarget(session, folder, target)
         self._thread = Worker("deformnb-fit")
         self._stop = threading.Event()
         self._is_busy = False
-        self.choice = ipw.Dropdown(options=self.target.choices(), description="Target", style=_STYLE,
-                                   layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
-                                   tooltip="What the volume shall look like: another volume, or a saved session")
+        self.choice = ipw.Dropdown(
+            options=self.target.choices(),
+            description="Target",
+            style=_STYLE,
+            layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+            tooltip="What the volume shall look like: another volume, or a saved session",
+        )
         if target is not None:
             self.target.choose(GIVEN)
             self.choice.value = GIVEN
         self.choice.observe(self._chosen, "value")
-        self.measure = ipw.Dropdown(options=[(_MEASURES.get(name, name), name) for name in MEASURES], style=_STYLE,
-                                    description="Measure", layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
-                                    tooltip="What counts as alike")
+        self.measure = ipw.Dropdown(
+            options=[(_MEASURES.get(name, name), name) for name in MEASURES],
+            style=_STYLE,
+            description="Measure",
+            layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+            tooltip="What counts as alike",
+        )
         self.stiffness = ipw.FloatLogSlider(
-            min=-4, max=1, step=0.1, value=0.005, description="Stiffness", style=_STYLE, readout_format=".1g",
+            min=-4,
+            max=1,
+            step=0.1,
+            value=0.005,
+            description="Stiffness",
+            style=_STYLE,
+            readout_format=".1g",
             layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
-            tooltip="How much bending counts against similarity, when all points are fitted")
-        self.count = ipw.BoundedIntText(min=3, max=200, value=16, style=_STYLE, description="Points",
-                                        layout=ipw.Layout(width="120px"), tooltip="How many are put on the outline")
-        self.buttons = {text: button(text, tip, partial(guard, partial(self._start, text, work)))
-                        for text, (tip, work) in self._works().items()}
+            tooltip="How much bending counts against similarity, when all points are fitted",
+        )
+        self.count = ipw.BoundedIntText(
+            min=3,
+            max=200,
+            value=16,
+            style=_STYLE,
+            description="Points",
+            layout=ipw.Layout(width="120px"),
+            tooltip="How many are put on the outline",
+        )
+        self.buttons = {
+            text: button(text, tip, partial(guard, partial(self._start, text, work)))
+            for text, (tip, work) in self._works().items()
+        }
         self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
         self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="140px", visibility="hidden"))
         self.message = ipw.HTML(_words(_HINT if target is None else self.target.note))
-        self.blend = slider("Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target",
-                            layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
+        self.blend = slider(
+            "Blend",
+            0.0,
+            1.0,
+            0.02,
+            "Left: 0 the volume as it is deformed now, 1 the target",
+            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+        )
         self.blend.observe(self._request_preview, "value")
-        self.over = slider("Overlay", 0.0, 1.0, 0.02, "The target laid over the picture that is edited; 0 not at all",
-                           layout=ipw.Layout(flex="1 1 240px", max_width="420px"))
+        self.over = slider(
+            "Overlay",
+            0.0,
+            1.0,
+            0.02,
+            "The target laid over the picture that is edited; 0 not at all",
+            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+        )
         self.over.observe(self._request_preview, "value")
         self._laid_over: tuple[Any, ...] = ()
         self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", align_self="flex-start"))
-        legend = ipw.HTML(_words("Left: now, blended with the target. Right: now in green, target in magenta; grey "
-                                 "where they agree."))
+        legend = ipw.HTML(
+            _words("Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree.")
+        )
         self.shown = ipw.VBox([row(self.over, self.blend), self.preview, legend], layout=ipw.Layout(display="none"))
         snap, fit, along, along_it = self.buttons.values()
-        self.box = ipw.VBox([row(self.choice, self.measure, self.stiffness),
-                             row(snap, fit, self.count, along, along_it, self.stop, self.bar), self.message,
-                             self.shown],
-                            layout=ipw.Layout(grid_gap="4px"))
+        self.box = ipw.VBox(
+            [
+                row(self.choice, self.measure, self.stiffness),
+                row(snap, fit, self.count, along, along_it, self.stop, self.bar),
+                self.message,
+                self.shown,
+            ],
+            layout=ipw.Layout(grid_gap="4px"),
+        )
         self.refresh()
 
     def _works(self) -> dict[str, tuple[str, Work]]:
@@ -349,8 +400,16 @@ class FitPanel(Panel):
         editor = self._editors.current
         options = step.settings.arguments(session.points, lone_support(session.grid))
         settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": step.stages}
-        return Begun(session.deformation, session.index, session.key, session.points, tuple(editor.selected),
-                     editor.fit(), options, settings)
+        return Begun(
+            session.deformation,
+            session.index,
+            session.key,
+            session.points,
+            tuple(editor.selected),
+            editor.fit(),
+            options,
+            settings,
+        )
 
     def _worked(self, begun: Begun, what: str, work: Work) -> str:
         points, words = work(begun)
@@ -388,8 +447,9 @@ class FitPanel(Panel):
         if not begun.selected:
             raise DeformError("no point is selected; click on those that shall snap, with Shift for several.")
         moving, fixed = self.target.pair()
-        found = snap_to_match(begun.points, begun.selected, moving, fixed, map_now=begun.map_now,
-                              progress=self._progress)
+        found = snap_to_match(
+            begun.points, begun.selected, moving, fixed, map_now=begun.map_now, progress=self._progress
+        )
         words = [f"{len(found.ids) - len(found.left)} of {len(found.ids)} points snapped."]
         for why in dict.fromkeys(found.left.values()):
             names = [_named(begun.points, point) for point, reason in found.left.items() if reason == why]
@@ -399,8 +459,10 @@ class FitPanel(Panel):
     def _fit(self, begun: Begun) -> tuple[ControlPoints, str]:
         step = begun.deformation.steps[begun.index]
         if any(part.enabled for part in step.parts) or any(cut.enabled for cut in step.cuts):
-            raise DeformError("cuts and rigid parts are not known to the fit of all points; switch them off, or snap "
-                              "single points, which works beside them.")
+            raise DeformError(
+                "cuts and rigid parts are not known to the fit of all points; switch them off, or snap "
+                "single points, which works beside them."
+            )
         moving, fixed = self.target.pair()
         start = time.perf_counter()
         found = fit_targets(begun.points, moving, fixed, progress=self._progress, **begun.options, **begun.settings)
@@ -413,11 +475,14 @@ class FitPanel(Panel):
 
     def _slide(self, begun: Begun) -> tuple[ControlPoints, str]:
         points = begun.points
-        ids = begun.selected or tuple(i for i, name in zip(points.ids, points.names, strict=True)
-                                      if name.startswith(_OUTLINE))
+        ids = begun.selected or tuple(
+            i for i, name in zip(points.ids, points.names, strict=True) if name.startswith(_OUTLINE)
+        )
         if not ids:
-            raise DeformError("no point is on the outline yet: press \u201cPoints along the outline\u201d, or select "
-                              "points that lie on it.")
+            raise DeformError(
+                "no point is on the outline yet: press \u201cPoints along the outline\u201d, or select "
+                "points that lie on it."
+            )
         found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._progress)
         return found.points, f"{len(found.ids)} points slid. {_bent(found.energy)}"
 
@@ -468,9 +533,11 @@ def _report(found: Fitted, before: ControlPoints, seconds: float) -> str:
     way = np.linalg.norm(found.points.target - before.target, axis=1)
     if not way.any():
         return f"Nothing better was found; similarity {found.score_before:.3f}. {seconds:.1f} s."
-    return (f"Similarity {found.score_before:.3f} before, {found.score_after:.3f} after. "
-            f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
-            f"{seconds:.1f} s.")
+    return (
+        f"Similarity {found.score_before:.3f} before, {found.score_after:.3f} after. "
+        f"{np.count_nonzero(way)} points moved, by {way.max():.3g} at most; min det J {found.least:.2f}. "
+        f"{seconds:.1f} s."
+    )
 
 
 def _bent(energy: tuple[float, ...]) -> str:

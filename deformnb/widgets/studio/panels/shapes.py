@@ -80,8 +80,15 @@ def turn_and_shift(motion: RigidMotion | None, middle: Sequence[float]) -> tuple
     return degrees, axis, motion([middle])[0] - np.asarray(middle)
 
 
-def edit_parts(session: Session, editor: Any, parts: Sequence[RigidPart], label: str, kind: str | None = None, *,
-               slides: bool = False) -> None:
+def edit_parts(
+    session: Session,
+    editor: Any,
+    parts: Sequence[RigidPart],
+    label: str,
+    kind: str | None = None,
+    *,
+    slides: bool = False,
+) -> None:
     """Give the step other rigid parts; where points contradict them, the picture asks what becomes of the points.
 
     Parameters
@@ -101,8 +108,10 @@ def edit_parts(session: Session, editor: Any, parts: Sequence[RigidPart], label:
         if editor is None or session.step.plane is None or without_conflicts(points, parts) == points:
             raise
         editor.propose(parts, label)
-        raise DeformError("control points in a rigid part require another movement than the part's: the picture asks "
-                          "what becomes of them.") from None
+        raise DeformError(
+            "control points in a rigid part require another movement than the part's: the picture asks "
+            "what becomes of them."
+        ) from None
 
 
 class PartControls(Panel):
@@ -120,24 +129,51 @@ class PartControls(Panel):
         self._editor = editor
         reach = 0.5 * session.volume.grid.diagonal
         self._axis = 2
-        state = self.add(menu("Part", [(text, name) for name, text in _STATES.items()],
-                              "A part that is moved turns and shifts as a whole; what is around it bends"),
-                         lambda: "fixed" if self.part is None or self.part.motion is None else "moved", self._set_state)
-        weight = self.add(menu("Felt by", [(text, name) for name, text in _WEIGHTS.items()],
-                               "How the deformation fades towards the part"),
-                          lambda: "saturated" if self.part is None else self.part.weight,
-                          lambda value: self._write("change the weight of", weight=value))
+        state = self.add(
+            menu(
+                "Part",
+                [(text, name) for name, text in _STATES.items()],
+                "A part that is moved turns and shifts as a whole; what is around it bends",
+            ),
+            lambda: "fixed" if self.part is None or self.part.motion is None else "moved",
+            self._set_state,
+        )
+        weight = self.add(
+            menu(
+                "Felt by",
+                [(text, name) for name, text in _WEIGHTS.items()],
+                "How the deformation fades towards the part",
+            ),
+            lambda: "saturated" if self.part is None else self.part.weight,
+            lambda value: self._write("change the weight of", weight=value),
+        )
         self._angle = self._slider("Turn", 180.0, "Degrees about the pivot", "turn", ".1f")
-        self._axes = self.add(menu("About", [("x (left)", "0"), ("y (back)", "1"), ("z (up)", "2")],
-                                   "Axis of the turn"), lambda: str(self._of_motion()[1]), self._set_axis)
+        self._axes = self.add(
+            menu("About", [("x (left)", "0"), ("y (back)", "1"), ("z (up)", "2")], "Axis of the turn"),
+            lambda: str(self._of_motion()[1]),
+            self._set_axis,
+        )
         names = (("Right", "Down"), ("x", "y", "z"))
-        self._shifts = [[self._slider(f"Shift {name.lower()}", reach, f"Length along {name.lower()}", k, ".1f")
-                         for k, name in enumerate(group)] for group in names]
+        self._shifts = [
+            [
+                self._slider(f"Shift {name.lower()}", reach, f"Length along {name.lower()}", k, ".1f")
+                for k, name in enumerate(group)
+            ]
+            for group in names
+        ]
         self._places = [[self._number(f"Pivot {name.lower()}", k) for k, name in enumerate(group)] for group in names]
-        self._reach = self.add(slider("Reach", 0.0, reach, reach / 200, "Distance at which the part is no longer felt; "
-                                      "0 leaves that to the nearest control point", ".1f"),
-                               lambda: min((self.part and self.part.reach) or 0.0, reach),
-                               lambda value: self._write("change the reach of", "reach", reach=value or None))
+        self._reach = self.add(
+            slider(
+                "Reach",
+                0.0,
+                reach,
+                reach / 200,
+                "Distance at which the part is no longer felt; 0 leaves that to the nearest control point",
+                ".1f",
+            ),
+            lambda: min((self.part and self.part.reach) or 0.0, reach),
+            lambda value: self._write("change the reach of", "reach", reach=value or None),
+        )
         of_plane, of_space = ([*self._shifts[k], *self._places[k]] for k in (0, 1))
         self._moving = [self._angle, self._axes, *of_plane, *of_space]
         self.box = ipw.VBox([row(state, weight, self._reach), row(*self._moving)])
@@ -148,14 +184,22 @@ class PartControls(Panel):
         most = step * float(np.ceil(most / step))
         made = slider(text, -most, most, step, tip, form)
         if isinstance(what, str):
-            return self.add(made, lambda: float(np.clip(self._of_motion()[0], -most, most)),
-                            lambda value: self._move("turn", degrees=value))
+            return self.add(
+                made,
+                lambda: float(np.clip(self._of_motion()[0], -most, most)),
+                lambda value: self._move("turn", degrees=value),
+            )
         return self.add(made, lambda: self._shift(what, most), lambda value: self._move("shift", shift=(what, value)))
 
     def _number(self, text: str, k: int) -> Any:
-        made = ipw.FloatText(description=text, step=1.0, layout=ipw.Layout(width="180px"), continuous_update=False,
-                             style={"description_width": "80px"},
-                             tooltip="The place that a turn leaves where it is; turn and shift stay as they are")
+        made = ipw.FloatText(
+            description=text,
+            step=1.0,
+            layout=ipw.Layout(width="180px"),
+            continuous_update=False,
+            style={"description_width": "80px"},
+            tooltip="The place that a turn leaves where it is; turn and shift stay as they are",
+        )
         return self.add(made, lambda: self._pivot(k), lambda value: self._set_pivot(k, value))
 
     def _pivot(self, k: int) -> float:
@@ -201,9 +245,15 @@ class PartControls(Panel):
         self._axis = int(value)
         self._move("turn", axis=self._axis)
 
-    def _move(self, verb: str, degrees: float | None = None, axis: int | None = None,
-              shift: tuple[int, float] | None = None, to: NDArray[np.float64] | None = None,
-              pivot: tuple[float, ...] | None = None) -> None:
+    def _move(
+        self,
+        verb: str,
+        degrees: float | None = None,
+        axis: int | None = None,
+        shift: tuple[int, float] | None = None,
+        to: NDArray[np.float64] | None = None,
+        pivot: tuple[float, ...] | None = None,
+    ) -> None:
         if self.part is None:
             return
         middle = pivot or self._about()
@@ -223,8 +273,14 @@ class PartControls(Panel):
             return
         parts[index] = replace(parts[index], **fields)
         name = parts[index].name or f"part {index + 1}"
-        edit_parts(self.session, self._editor, parts, f"{verb} {name}", f"{kind} {index}" if kind else None,
-                   slides=kind is not None)
+        edit_parts(
+            self.session,
+            self._editor,
+            parts,
+            f"{verb} {name}",
+            f"{kind} {index}" if kind else None,
+            slides=kind is not None,
+        )
 
     def arrange(self) -> None:
         part = self.part
@@ -241,14 +297,22 @@ class PartControls(Panel):
 _CUT_LOOK = "linear-gradient(135deg, #39404a 40%, #fff 40% 60%, #39404a 60%)"
 _PART_LOOK = "repeating-linear-gradient(45deg, #39404a 0 2.5px, #fff 2.5px 4px)"
 
-_ENDS = {"go on to the border": (False, False), "first end here": (True, False), "last end here": (False, True),
-         "both ends here": (True, True)}
+_ENDS = {
+    "go on to the border": (False, False),
+    "first end here": (True, False),
+    "last end here": (False, True),
+    "both ends here": (True, True),
+}
 
 _KINDS = {"half_space": "all on one side", "polygon": "closed line", "line": "line", "mask": "mask"}
-_EMPTY = ("Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
-          "point on each side. A rigid part keeps its form: draw around it.")
-_EMPTY_SPACE = ("Nothing yet. In space a part or a cut is a fixed side, a label, or made in Python: "
-                "studio.session.edit_cuts([...]). The pen and the wand need a picture: choose a side over it.")
+_EMPTY = (
+    "Nothing yet. A cut lets the two sides of a line move on their own: draw it across the picture, then drag a "
+    "point on each side. A rigid part keeps its form: draw around it."
+)
+_EMPTY_SPACE = (
+    "Nothing yet. In space a part or a cut is a fixed side, a label, or made in Python: "
+    "studio.session.edit_cuts([...]). The pen and the wand need a picture: choose a side over it."
+)
 _FIXED_AT = 0.1  # share of the picture's height, from below
 
 
@@ -264,8 +328,15 @@ class ShapesPanel(Panel):
 
     title = "Rigid parts and cuts"
 
-    def __init__(self, session: Session, guard: Guard, editor: Any, labels: Volume | None = None,
-                 names: Mapping[int, str] | None = None, folder: str | PathLike[str] = ".") -> None:
+    def __init__(
+        self,
+        session: Session,
+        guard: Guard,
+        editor: Any,
+        labels: Volume | None = None,
+        names: Mapping[int, str] | None = None,
+        folder: str | PathLike[str] = ".",
+    ) -> None:
         super().__init__(session, guard)
         self._editor = editor
         self._chosen: tuple[str, int] | None = None
@@ -273,13 +344,23 @@ class ShapesPanel(Panel):
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
         self._rule = self.of_step(widget_of("cut_rule"), "cut_rule")
-        self._ends = self.add(menu("Cut's ends", [(text, text) for text in _ENDS],
-                                   "A cut that ends here closes at its tip and is whole beyond it; in the picture a "
-                                   "double-click on an end does the same"), self._ends_of, self._set_ends)
+        self._ends = self.add(
+            menu(
+                "Cut's ends",
+                [(text, text) for text in _ENDS],
+                "A cut that ends here closes at its tip and is whole beyond it; in the picture a "
+                "double-click on an end does the same",
+            ),
+            self._ends_of,
+            self._set_ends,
+        )
         self.part = PartControls(session, guard, self._part_index, editor)
         self._drawing = self._draw_buttons()
-        fixed = button("Fixed side", "All below a level stays fixed",
-                       lambda: guard(lambda: self.add_regions("part", [("fixed side", self._fixed_side())])))
+        fixed = button(
+            "Fixed side",
+            "All below a level stays fixed",
+            lambda: guard(lambda: self.add_regions("part", [("fixed side", self._fixed_side())])),
+        )
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, fixed)
         self.box = ipw.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
@@ -288,10 +369,18 @@ class ShapesPanel(Panel):
         self.refresh()
 
     def _draw_buttons(self) -> list[Any]:
-        return [button("Draw cut", "Draw a line across the picture; its sides can be dragged apart",
-                       lambda: self.guard(lambda: self._editor.draw("cut"))),
-                button("Draw rigid part", "Draw around what must keep its form",
-                       lambda: self.guard(lambda: self._editor.draw("part")))]
+        return [
+            button(
+                "Draw cut",
+                "Draw a line across the picture; its sides can be dragged apart",
+                lambda: self.guard(lambda: self._editor.draw("cut")),
+            ),
+            button(
+                "Draw rigid part",
+                "Draw around what must keep its form",
+                lambda: self.guard(lambda: self._editor.draw("part")),
+            ),
+        ]
 
     def close(self) -> None:
         """Let go of the label volume and of the picture."""
@@ -325,8 +414,10 @@ class ShapesPanel(Panel):
     def arrange(self) -> None:
         self._follow()
         rows, step = self._rows(), self.session.step
-        self.items.show([_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
-                        rows.index(self._chosen) if self._chosen in rows else -1)
+        self.items.show(
+            [_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
+            rows.index(self._chosen) if self._chosen in rows else -1,
+        )
         self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
         self._rule.layout.display = "" if step.cuts else "none"
         self._ends.layout.display = "" if self._line() is not None else "none"
@@ -434,8 +525,14 @@ def _name(what: str, k: int, shape: Any) -> str:
 def _row(what: str, k: int, shape: Any) -> dict[str, Any]:
     facts = [what if what == "cut" else "rigid part", _KINDS.get(shape.region.kind, shape.region.kind)]
     more = _motion_words(shape) if what == "part" else _end_words(shape)
-    return {"name": shape.name, "title": f"{what} {k + 1}", "on": shape.enabled, "id": what, "facts": [*facts, more],
-            "swatch": _CUT_LOOK if what == "cut" else _PART_LOOK}
+    return {
+        "name": shape.name,
+        "title": f"{what} {k + 1}",
+        "on": shape.enabled,
+        "id": what,
+        "facts": [*facts, more],
+        "swatch": _CUT_LOOK if what == "cut" else _PART_LOOK,
+    }
 
 
 def _end_words(cut: Cut) -> str:

@@ -40,10 +40,12 @@ class StepsPanel(Panel):
         self.items = ItemList(label="Steps", columns=["Step", "Side", "Points", "On it"])
         self.items.on_act(self._act)
         here = action_button("add_step", lambda: guard(session.add_step))
-        space = button("Add step in space", "Deform with points in the volume itself instead of on a picture of it",
-                       lambda: guard(lambda: session.add_step(in_space=True)))
-        mode = self.add(widget_of("mode"), lambda: session.deformation.mode,
-                        session.set_mode)
+        space = button(
+            "Add step in space",
+            "Deform with points in the volume itself instead of on a picture of it",
+            lambda: guard(lambda: session.add_step(in_space=True)),
+        )
+        mode = self.add(widget_of("mode"), lambda: session.deformation.mode, session.set_mode)
         self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
         self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()
@@ -75,11 +77,16 @@ def _row(step: Step, k: int, title: str, side: str) -> dict[str, Any]:
     moved = sum(int(np.count_nonzero(m.displacement.any(axis=1))) for m in step.maps)
     points = sum(len(m) for m in step.maps)
     keys = f" in {len(step.maps)} keys" if len(step.maps) > 1 else ""
-    return {"name": step.name, "title": title, "on": step.enabled, "mark": str(k + 1),
-            "swatch": STEP_COLOURS[k % len(STEP_COLOURS)],
-            "facts": [side, f"{points}{keys}, {moved} dragged", shapes_words(step)],
-            "tip": f"Step {k + 1}, {side}, {moved} of {points} points dragged. Click to edit it; F2 or double-click to "
-                   "name it"}
+    return {
+        "name": step.name,
+        "title": title,
+        "on": step.enabled,
+        "mark": str(k + 1),
+        "swatch": STEP_COLOURS[k % len(STEP_COLOURS)],
+        "facts": [side, f"{points}{keys}, {moved} dragged", shapes_words(step)],
+        "tip": f"Step {k + 1}, {side}, {moved} of {points} points dragged. Click to edit it; F2 or double-click to "
+        "name it",
+    }
 
 
 def shapes_words(step: Step) -> str:
@@ -130,8 +137,11 @@ class HistoryPanel(Panel):
     def lead_back(self, former: Session, open_session: Callable[[Session], None]) -> None:
         """Offer to open the session of another volume again, as it was left."""
         name = former.volume.name or "the volume before"
-        back = button(f"Back to {name}", f"Open {name} again, with its edits and their history",
-                      lambda: self.guard(lambda: open_session(former)))
+        back = button(
+            f"Back to {name}",
+            f"Open {name} again, with its edits and their history",
+            lambda: self.guard(lambda: open_session(former)),
+        )
         self.box.children = (back, *self.box.children)
 
     def _history_changed(self, _change: Any) -> None:

@@ -31,14 +31,21 @@ from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.files import plain_name
 from deformnb.widgets.worker import Worker
 
-_OVERLAYS = [("nothing", "none"), ("folds, red", "folds"), ("area: green grows, purple shrinks", "area"),
-             ("principal strains", "strain"), ("uncertainty", "uncertainty")]
+_OVERLAYS = [
+    ("nothing", "none"),
+    ("folds, red", "folds"),
+    ("area: green grows, purple shrinks", "area"),
+    ("principal strains", "strain"),
+    ("uncertainty", "uncertainty"),
+]
 _IN_SPACE = "Points in space deform no picture, so there is no grid to show: choose a step on a picture."
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
 _WATCHED = ["deformation", "index", "key", "history", "method", "depth", "transfer", "window", "colour_map"]
 _CELLS = 12  # of a printed grid, where the picture shows none
-_LOOK = ('<div style="line-height: 1.35"><b>Drag the nodes of the grid titled Deformed</b>: '
-         "each becomes a control point; Delete removes that point.</div>")
+_LOOK = (
+    '<div style="line-height: 1.35"><b>Drag the nodes of the grid titled Deformed</b>: '
+    "each becomes a control point; Delete removes that point.</div>"
+)
 
 
 class ThompsonPanel(Panel):
@@ -69,8 +76,13 @@ class ThompsonPanel(Panel):
 
     title = "Thompson's grids and your own"
 
-    def __init__(self, session: Session, guard: Guard | None = None, editor: Editor | None = None,
-                 folder: str | PathLike[str] = ".") -> None:
+    def __init__(
+        self,
+        session: Session,
+        guard: Guard | None = None,
+        editor: Editor | None = None,
+        folder: str | PathLike[str] = ".",
+    ) -> None:
         super().__init__(session, guard or self._guarded)
         self.message = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))
         self.is_alone = editor is None
@@ -79,13 +91,24 @@ class ThompsonPanel(Panel):
         self._thread = Worker("deformnb-grids")
         self._is_open = self.is_alone
         self.before, self.after = _place("before"), _place("after")
-        self._pictures = ipw.HBox([_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
-                                  layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
+        self._pictures = ipw.HBox(
+            [_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
+            layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"),
+        )
         self._nowhere = ipw.Label(_IN_SPACE)
         self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
         self._own = ipw.VBox([])
-        self.box = ipw.VBox([row(*self._grid_settings()), self._own, self._settings(), self._pictures, self._nowhere,
-                             row(*self._export()), self.file_transfer])
+        self.box = ipw.VBox(
+            [
+                row(*self._grid_settings()),
+                self._own,
+                self._settings(),
+                self._pictures,
+                self._nowhere,
+                row(*self._export()),
+                self.file_transfer,
+            ]
+        )
         if self.is_alone:
             self._listen()
         self.refresh()
@@ -94,45 +117,72 @@ class ThompsonPanel(Panel):
 
     def _settings(self) -> ipw.Box:
         most = self.editor.traits()["density"].max
-        lines = ipw.IntSlider(min=2, max=most, description="Lines", style={"description_width": "60px"},
-                              tooltip="Cells of the grid along the longer side of the picture",
-                              layout=ipw.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"))
+        lines = ipw.IntSlider(
+            min=2,
+            max=most,
+            description="Lines",
+            style={"description_width": "60px"},
+            tooltip="Cells of the grid along the longer side of the picture",
+            layout=ipw.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"),
+        )
         traitlets.link((self.editor, "density"), (lines, "value"))
         overlay = menu("Overlay", _OVERLAYS, "What is laid over the deformed picture")
         traitlets.link((self.editor, "overlay"), (overlay, "value"))
         self.magnify = self.add(
             slider("Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 the opposite way"),
             lambda: float(np.clip(self.session.step.strength, -1.0, 3.0)),
-            lambda value: self.session.change(kind="strength", slides=True, strength=float(value)))
+            lambda value: self.session.change(kind="strength", slides=True, strength=float(value)),
+        )
         self._words = ipw.Label("")
-        self.everywhere = ipw.Checkbox(description="drag the grid in the main picture too", indent=False,
-                                       layout=ipw.Layout(width="auto", display="none" if self.is_alone else ""))
+        self.everywhere = ipw.Checkbox(
+            description="drag the grid in the main picture too",
+            indent=False,
+            layout=ipw.Layout(width="auto", display="none" if self.is_alone else ""),
+        )
         traitlets.link((self.editor, "drag_grid"), (self.everywhere, "value"))
         return ipw.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
 
     def _grid_settings(self) -> list[Any]:
         pairs = [(f"{source} \u2192 {target}", (source, target)) for source, target in thompson_pairs()]
         carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
-        self.grid = ipw.Dropdown(options=pairs, value=carp, description="Grids of",
-                                layout=ipw.Layout(width="380px"),
-                                tooltip="Fish that D'Arcy Thompson turned into one another, in 1917")
-        self.head = ipw.Dropdown(options=[(f"head on the {side}", side) for side in HEADS],
-                                 layout=ipw.Layout(width="150px"), tooltip="Where the head is on this picture")
+        self.grid = ipw.Dropdown(
+            options=pairs,
+            value=carp,
+            description="Grids of",
+            layout=ipw.Layout(width="380px"),
+            tooltip="Fish that D'Arcy Thompson turned into one another, in 1917",
+        )
+        self.head = ipw.Dropdown(
+            options=[(f"head on the {side}", side) for side in HEADS],
+            layout=ipw.Layout(width="150px"),
+            tooltip="Where the head is on this picture",
+        )
         told = "Points at the nodes of his grid, in place of those that are there; can be undone"
-        self.own = ipw.ToggleButton(description="Own drawings", layout=ipw.Layout(width="auto"),
-                                    tooltip="A grid of your own on this picture, and one on a second drawing")
+        self.own = ipw.ToggleButton(
+            description="Own drawings",
+            layout=ipw.Layout(width="auto"),
+            tooltip="A grid of your own on this picture, and one on a second drawing",
+        )
         self.own.observe(lambda change: self.guard(lambda: self._show_own(change["new"])), "value")
         return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid)), self.own]
 
     def _export(self) -> list[Any]:
         stem = file_stem(self.session.volume)
-        self.name = ipw.Text(value=f"{stem}_grids", description="Figure", style={"description_width": "60px"},
-                             layout=ipw.Layout(width="260px"), tooltip="File name, without its end")
-        self.downloads = ipw.Checkbox(description="hand it to the browser too", indent=False,
-                                      layout=ipw.Layout(width="auto"))
+        self.name = ipw.Text(
+            value=f"{stem}_grids",
+            description="Figure",
+            style={"description_width": "60px"},
+            layout=ipw.Layout(width="260px"),
+            tooltip="File name, without its end",
+        )
+        self.downloads = ipw.Checkbox(
+            description="hand it to the browser too", indent=False, layout=ipw.Layout(width="auto")
+        )
         self.file_transfer = FileTransfer()
-        self.writers = [button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}",
-                               self._writer(f".{kind}")) for kind in ("svg", "pdf", "png")]
+        self.writers = [
+            button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}", self._writer(f".{kind}"))
+            for kind in ("svg", "pdf", "png")
+        ]
         return [self.name, *self.writers, self.downloads, self.message]
 
     # -- what is shown -------------------------------------------------------------------------------------------------
@@ -186,8 +236,10 @@ class ThompsonPanel(Panel):
         if self.drawings is None:
             raise DeformError("no drawings are shown: press Own drawings.")
         if self.drawings.first.picture.plane != self.session.step.plane:
-            raise DeformError("the grid was put on another side of the volume: go back to it, or press Own drawings "
-                              "twice to begin on this one.")
+            raise DeformError(
+                "the grid was put on another side of the volume: go back to it, or press Own drawings "
+                "twice to begin on this one."
+            )
         grids = self.drawings.map()
         rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
         self.session.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
@@ -202,8 +254,13 @@ class ThompsonPanel(Panel):
             raise DeformError(_IN_SPACE)
         path = self._folder / plain_name(f"{self.name.value.strip()}{suffix}")
         overlay = editor.overlay if editor.overlay in OVERLAYS else "none"
-        given: dict[str, Any] = {"lines": editor.density or _CELLS, "overlay": overlay, "grid": session.grid,
-                                 "key": session.key, "path": path}
+        given: dict[str, Any] = {
+            "lines": editor.density or _CELLS,
+            "overlay": overlay,
+            "grid": session.grid,
+            "key": session.key,
+            "path": path,
+        }
         named, downloads = replace(step, name=step.name or session.volume.name), self.downloads.value
         for writer in self.writers:
             writer.disabled = True
@@ -260,8 +317,13 @@ class ThompsonPanel(Panel):
         if getattr(self.session.step, what) != change["new"]:
             made = self.editor.edit_under_way
             points = None if made is None else made.points
-            self._taken(lambda: self.session.edit_cuts(change["new"]) if what == "cuts"
-                        else self.session.edit_parts(change["new"], points=points))
+            self._taken(
+                lambda: (
+                    self.session.edit_cuts(change["new"])
+                    if what == "cuts"
+                    else self.session.edit_parts(change["new"], points=points)
+                )
+            )
 
     def _window_chosen(self, change: Any) -> None:
         self.guard(lambda: self.session.set_trait("window", tuple(change["new"]) or None))

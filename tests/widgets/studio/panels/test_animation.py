@@ -223,8 +223,9 @@ def test_moments_that_are_no_maps_are_shown_one_by_one(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("kind", "name"), [(".gif", "swim.gif"), ("", "swim")])
-def test_a_movie_is_written(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str,
-                            name: str) -> None:
+def test_a_movie_is_written(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, name: str
+) -> None:
     monkeypatch.setattr("deformnb.session.exports._FRAME", (48, 36))
     movie = bench.panel.movie
     assert movie.write.disabled
@@ -312,7 +313,8 @@ def write_pictures(bench: Bench, folder: Path, name: str) -> list[np.ndarray]:
 
 
 def test_a_page_with_a_card_draws_the_movie_and_python_all_of_it_if_the_page_leaves(
-        bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("deformnb.session.exports._FRAME", (48, 36))
     movie, page = bench.panel.movie, DrawingPage(bench.view)
     bench.press("Add key frame")

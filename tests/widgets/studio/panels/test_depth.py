@@ -161,8 +161,10 @@ def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
     depth = made("modulate")
     step, started = depth.session.step, []
     depth.worker.latest("busy", lambda: started.append(depth.worker) or _until(lambda: len(started) > 1))
-    deliver(depth.panel.curve, {"type": "edit", "seq": 1, "view": "v", "phase": "move",
-                                "value": {"nodes": TENT, "smooth": False}})
+    deliver(
+        depth.panel.curve,
+        {"type": "edit", "seq": 1, "view": "v", "phase": "move", "value": {"nodes": TENT, "smooth": False}},
+    )
     depth.link.show(depth.editor)
     shown = len(depth.view.fields)
     started.append(None)  # the thread goes on, with a preview from before
@@ -189,8 +191,16 @@ def test_the_studio_shows_a_curve_on_its_way_and_makes_one_edit_of_it() -> None:
         if phase == "end":
             wait_for(lambda: studio.stats()["previews"] > 0)
             assert studio.deformation is document
-        deliver(curve, {"type": "edit", "seq": seq, "view": "v", "phase": phase,
-                        "value": {"nodes": [[0, height], [1, 1]], "smooth": False}})
+        deliver(
+            curve,
+            {
+                "type": "edit",
+                "seq": seq,
+                "view": "v",
+                "phase": phase,
+                "value": {"nodes": [[0, height], [1, 1]], "smooth": False},
+            },
+        )
     assert studio.session.step.curve == (1.0, 1.0)
     studio.undo()
     assert studio.deformation == document

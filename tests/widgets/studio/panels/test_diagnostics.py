@@ -71,8 +71,9 @@ def test_figures_of_another_state_are_dimmed_until_new_ones_are_there(studio: St
 def test_folds_in_air_are_told_apart_and_stop_nothing(tmp_path: Path) -> None:
     values = np.zeros((12, 40, 60), np.uint8)
     values[4:8, 10:30, 45:56] = 200  # the body, to the right of the fold
-    points = ControlPoints.from_arrays([[1, 1], [58, 1], [1, 38], [58, 38], [10, 20]],
-                                       [[1, 1], [58, 1], [1, 38], [58, 38], [26, 20]])
+    points = ControlPoints.from_arrays(
+        [[1, 1], [58, 1], [1, 38], [58, 38], [10, 20]], [[1, 1], [58, 1], [1, 38], [58, 38], [26, 20]]
+    )
     step = replace(Deformation.on_picture(Grid(values.shape), "+z", points).steps[0], support=14.0, trend="none")
     for shift, is_free in ((0, True), (-35, False)):
         volume = Volume(np.roll(values, shift, axis=2), Grid(values.shape))
@@ -86,8 +87,6 @@ def test_folds_in_air_are_told_apart_and_stop_nothing(tmp_path: Path) -> None:
         fold_actions = FoldActions(session)
         fold_actions.unfold()
         assert (session.notice == "Nothing folds here.") is is_free
-
-
 
 
 def test_the_figures_follow_the_edits(studio: Studio) -> None:
@@ -325,8 +324,9 @@ def bent_grid(studio: Studio) -> ControlPoints:
     a0, a1, b0, b1 = studio.session.picture().raster.box
     a, b = np.meshgrid(np.linspace(a0, a1, 5), np.linspace(b0, b1, 4))
     source = np.column_stack([a.ravel(), b.ravel()])
-    return ControlPoints.from_arrays(source, source + 0.2 / (a1 - a0) * np.column_stack([
-        (source[:, 1] - b0) ** 2, 0 * source[:, 0]]))
+    return ControlPoints.from_arrays(
+        source, source + 0.2 / (a1 - a0) * np.column_stack([(source[:, 1] - b0) ** 2, 0 * source[:, 0]])
+    )
 
 
 def test_the_best_prediction_is_chosen_by_a_button_and_kept_by_a_switch(studio: Studio) -> None:

@@ -31,9 +31,11 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 
 
 @pytest.mark.parametrize("moment", ["before it writes", "when all is written"])
-def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio, tmp_path: Path, moment: str,
-                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(
+    studio: Studio, tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     begun, go_on, ended = (threading.Event() for _ in range(3))
+
     def stubborn(frozen: Any, path: Path, progress: Any, **options: Any) -> Path:
         if path.suffix != ".png":
             return export(frozen, path, progress=progress, **options)
@@ -74,8 +76,9 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(studio: Studio
     assert files.message.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
 
 
-def test_a_file_that_takes_its_place_is_not_cancelled(studio: Studio, tmp_path: Path,
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_takes_its_place_is_not_cancelled(
+    studio: Studio, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     landing, go_on = threading.Event(), threading.Event()
 
     def slow_disk(frozen: Any, path: Path, progress: Any, **options: Any) -> Path:

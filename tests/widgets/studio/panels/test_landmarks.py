@@ -52,10 +52,15 @@ def test_what_is_saved_is_opened_again(kind: str, tmp_path: Path) -> None:
     assert "5 landmarks of" in other.session.notice
 
 
-@pytest.mark.parametrize(("name", "content", "words"), [
-    ("marks.odt", b"x", "no kind of landmark file"), ("marks.fcsv", b"\xff\xfe", "marks.fcsv"),
-    ("../../marks.csv", b"a,true,1,2", "marks.csv"), ("marks.mrk.json", b"{}", "markups"),
-])
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("marks.odt", b"x", "no kind of landmark file"),
+        ("marks.fcsv", b"\xff\xfe", "marks.fcsv"),
+        ("../../marks.csv", b"a,true,1,2", "marks.csv"),
+        ("marks.mrk.json", b"{}", "markups"),
+    ],
+)
 def test_what_is_no_landmark_file_is_said_and_changes_nothing(name: str, content: bytes, words: str) -> None:
     bench = Bench()
     before = bench.session.deformation

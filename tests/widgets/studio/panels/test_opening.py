@@ -84,9 +84,12 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     assert studio.deformation.steps[0].points == before.steps[0].points
 
     before = studio.deformation
-    for name, words in (("notes.odt", "notes.odt is no file that can be opened here"),
-                        ("notes.txt", "notes.txt: it is neither"), ("names.tsv", "names.tsv: line 1 names no columns"),
-                        ("affine.tfm", "affine.tfm is a transform")):
+    for name, words in (
+        ("notes.odt", "notes.odt is no file that can be opened here"),
+        ("notes.txt", "notes.txt: it is neither"),
+        ("names.tsv", "names.tsv: line 1 names no columns"),
+        ("affine.tfm", "affine.tfm is a transform"),
+    ):
         (tmp_path / name).write_text("hello", encoding="utf-8")
         assert words in drop(tmp_path / name)
     (tmp_path / "cut.nrrd").write_bytes((tmp_path / "other.nrrd").read_bytes()[:500])
@@ -160,7 +163,7 @@ def blocks(shape: tuple[int, int, int] = (12, 24, 24)) -> NDArray[np.int16]:
     """Voxels that look like labels: regions of unrelated numbers in the type of amounts."""
     numbers = np.zeros(shape, np.int16)
     for k, number in enumerate((96, 3, 51, 17, 240, 88)):
-        numbers[2 * k:2 * k + 2, 4:20, 2:22] = number
+        numbers[2 * k : 2 * k + 2, 4:20, 2:22] = number
     return numbers
 
 

@@ -48,8 +48,17 @@ class Bench:
     def says(self, what: str, ids: Any = (), **more: Any) -> dict[str, Any]:
         """A message of the page; returns the answer."""
         self.seq += 1
-        message = {"type": "act", "view": "page", "seq": self.seq, "what": what, "ids": list(ids), "field": "",
-                   "axis": 0, "value": None, **more}
+        message = {
+            "type": "act",
+            "view": "page",
+            "seq": self.seq,
+            "what": what,
+            "ids": list(ids),
+            "field": "",
+            "axis": 0,
+            "value": None,
+            **more,
+        }
         deliver(self.table, message)
         assert self.sent[-1]["seq"] == self.seq
         return self.sent[-1]
@@ -103,8 +112,14 @@ def test_a_table_that_two_pages_see_goes_on_when_one_is_closed(bench: Bench) -> 
 
 
 def test_numbers_are_source_target_weight_radius_and_error(bench: Bench) -> None:
-    points = ControlPoints.from_arrays([[1, 2], [3, 4]], [[5, 6], [7, 8]], weight=[1, 2], radius=[np.nan, 9],
-                                       active=[True, False], locked=[False, True])
+    points = ControlPoints.from_arrays(
+        [[1, 2], [3, 4]],
+        [[5, 6], [7, 8]],
+        weight=[1, 2],
+        radius=[np.nan, 9],
+        active=[True, False],
+        locked=[False, True],
+    )
     bench.table.show(points, np.array([0.5, np.nan]), [0])
     assert_array_equal(bench.rows(), [[1, 2, 5, 6, 1, np.nan, 0.5], [3, 4, 7, 8, 2, 9, np.nan]])
     assert list(bench.table.flags) == [1 + 4, 2]
@@ -182,17 +197,25 @@ def test_each_cell_writes_its_part_of_the_point(bench: Bench) -> None:
     assert bench.guard.errors == []
 
 
-@pytest.mark.parametrize(("field", "text", "words"), [
-    ("target", "nan", "target a of control point 2 .* must be a number, got 'nan'"), ("target", "", "got 'nothing'"),
-    ("source", "inf", "source a of"), ("source", "1e300", "below 1e15"), ("weight", "-1", "weights must be positive"),
-    ("weight", "heavy", "the weight of .* must be a number, got 'heavy'"), ("radius", "0", "positive length"),
-    ("target", "1,2,3", "must be a number"),
-])
+@pytest.mark.parametrize(
+    ("field", "text", "words"),
+    [
+        ("target", "nan", "target a of control point 2 .* must be a number, got 'nan'"),
+        ("target", "", "got 'nothing'"),
+        ("source", "inf", "source a of"),
+        ("source", "1e300", "below 1e15"),
+        ("weight", "-1", "weights must be positive"),
+        ("weight", "heavy", "the weight of .* must be a number, got 'heavy'"),
+        ("radius", "0", "positive length"),
+        ("target", "1,2,3", "must be a number"),
+    ],
+)
 def test_what_is_refused_is_said_and_the_old_value_stays(bench: Bench, field: str, text: str, words: str) -> None:
     before = bench.points
     assert not bench.cell(2, field, text)
     assert len(bench.guard.errors) == 1
     import re
+
     assert re.search(words, bench.guard.errors[0])
     assert bench.points is before
 
@@ -252,8 +275,10 @@ def test_a_point_that_is_added_takes_hold_of_what_is_seen_there(bench: Bench) ->
     assert bench.editor.selected == [5]
     assert not bench.says("add", value="9")["ok"]
     assert not bench.says("add", value="9, nan")["ok"]
-    assert bench.guard.errors == ["a new point needs 2 numbers, a, b; got 1.",
-                                 "b of the new point must be a number, got 'nan'."]
+    assert bench.guard.errors == [
+        "a new point needs 2 numbers, a, b; got 1.",
+        "b of the new point must be a number, got 'nan'.",
+    ]
 
 
 def test_rows_are_pasted(bench: Bench) -> None:
@@ -300,13 +325,34 @@ def test_a_point_in_space_is_written_and_looked_at() -> None:
 # ---- what a page may say ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("wrong", [
-    {"what": "explode"}, {"what": None}, {"ids": "0"}, {"ids": [True]}, {"ids": [-1]}, {"ids": [0.5]}, {"ids": [0, 1]},
-    {"ids": [0] * (LARGEST_SET + 1)}, {"field": "ids"}, {"field": "__class__"}, {"field": ["name"]}, {"axis": 3},
-    {"axis": -1}, {"axis": True}, {"axis": "0"}, {"value": 5}, {"value": None}, {"value": "x" * 70_000},
-    {"field": "active", "value": "true"}, {"field": "locked", "value": 1}, {"what": "remove", "field": "name"},
-    {"what": "seen", "value": 1}, {"what": "paste", "field": "", "value": b"1"},
-])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"what": "explode"},
+        {"what": None},
+        {"ids": "0"},
+        {"ids": [True]},
+        {"ids": [-1]},
+        {"ids": [0.5]},
+        {"ids": [0, 1]},
+        {"ids": [0] * (LARGEST_SET + 1)},
+        {"field": "ids"},
+        {"field": "__class__"},
+        {"field": ["name"]},
+        {"axis": 3},
+        {"axis": -1},
+        {"axis": True},
+        {"axis": "0"},
+        {"value": 5},
+        {"value": None},
+        {"value": "x" * 70_000},
+        {"field": "active", "value": "true"},
+        {"field": "locked", "value": 1},
+        {"what": "remove", "field": "name"},
+        {"what": "seen", "value": 1},
+        {"what": "paste", "field": "", "value": b"1"},
+    ],
+)
 def test_what_is_wrong_is_dropped_and_answered(bench: Bench, wrong: dict[str, Any], caplog: Any) -> None:
     before = bench.points
     message = {"what": "cell", "ids": [0], "field": "name", "axis": 0, "value": "x", **wrong}

@@ -38,8 +38,13 @@ def _document() -> Deformation:
     session = Session(VOLUME, view="+y")
     session.change(support="box_diagonal")
     points = session.points
-    for source, drag in (((16, 16), (2, 1)), ((31, 15), (-1, 2)), ((16, 31), (1, -3)), ((32, 32), (2, -1)),
-                         ((24, 24), (0, 1))):
+    for source, drag in (
+        ((16, 16), (2, 1)),
+        ((31, 15), (-1, 2)),
+        ((16, 31), (1, -3)),
+        ((32, 32), (2, -1)),
+        ((24, 24), (0, 1)),
+    ):
         points = points.add(source, np.add(source, drag))
     session.edit_points(points)
     return session.deformation

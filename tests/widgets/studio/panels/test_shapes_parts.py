@@ -160,7 +160,8 @@ def test_a_part_set_over_points_is_proposed_to_the_picture_which_asks() -> None:
     assert session.step.parts == (bone,)
     assert "the picture asks what becomes of them" in refused[0]
     assert [(m["type"], m["kind"], m["parts"][0]["motion"]["shift"]) for m in sent] == [
-        ("parts", "shift shin", [3.0, 0.0])]
+        ("parts", "shift shin", [3.0, 0.0])
+    ]
     assert found["Shift right"].value == 0.0
 
 

@@ -52,15 +52,23 @@ def test_branches_stand_between_a_state_and_what_follows_it(session: Session) ->
     session.undo()
     session.undo()
     panel.refresh()
-    assert titles(panel) == [("the beginning", 0, True), ("change trend", 0, False), ("change kernel", 1, False),
-                             ("change strength", 0, False)]
+    assert titles(panel) == [
+        ("the beginning", 0, True),
+        ("change trend", 0, False),
+        ("change kernel", 1, False),
+        ("change strength", 0, False),
+    ]
     assert panel.items.chosen == 0
     assert [row["mark"] for row in panel.items.rows] == ["\u25cf", "\u25cb", "\u25cb", "\u25cb"]
     assert all(abs(row["time"] - time.time()) < 60 for row in panel.items.rows)
     act(panel.items, "choose", 2)
     assert session.step.kernel == "gaussian"
-    assert titles(panel) == [("the beginning", 0, True), ("change trend", 0, True), ("change strength", 1, False),
-                             ("change kernel", 0, True)]
+    assert titles(panel) == [
+        ("the beginning", 0, True),
+        ("change trend", 0, True),
+        ("change strength", 1, False),
+        ("change kernel", 0, True),
+    ]
     assert panel.items.chosen == 3
     assert session.notice == "As it was after: change kernel"
     act(panel.items, "choose", 0)
@@ -101,8 +109,10 @@ def test_two_hundred_states_in_a_row_are_not_moved_in() -> None:
 def test_branches_of_branches_end_somewhere_and_none_is_lost() -> None:
     nodes = [HistoryNode(0, None, "", 0.0, True, True)]
     for k in range(1, 60, 2):  # each has one more beside it
-        nodes += [HistoryNode(k, max(0, k - 2), "a", 0.0, False, False),
-                  HistoryNode(k + 1, max(0, k - 2), "b", 0.0, False, False)]
+        nodes += [
+            HistoryNode(k, max(0, k - 2), "a", 0.0, False, False),
+            HistoryNode(k + 1, max(0, k - 2), "b", 0.0, False, False),
+        ]
     rows = tree_rows(nodes)
     assert sorted(node.id for node, _ in rows) == list(range(61))
     assert max(depth for _, depth in rows) <= 8

@@ -33,8 +33,19 @@ def panel(tmp_path: Path) -> Any:
 
 def page_edits(panel: ThompsonPanel, points: ControlPoints) -> None:
     """As the end of a drag in the page."""
-    deliver(panel.editor, {"type": "edit", "sender": "test", "seq": next(SEQ), "phase": "end", "kind": "move",
-                           "joins": False, "next_id": points.next_id, "points": points_to_json(points)})
+    deliver(
+        panel.editor,
+        {
+            "type": "edit",
+            "sender": "test",
+            "seq": next(SEQ),
+            "phase": "end",
+            "kind": "move",
+            "joins": False,
+            "next_id": points.next_id,
+            "points": points_to_json(points),
+        },
+    )
 
 
 SEQ = iter(range(1, 10**6))
@@ -219,7 +230,8 @@ def test_grids_on_two_drawings_become_points_that_can_be_undone(panel: ThompsonP
     assert panel.session.history["undo"] == "apply grids of your own"
     target = panel.session.points.target.reshape(3, 7, 2)
     assert np.ptp(target[..., 0]) / np.ptp(target[..., 1]) == pytest.approx(
-        np.ptp(wider[..., 0]) / np.ptp(wider[..., 1]), rel=1e-6)
+        np.ptp(wider[..., 0]) / np.ptp(wider[..., 1]), rel=1e-6
+    )
     panel.session.undo()
     assert panel.session.points == before
     panel.session.set_view("+x")
