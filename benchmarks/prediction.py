@@ -32,7 +32,7 @@ HELD: dict[str, Callable[[Any, Any, Any], Any]] = {
 
 METHODS = ("plate backward", "plate forward", "default", "chosen", "all-knowing")
 
-_PAGE = """# How well it predicts
+_PAGE = """# Prediction accuracy
 
 Thompson drew every node of his grids by hand. Here a part of the nodes of each pair is left out, maps are fitted to the
 others, and what is measured is how far from where he drew it a left-out node of the first drawing comes to lie in the

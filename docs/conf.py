@@ -69,7 +69,9 @@ html_theme_options = {
     "search_as_you_type": True,
     "show_version_warning_banner": False,
 }
-html_sidebars = {name: [] for name in ("index", "start", "how_it_works", "coming_from")}  # they have no pages below
+html_sidebars = {
+    name: [] for name in ("index", "getting_started", "features", "how_it_works", "coming_from")
+}  # they have no pages below
 
 
 # -- equations: MathML, which browsers draw and screen readers read without a script -----------------------------------
@@ -90,7 +92,7 @@ def _make_live_pages() -> None:
     a, b = np.asarray(dn.project(carp, "-x", "mip").raster.spacing) * (128, 64)
     points = dn.ControlPoints.from_arrays(
         [[0.08 * a, 0.5 * b], [0.5 * a, 0.5 * b], [0.92 * a, 0.5 * b]],
-        [[0.08 * a, 0.66 * b], [0.5 * a, 0.38 * b], [0.92 * a, 0.66 * b]],
+        [[0.08 * a, 0.62 * b], [0.5 * a, 0.4 * b], [0.92 * a, 0.62 * b]],
         names=["head", "back", "tail"],
     )
     bend = dn.Deformation.on_picture(carp, "-x", points, trend="rigid")

@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
-PAGES = [DOCS / "start.md", DOCS / "lessons.md", DOCS / "how_it_works.md", *sorted(DOCS.glob("howto/*.md"))]
+PAGES = [DOCS / "getting_started.md", DOCS / "lessons.md", DOCS / "how_it_works.md", *sorted(DOCS.glob("howto/*.md"))]
 WITH_CODE = [page for page in PAGES if BLOCK.search(page.read_text("utf-8"))]
 
 
