@@ -54,7 +54,7 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
     import jax
 
     from deformnb import chunked
-    from deformnb.io import ome_zarr
+    from deformnb.io.volumes import ome_zarr
     from deformnb.volume.volume import Grid
 
     n, block = options.size, ome_zarr.CHUNK
@@ -199,7 +199,7 @@ def _in_processes(command: list[str], processors: list[int]) -> None:
 
 
 def _make_source(path: Path, n: int) -> Path:
-    from deformnb.io import ome_zarr
+    from deformnb.io.volumes import ome_zarr
     from deformnb.volume.volume import Grid
 
     (array,) = ome_zarr.create_pyramid(path, [Grid((n, n, n))], np.dtype(np.uint8))

@@ -356,10 +356,10 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "imaging.render.render_pair(before)": lambda v, _: dn.imaging.render_pair(v, _like(v), **SMALL),
     "imaging.render.render_volume(volume)": lambda v, _: dn.render_volume(v, **SMALL),
     "interop.napari_layers.to_napari(given)": lambda v, _: as_volume(dn.interop.to_napari(v)[0]),
-    "io.formats.write_volume(volume)": lambda v, f: _written(f, lambda path: dn.write_volume(v, path)),
-    "io.label_names.write_segmentation(volume)": _segmentation,
-    "io.series.write_channels(channels)": lambda v, f: _written(f, lambda path: dn.io.write_channels(v, path)),
-    "io.series.write_series(moments)": lambda v, f: _written(f, lambda path: dn.io.write_series([v], path, 1)),
+    "io.volumes.formats.write_volume(volume)": lambda v, f: _written(f, lambda path: dn.write_volume(v, path)),
+    "io.volumes.label_names.write_segmentation(volume)": _segmentation,
+    "io.volumes.series.write_channels(channels)": lambda v, f: _written(f, lambda path: dn.io.write_channels(v, path)),
+    "io.volumes.series.write_series(moments)": lambda v, f: _written(f, lambda path: dn.io.write_series([v], path, 1)),
     "lessons.pages.lesson_start(volume)": lambda v, _: dn.lessons.lesson_start("affine", v).steps[0].points.source,
     "lessons.studio_tasks.FishTask.grids(volume)": lambda v, _: (
         dn.lessons.FishTask("", "", "Polyprion", "Antigonia", 65).grids(v).source_nodes
@@ -442,9 +442,9 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     ).TransformPoint(PLACES[0].tolist()),
     "interop.skimage_maps.skimage_coordinates(lattice)": lambda v, _: dn.interop.skimage_coordinates(_h(v), v),
     "interop.skimage_maps.skimage_map(lattice)": lambda v, _: dn.interop.skimage_map(_h(v), v),
-    "io.transforms.read_transform(grid)": _read_transform,
-    "io.transforms.write_transform(grid)": _written_transform,
-    "io.vtk_transforms.to_vtk_transform(grid)": lambda v, _: dn.io.to_vtk_transform(_h(v), v).TransformPoint(
+    "io.transforms.formats.read_transform(grid)": _read_transform,
+    "io.transforms.formats.write_transform(grid)": _written_transform,
+    "io.transforms.vtk.to_vtk_transform(grid)": lambda v, _: dn.io.to_vtk_transform(_h(v), v).TransformPoint(
         PLACES[0].tolist()
     ),
     "rbf.extrusion.extrude(grid)": lambda v, _: dn.extrude(
@@ -523,7 +523,7 @@ def same(found: Any, wanted: Any) -> None:
         assert found == wanted or repr(found) == repr(wanted)
 
 
-REFUSE = {"interop.skimage_maps.skimage_map(lattice)", "io.label_names.write_segmentation(volume)"}
+REFUSE = {"interop.skimage_maps.skimage_map(lattice)", "io.volumes.label_names.write_segmentation(volume)"}
 """Entrances that refuse this volume, which has several slices, or the file beside it, which is no segmentation."""
 
 FOREIGN = [name for name in OBJECTS if name not in ("volume", "nibabel with a slope", "xarray falling y")]

@@ -48,7 +48,7 @@ HELD_BY: dict[int, str] = {
     47: "document/test_json_format: what_is_no_document_is_refused_in_one_sentence, "
     "nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept, no_text_ever_raises_anything_else",
     48: "widgets/studio/test_studio: the_files_panel_writes_into_its_folder_only; "
-    "io/test_atomic: what_stands_in_the_way_is_said; "
+    "io/files/test_atomic: what_stands_in_the_way_is_said; "
     "session/test_autosave_store: a_name_from_a_file_is_kept_short_and_no_path",
     49: "document/test_json_format: a_pickle_is_never_opened; io/test_faults: a_pickle_in_disguise_is_never_opened",
     50: "session/test_session: a_saved_document_comes_back_and_another_volume_is_noticed, "
@@ -59,13 +59,13 @@ HELD_BY: dict[int, str] = {
     "test_faults: of_two_that_write_at_once_one_is_told; "
     "widgets/studio/test_save_restore: the_files_panel_asks_before_it_opens_or_writes_over",
     52: "test_faults: a_full_disk_keeps_the_old_file_and_stops_no_edit, no_more_room_for_a_file_is_said; "
-    "io/test_atomic: a_disk_that_fills_up_leaves_the_old_file; imaging/test_movie_frames: a_full_disk_is_said",
+    "io/files/test_atomic: a_disk_that_fills_up_leaves_the_old_file; imaging/test_movie_frames: a_full_disk_is_said",
     53: "test_faults: a_process_killed_while_it_saves_leaves_a_whole_document, "
     "processes_killed_while_they_save_themselves_leave_what_they_had_told, "
     "a_process_killed_while_it_writes_a_header_and_its_voxels_leaves_two_that_belong_together; "
-    "io/test_atomic: a_killed_program_leaves_the_old_file",
+    "io/files/test_atomic: a_killed_program_leaves_the_old_file",
     54: "session/test_exports: what_cannot_be_written_is_said_before_the_work; "
-    "io/test_atomic: what_stands_in_the_way_is_said; "
+    "io/files/test_atomic: what_stands_in_the_way_is_said; "
     "test_faults: a_folder_that_goes_away_stops_nothing",
     55: "session/test_exports: a_cancelled_export_leaves_nothing; "
     "widgets/studio/test_studio: writing_can_be_cancelled; "
@@ -357,7 +357,7 @@ def test_edits_go_on_while_a_movie_is_written(tmp_path: Path, monkeypatch: pytes
     assert not np.array_equal(studio.result().values, before)
     goes_on.set()
     wait_for(lambda: not files.write.disabled)
-    from deformnb.io.formats import read_volume
+    from deformnb.io.volumes.formats import read_volume
 
     assert np.array_equal(read_volume(tmp_path / "ball.nrrd").values, before)
     studio.close()

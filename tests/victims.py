@@ -22,9 +22,9 @@ import numpy as np
 
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, FileChangedError
-from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_deformation, read_document, write_deformation
-from deformnb.io.formats import read_volume, write_volume
+from deformnb.io.files.atomic import KnownFiles
+from deformnb.io.volumes.formats import read_volume, write_volume
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.autosave import Autosave
 from deformnb.session.autosave_store import restore, saved_sessions

@@ -18,7 +18,7 @@ from deformnb._jax import jax
 from deformnb._typing import Progress
 from deformnb.chunked.sources import ChunkCache, LargeVolume, Part
 from deformnb.errors import DeformError
-from deformnb.io.headers import human_bytes
+from deformnb.io.files.errors import human_bytes
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.sampling import METHODS, aligned_empty

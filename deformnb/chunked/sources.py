@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress, Spacing
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.io import ome_zarr, tiff, tiff_pages
-from deformnb.io.formats import describe_file
-from deformnb.io.headers import Damage, as_path, fail, regular_file, shown, unpacking, volume_shape
-from deformnb.io.memory import default_limit
+from deformnb.io.files.errors import Damage, fail, shown, unpacking
+from deformnb.io.files.memory import default_limit
+from deformnb.io.files.paths import as_path, regular_file
+from deformnb.io.volumes import ome_zarr, tiff, tiff_pages
+from deformnb.io.volumes.formats import describe_file
+from deformnb.io.volumes.headers import volume_shape
 from deformnb.volume.converters import NO_PLACE, states_place
 from deformnb.volume.labelled import LabelledAxes, is_labelled, one_array
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, optional_package, voxel_checksum
@@ -553,7 +555,7 @@ def _of_path(text: str, level: int) -> LargeVolume:
             return _of_tiff(regular_file(path))
         if lower.endswith(".npy"):
             return _of_npy(regular_file(path))
-    from deformnb.io.formats import read_volume
+    from deformnb.io.volumes.formats import read_volume
 
     volume = read_volume(path)
     return replace(_opened(volume, 0), path=path)

@@ -27,9 +27,16 @@ import numpy as np
 from deformnb._jax import jax
 from deformnb.chunked.blocks import BlockWarp
 from deformnb.errors import DeformError
-from deformnb.io import ome_zarr
-from deformnb.io.atomic import atomic_write, check_target, flush_folder, not_written, publish_folder, try_lock
-from deformnb.io.headers import fail, shown
+from deformnb.io.files.atomic import (
+    atomic_write,
+    check_target,
+    flush_folder,
+    not_written,
+    publish_folder,
+    try_lock,
+)
+from deformnb.io.files.errors import fail, shown
+from deformnb.io.volumes import ome_zarr
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
 
@@ -129,7 +136,7 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
     target : the folder to be written in the end.
     mark : the checksum of the job.
     overwrite : whether a pyramid at the target, and the unfinished one of another job, may be replaced.
-    pyramid : arguments of :func:`~deformnb.io.ome_zarr.create_pyramid`.
+    pyramid : arguments of :func:`~deformnb.io.volumes.ome_zarr.create_pyramid`.
 
     Raises
     ------

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress, Spacing
 from deformnb.chunked.sources import is_read_in_parts
-from deformnb.io import ome_zarr
-from deformnb.io.atomic import atomic_folder
-from deformnb.io.formats import located, plain_name, read_any_header
-from deformnb.io.headers import Damage, Header, fail
-from deformnb.io.memory import default_limit
+from deformnb.io.files.atomic import atomic_folder
+from deformnb.io.files.errors import Damage, fail
+from deformnb.io.files.memory import default_limit
+from deformnb.io.volumes import ome_zarr
+from deformnb.io.volumes.formats import located, plain_name, read_any_header
+from deformnb.io.volumes.headers import Header
 from deformnb.volume.volume import as_spacing
 
 _SLABS = 2**27  # bytes of the slices that are held at once

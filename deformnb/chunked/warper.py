@@ -17,9 +17,9 @@ from deformnb.chunked.blocks import Blocks, BlockWarp, planned, shape_of
 from deformnb.chunked.sources import ChunkCache, LargeVolume, open_volume
 from deformnb.chunked.store import UnfinishedStore, fingerprint, unfinished_store
 from deformnb.errors import DeformError, MissingPackageError
-from deformnb.io import ome_zarr
-from deformnb.io.headers import as_path
-from deformnb.io.memory import check_room, default_limit
+from deformnb.io.files.memory import check_room, default_limit
+from deformnb.io.files.paths import as_path
+from deformnb.io.volumes import ome_zarr
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_output
 from deformnb.warping.map_checks import fold_note

@@ -289,7 +289,7 @@ def _page(options: argparse.Namespace) -> None:
 def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
     """The folder for the results of the demo, checked before any work; gone again if nothing came of it."""
     from deformnb.imaging.demo import FILES
-    from deformnb.io.atomic import check_target
+    from deformnb.io.files.atomic import check_target
 
     if folder.exists() and not folder.is_dir():
         raise DeformError(f"{folder} is a file; name a folder for the results with --out.")
@@ -315,7 +315,7 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
 
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io import describe_file
-    from deformnb.io.transform_remarks import stated_remark
+    from deformnb.io.transforms.remarks import stated_remark
 
     path = Path(options.file)
     try:  # first, since it does without JAX
@@ -327,7 +327,7 @@ def _info(options: argparse.Namespace) -> None:
 
 
 def _describe_transform(path: Path) -> dict[str, str]:
-    from deformnb.io.transforms import describe_transform
+    from deformnb.io.transforms.formats import describe_transform
 
     return describe_transform(path)
 
@@ -335,9 +335,9 @@ def _describe_transform(path: Path) -> dict[str, str]:
 def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
     """Describe a file that is no volume, as the error says."""
     from deformnb.io.documents import describe_document
-    from deformnb.io.landmarks import describe_landmarks, is_landmarks, landmark_suffixes
-    from deformnb.io.meshes import describe_mesh, is_mesh, mesh_suffixes
-    from deformnb.io.transforms import holds_transform, transform_suffixes
+    from deformnb.io.landmarks.formats import describe_landmarks, is_landmarks, landmark_suffixes
+    from deformnb.io.meshes.formats import describe_mesh, is_mesh, mesh_suffixes
+    from deformnb.io.transforms.formats import holds_transform, transform_suffixes
 
     if holds_transform(path):
         return _describe_transform(path)

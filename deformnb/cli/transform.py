@@ -51,8 +51,13 @@ def add_transform(commands: Any) -> None:
 
 def _transform(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
-    from deformnb.io.transform_remarks import stated_remark
-    from deformnb.io.transforms import check_transform_target, is_transform, read_transform, write_transform
+    from deformnb.io.transforms.formats import (
+        check_transform_target,
+        is_transform,
+        read_transform,
+        write_transform,
+    )
+    from deformnb.io.transforms.remarks import stated_remark
     from deformnb.session.inputs import grid_of_file
     from deformnb.warping.inverse import invert
 
@@ -117,7 +122,7 @@ def _every(grid: Grid, step: int) -> Grid:
 
 
 def _forward_name(path: Path) -> Path:
-    from deformnb.io.transforms import TRANSFORM_SUFFIXES
+    from deformnb.io.transforms.formats import TRANSFORM_SUFFIXES
 
     suffix = next(s for s in TRANSFORM_SUFFIXES if path.name.lower().endswith(s))
     return path.with_name(f"{path.name[: -len(suffix)]}_forward{path.name[-len(suffix) :]}")

@@ -198,9 +198,9 @@ def add_spacing(p: argparse.ArgumentParser) -> None:
 
 def _warp(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
-    from deformnb.io.landmarks import is_landmarks
-    from deformnb.io.meshes import is_mesh
-    from deformnb.io.transforms import is_transform
+    from deformnb.io.landmarks.formats import is_landmarks
+    from deformnb.io.meshes.formats import is_mesh
+    from deformnb.io.transforms.formats import is_transform
 
     given, target = Path(options.input), Path(options.output)
     follows = _follow_mesh if is_mesh(given) else _follow_landmarks if is_landmarks(given) else None
@@ -232,7 +232,7 @@ def _warp(options: argparse.Namespace) -> None:
 def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
     """Deform by the file of a transform in place of a session."""
     from deformnb.io import is_series, open_series, read_transform, write_volume
-    from deformnb.io.transform_remarks import stated_remark
+    from deformnb.io.transforms.remarks import stated_remark
     from deformnb.session.inputs import grid_of_file
     from deformnb.session.series import warp_series
     from deformnb.warping.warper import warp
@@ -278,8 +278,8 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
 
 def _warp_volume(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
     from deformnb.io import is_series, write_segmentation, write_volume
-    from deformnb.io.atomic import check_target
-    from deformnb.io.label_names import is_segmentation_file
+    from deformnb.io.files.atomic import check_target
+    from deformnb.io.volumes.label_names import is_segmentation_file
 
     if options.volumes:
         check_target(Path(options.volumes), overwrite=options.force)
@@ -376,11 +376,11 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
     DeformError
         If it is too large and the output is no Zarr folder.
     """
-    from deformnb.io.formats import describe_file
-    from deformnb.io.headers import human_bytes
-    from deformnb.io.memory import default_limit
-    from deformnb.io.meshes import is_mesh
-    from deformnb.io.ome_zarr import SUFFIX, is_zarr
+    from deformnb.io.files.errors import human_bytes
+    from deformnb.io.files.memory import default_limit
+    from deformnb.io.meshes.formats import is_mesh
+    from deformnb.io.volumes.formats import describe_file
+    from deformnb.io.volumes.ome_zarr import SUFFIX, is_zarr
 
     to_zarr = options.output.lower().endswith(SUFFIX)
     if to_zarr or is_mesh(options.input):
@@ -479,7 +479,7 @@ def _write_parts(
 
 
 def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:
-    from deformnb.io.meshes import read_mesh, write_mesh
+    from deformnb.io.meshes.formats import read_mesh, write_mesh
     from deformnb.warping.mesh import warp_mesh
 
     stage(f"read {Path(options.input).name}")
@@ -491,7 +491,7 @@ def _follow_mesh(field: AbstractField, options: argparse.Namespace, stage: Stage
 
 
 def _follow_landmarks(field: AbstractField, options: argparse.Namespace, stage: Stage) -> None:
-    from deformnb.io.landmarks import read_landmarks, write_landmarks
+    from deformnb.io.landmarks.formats import read_landmarks, write_landmarks
     from deformnb.warping.points import warp_landmarks
 
     landmarks = read_landmarks(options.input)
@@ -503,9 +503,9 @@ def _follow_landmarks(field: AbstractField, options: argparse.Namespace, stage: 
 
 def _check_follower(options: argparse.Namespace, target: Path) -> None:
     """Refuse options that do not apply to a mesh or landmarks, and check the output path."""
-    from deformnb.io.atomic import check_target
-    from deformnb.io.landmarks import check_landmark_target
-    from deformnb.io.meshes import check_mesh_target, is_mesh
+    from deformnb.io.files.atomic import check_target
+    from deformnb.io.landmarks.formats import check_landmark_target
+    from deformnb.io.meshes.formats import check_mesh_target, is_mesh
 
     name = Path(options.input).name
     for option, absent in _OF_VOLUMES:
@@ -530,8 +530,8 @@ def _space(document: Deformation, options: argparse.Namespace) -> Grid:
 
 def _check_output(target: Path, *, force: bool) -> None:
     """Check the output path, whose faults would only be noticed after the work."""
-    from deformnb.io.atomic import check_target
-    from deformnb.io.formats import format_of
+    from deformnb.io.files.atomic import check_target
+    from deformnb.io.volumes.formats import format_of
 
     _, entry = format_of(target, writing=True)
     check_target(target, folder_marks=entry.folder_marks)
@@ -558,7 +558,7 @@ def _output_grid(document: Deformation, volume: Volume, options: argparse.Namesp
     """The grid that the options ask for, for which there is memory; None is the document's own."""
     from deformnb.analysis.extent import MOST
     from deformnb.document.output_grid import output_grid
-    from deformnb.io.memory import check_room
+    from deformnb.io.files.memory import check_room
 
     found = output_grid(document, volume, spacing=_lengths(options.resolution), margin=_lengths(options.margin))
     check_room(volume, found.grid)
@@ -619,8 +619,8 @@ def add_replay(commands: Any) -> None:
 
 
 def _replay(options: argparse.Namespace) -> None:
-    from deformnb.io.atomic import atomic_write, check_target
     from deformnb.io.documents import check_json_target, read_deformation
+    from deformnb.io.files.atomic import atomic_write, check_target
     from deformnb.session.batch import as_rows, replay, summary
 
     _check(options)
@@ -676,8 +676,8 @@ def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, 
 def _check(options: argparse.Namespace) -> None:
     """Check for faults that would be the same for every file."""
     from deformnb.document.transplant import ALIGNMENTS
-    from deformnb.io.formats import format_of
-    from deformnb.io.meshes import is_mesh
+    from deformnb.io.meshes.formats import is_mesh
+    from deformnb.io.volumes.formats import format_of
 
     if options.align not in ALIGNMENTS:
         raise DeformError(f"unknown alignment {options.align!r}; choose one of {', '.join(ALIGNMENTS)}.")
@@ -698,8 +698,8 @@ class _Work:
         self, document: Deformation, path: Path, target: Path, progress: Callable[[float], None]
     ) -> Mapping[str, Any]:
         from deformnb.document.transplant import transplanted
-        from deformnb.io.landmarks import is_landmarks
-        from deformnb.io.meshes import is_mesh
+        from deformnb.io.landmarks.formats import is_landmarks
+        from deformnb.io.meshes.formats import is_mesh
 
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
@@ -717,7 +717,7 @@ class _Work:
 
     def _write(self, document: Deformation, volume: Volume, target: Path) -> None:
         from deformnb.io import write_volume
-        from deformnb.io.memory import check_room
+        from deformnb.io.files.memory import check_room
 
         check_room(volume, document.output)
         warped = document.apply(
@@ -736,7 +736,7 @@ class _Work:
         return self._grid
 
     def _mesh(self, document: Deformation, grid: Grid, path: Path, target: Path) -> None:
-        from deformnb.io.meshes import read_mesh, write_mesh
+        from deformnb.io.meshes.formats import read_mesh, write_mesh
         from deformnb.warping.mesh import warp_mesh
 
         self._stage(f"deform {path.name}")
@@ -745,7 +745,7 @@ class _Work:
         write_mesh(moved, target)
 
     def _landmarks(self, document: Deformation, grid: Grid, path: Path, target: Path) -> None:
-        from deformnb.io.landmarks import read_landmarks, write_landmarks
+        from deformnb.io.landmarks.formats import read_landmarks, write_landmarks
         from deformnb.warping.points import warp_landmarks
 
         self._stage(f"deform {path.name}")

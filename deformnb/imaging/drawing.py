@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from deformnb.checks import one_of, shown_value
 from deformnb.errors import DeformError
-from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import as_path, shown
+from deformnb.io.files.atomic import atomic_write
+from deformnb.io.files.errors import shown
+from deformnb.io.files.paths import as_path
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
 

@@ -23,8 +23,8 @@ from deformnb.imaging.vtk_volume import (
     mark_modified,
     straight_image,
 )
-from deformnb.io.atomic import atomic_write
-from deformnb.io.headers import shown
+from deformnb.io.files.atomic import atomic_write
+from deformnb.io.files.errors import shown
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, as_transfer

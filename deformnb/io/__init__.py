@@ -1,4 +1,4 @@
-"""Volume files: reading with bounds on every header, writing that is complete or not done at all."""
+"""Files: reading with bounds on every header, writing that is complete or not done at all."""
 
 import lazy_loader
 

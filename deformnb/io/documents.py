@@ -9,9 +9,10 @@ from deformnb.checks import shown_value
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import LONGEST, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.io.atomic import KnownFiles, atomic_write
-from deformnb.io.formats import FORMATS
-from deformnb.io.headers import as_path, fail, shown
+from deformnb.io.files.atomic import KnownFiles, atomic_write
+from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.paths import as_path
+from deformnb.io.volumes.formats import FORMATS
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.rigid import RigidPart
 

@@ -22,8 +22,15 @@ from numpy.typing import NDArray
 from deformnb._typing import Image
 from deformnb.checks import finite_number, shown_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
-from deformnb.io.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
-from deformnb.io.headers import as_path, fail, shown
+from deformnb.io.files.atomic import (
+    atomic_write,
+    check_target,
+    hold_folder,
+    sweep_folder,
+    temporary_name,
+)
+from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.paths import as_path
 
 FrameProgress = Callable[[int, int], None]
 

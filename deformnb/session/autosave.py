@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
-from deformnb.io.atomic import hold, sweep
+from deformnb.io.files.atomic import hold, sweep
 from deformnb.session.autosave_store import (
     SavedSession,
     counted,

@@ -1,8 +1,8 @@
 """Store of autosaved sessions in a folder of the user: the list, the lost ones, and their contents.
 
 Each is a file of two parts: a line of facts, and the document. Beside the file of a session that is running lies an
-empty one that its process holds (see :mod:`deformnb.io.atomic`): when the process dies, the system releases it, and
-the edits that were not saved count as lost.
+empty one that its process holds (see :mod:`deformnb.io.files.atomic`): when the process dies, the system releases it,
+and the edits that were not saved count as lost.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import Any
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.document.json_format import LONGEST, from_json, to_json
 from deformnb.errors import DeformError
-from deformnb.io.atomic import atomic_write, is_abandoned, sweep
-from deformnb.io.headers import shown
+from deformnb.io.files.atomic import atomic_write, is_abandoned, sweep
+from deformnb.io.files.errors import shown
 from deformnb.volume.volume import Grid, VolumeLike
 
 FORMAT = "deformnb-autosave"

@@ -21,10 +21,10 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.document.transplant import transplanted
 from deformnb.errors import Cancelled, DeformError
-from deformnb.io.atomic import atomic_write
-from deformnb.io.formats import format_of, read_volume, write_volume
-from deformnb.io.landmarks import is_landmarks
-from deformnb.io.meshes import is_mesh
+from deformnb.io.files.atomic import atomic_write
+from deformnb.io.landmarks.formats import is_landmarks
+from deformnb.io.meshes.formats import is_mesh
+from deformnb.io.volumes.formats import format_of, read_volume, write_volume
 from deformnb.session.view_state import without_view_state
 
 RECORD = "deformnb-replay.json"

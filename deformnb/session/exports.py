@@ -25,11 +25,11 @@ from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_frames, swing, write_movie
 from deformnb.imaging.projection import OF_CHANNELS, project, project_channels
 from deformnb.imaging.render import render_volume
-from deformnb.io.atomic import KnownFiles, atomic_write, check_target
-from deformnb.io.formats import write_volume
-from deformnb.io.memory import check_room
-from deformnb.io.ome_zarr import MARKS, SUFFIX
-from deformnb.io.series import write_channels
+from deformnb.io.files.atomic import KnownFiles, atomic_write, check_target
+from deformnb.io.files.memory import check_room
+from deformnb.io.volumes.formats import write_volume
+from deformnb.io.volumes.ome_zarr import MARKS, SUFFIX
+from deformnb.io.volumes.series import write_channels
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay, Channels
@@ -235,7 +235,7 @@ class Export:
     title : for a menu.
     suffixes : of file names it writes; the first is proposed.
     write : (frozen, path, progress).
-    folder_marks : of what is written as a folder, as those of a :class:`~deformnb.io.formats.Format`.
+    folder_marks : of what is written as a folder, as those of a :class:`~deformnb.io.volumes.formats.Format`.
     """
 
     title: str

@@ -15,9 +15,9 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import without_surrogates
 from deformnb.errors import DeformError
 from deformnb.io.documents import read_deformation
-from deformnb.io.formats import describe_file, read_volume
-from deformnb.io.meshes import is_mesh, read_mesh
-from deformnb.io.series import is_series, open_series
+from deformnb.io.meshes.formats import is_mesh, read_mesh
+from deformnb.io.volumes.formats import describe_file, read_volume
+from deformnb.io.volumes.series import is_series, open_series
 from deformnb.volume.channels import Channels
 from deformnb.volume.converters import converted
 from deformnb.volume.transfer import levels

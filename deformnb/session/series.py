@@ -10,8 +10,8 @@ from typing import Any
 from deformnb._typing import Progress
 from deformnb.document.animation import Animation
 from deformnb.errors import DeformError
-from deformnb.io.memory import check_room
-from deformnb.io.series import Series, open_series, write_series
+from deformnb.io.files.memory import check_room
+from deformnb.io.volumes.series import Series, open_series, write_series
 from deformnb.rbf.fields import AbstractField, HasField
 from deformnb.volume.channels import Channels
 from deformnb.warping.warper import deformed

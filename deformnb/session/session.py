@@ -36,9 +36,9 @@ from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.imaging.projection import OF_CHANNELS, PROJECTIONS, project, project_channels
-from deformnb.io.atomic import KnownFiles
 from deformnb.io.documents import read_document, write_deformation
-from deformnb.io.memory import check_room
+from deformnb.io.files.atomic import KnownFiles
+from deformnb.io.files.memory import check_room
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts

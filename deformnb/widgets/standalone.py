@@ -29,7 +29,7 @@ from deformnb.document.edits import untouched_step
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
-from deformnb.io.atomic import atomic_write, check_target
+from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.rbf.extrusion import Extrusion, extrude
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.kernels import KERNELS

@@ -17,8 +17,8 @@ from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
-from deformnb.io.landmarks import read_landmarks, write_landmarks
-from deformnb.io.meshes import MESH_FORMATS, read_mesh, write_mesh
+from deformnb.io.landmarks.formats import read_landmarks, write_landmarks
+from deformnb.io.meshes.formats import MESH_FORMATS, read_mesh, write_mesh
 from deformnb.rbf import fitting
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
@@ -294,7 +294,7 @@ def test_the_fits_of_a_session_are_solved_once(line: str, small: Path, monkeypat
 def test_a_result_that_no_memory_holds_is_refused_before_the_work(
     small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deformnb.io.memory.available_memory", lambda: 1000)
+    monkeypatch.setattr("deformnb.io.files.memory.available_memory", lambda: 1000)
     code = run(small, "warp pull.json tiny.nrrd out.nrrd --margin 6", monkeypatch)
     assert "are free; close something else, or choose a smaller result box" in refused(capsys.readouterr(), code)
     assert run(small, "replay pull.json tiny.nrrd --out results --summary sum.json", monkeypatch) == 0

@@ -51,7 +51,7 @@ READS = re.compile(r"read|load|open|Reader|^File$|^TiffFile$|_decode$|^from_zarr
 
 ALLOWED = {
     ("h5py", "File"): "sizes, types, filters and links are checked before a number is decoded",
-    ("tifffile", "TiffFile"): "its pages are checked by io/tiff_pages.py",
+    ("tifffile", "TiffFile"): "its pages are checked by io/volumes/tiff_pages.py",
     ("tifffile", "imread"): "as a Zarr store, of files whose header our own reader has checked",
     ("imagecodecs", "*"): "of one strip or tile, whose size is known and allowed",
     ("pydicom", "*"): "Python throughout; pixel data are counted before they are decoded",

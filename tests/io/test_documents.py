@@ -13,8 +13,8 @@ import pytest
 from deformnb.document.deformation import Deformation, Step, VolumeReference
 from deformnb.document.json_format import LONGEST, to_json
 from deformnb.errors import DeformError, FileChangedError, VolumeFileError
-from deformnb.io.atomic import writing_held_by
 from deformnb.io.documents import describe_document, read_deformation, write_deformation
+from deformnb.io.files.atomic import writing_held_by
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane

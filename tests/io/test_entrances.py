@@ -15,8 +15,9 @@ import pytest
 import deformnb as dn
 from deformnb import io
 from deformnb.errors import DeformError, VolumeFileError
-from deformnb.io import formats, transforms
-from deformnb.io.headers import UNFORESEEN
+from deformnb.io.files.errors import UNFORESEEN
+from deformnb.io.transforms import formats as transforms
+from deformnb.io.volumes import formats
 from deformnb.rbf.fields import Identity
 from deformnb.volume import Channels
 from deformnb.warping.mesh import Mesh

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from format_table import DOCUMENT, table
 
-from deformnb.io.formats import FORMATS
-from deformnb.io.landmarks import LANDMARK_FORMATS
-from deformnb.io.transforms import TRANSFORM_FORMATS
+from deformnb.io.landmarks.formats import LANDMARK_FORMATS
+from deformnb.io.transforms.formats import TRANSFORM_FORMATS
+from deformnb.io.volumes.formats import FORMATS
 
 KINDS = {
     "volumes": {name: (row.suffixes, row.write is not None) for name, row in FORMATS.items()},
@@ -36,7 +36,7 @@ def test_every_row_has_another_program_or_says_that_it_has_none() -> None:
 
 def test_a_test_holds_every_figure() -> None:
     """By the words with which tests ask for it; volumes are compared exactly, in test files that name the program."""
-    sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.glob("test_*.py")))
+    sources = "".join(path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.rglob("test_*.py")))
     asked = set(re.findall(r'agreed\("(\w+)", "([^"]+)", "([^"]+)"\)', sources))
     stated = {
         (row.kind, row.format, row.program) for row in table() if row.difference is not None and row.kind != "volumes"

@@ -18,9 +18,9 @@ from PIL import Image
 
 from deformnb import Volume
 from deformnb.io import FORMATS, write_landmarks, write_series, write_transform, write_volume
-from deformnb.io.displacement_images import image_of
-from deformnb.io.landmarks import LANDMARK_FORMATS
-from deformnb.io.transforms import TRANSFORM_SUFFIXES
+from deformnb.io.landmarks.formats import LANDMARK_FORMATS
+from deformnb.io.transforms.displacement_images import image_of
+from deformnb.io.transforms.formats import TRANSFORM_SUFFIXES
 from deformnb.rbf.fields import Affine, DisplacementField, compose
 from deformnb.volume import Channels
 from deformnb.volume.volume import Grid
@@ -39,9 +39,9 @@ import numpy as np
 from deformnb import DeformError
 from deformnb.chunked import open_volume
 from deformnb.io import describe_file, open_series, read_label_names, read_landmarks, read_transform, read_volume
-from deformnb.io.headers import UNFORESEEN
-from deformnb.io.label_names import read_label_table
-from deformnb.io.transforms import describe_transform
+from deformnb.io.files.errors import UNFORESEEN
+from deformnb.io.volumes.label_names import read_label_table
+from deformnb.io.transforms.formats import describe_transform
 for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outside the limits
     try:
         __import__(package)

@@ -17,8 +17,8 @@ from format_table import agreed
 from scipy.ndimage import gaussian_filter
 
 import deformnb as dn
-from deformnb.io.landmarks import read_landmarks, write_landmarks
-from deformnb.io.transforms import read_transform, write_transform
+from deformnb.io.landmarks.formats import read_landmarks, write_landmarks
+from deformnb.io.transforms.formats import read_transform, write_transform
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks

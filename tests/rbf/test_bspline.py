@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline
 import deformnb as dn
 from deformnb import DeformError, Volume, chunked
 from deformnb._jax import float64, jax, jnp
-from deformnb.io.transforms import describe_transform, read_transform, write_transform
+from deformnb.io.transforms.formats import describe_transform, read_transform, write_transform
 from deformnb.rbf.bspline import ORDERS, BSplineField
 from deformnb.rbf.fields import Affine, compose
 from deformnb.volume.volume import Grid

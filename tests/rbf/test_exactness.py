@@ -24,7 +24,7 @@ from deformnb import devices
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json, to_json
 from deformnb.imaging.thompson import magnified
-from deformnb.io.transforms import read_transform, write_transform
+from deformnb.io.transforms.formats import read_transform, write_transform
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.conditioning import prepare
 from deformnb.rbf.evaluation import in_turn, stacked

@@ -10,7 +10,7 @@ import pytest
 
 from deformnb.analysis.quality import fit_quality
 from deformnb.datasets.darcy import thompson_grids
-from deformnb.io.landmarks import read_landmarks
+from deformnb.io.landmarks.formats import read_landmarks
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import FOLDS, POOR
 from deformnb.rbf.kernels import KERNELS

@@ -12,7 +12,7 @@ import pytest
 
 from deformnb.document.deformation import VolumeReference
 from deformnb.errors import DeformError
-from deformnb.io.atomic import hold
+from deformnb.io.files.atomic import hold
 from deformnb.session import autosave_store
 from deformnb.session.autosave_store import SavedSession, delete, prune, restore, saved_sessions, skip, write_session
 from deformnb.session.session import Session

@@ -17,7 +17,7 @@ from deformnb.document.deformation import VolumeReference
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io import read_volume, write_volume
 from deformnb.io.documents import read_deformation, write_deformation
-from deformnb.io.meshes import read_mesh, write_mesh
+from deformnb.io.meshes.formats import read_mesh, write_mesh
 from deformnb.session.batch import RECORD, inputs_of, replay
 from deformnb.volume.volume import Volume
 from deformnb.warping.mesh import Mesh, warp_mesh

@@ -14,7 +14,7 @@ from deformnb.document.deformation import Keyframe, VolumeReference
 from deformnb.document.script import UNKNOWN_VOLUME
 from deformnb.errors import Cancelled, DeformError, FileChangedError, VolumeFileError
 from deformnb.io.documents import read_deformation
-from deformnb.io.formats import FORMATS, read_volume, write_volume
+from deformnb.io.volumes.formats import FORMATS, read_volume, write_volume
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.inputs import as_deformation, best_view, volume_from
 from deformnb.session.session import Session
@@ -101,7 +101,7 @@ def test_voxels_that_are_not_of_the_pyramid_are_not_taken_for_its_level(levels: 
 
 
 def test_a_large_pyramid_is_known_by_its_coarsest_level(levels: list[Volume], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.io.ome_zarr._MOST_CHECKED", 13 * 19 * 301 - 1)
+    monkeypatch.setattr("deformnb.io.volumes.ome_zarr._MOST_CHECKED", 13 * 19 * 301 - 1)
     fine, coarse = (VolumeReference.of(volume) for volume in levels)
     assert fine == coarse
     assert fine.sha256 == voxel_checksum(levels[1].dtype, levels[1].shape, levels[1].values)
@@ -177,7 +177,7 @@ def test_what_cannot_be_written_is_said_before_the_work(session: Session, tmp_pa
 def test_a_result_beyond_the_memory_is_refused_with_numbers(
     session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deformnb.io.memory.available_memory", lambda: 3000)
+    monkeypatch.setattr("deformnb.io.files.memory.available_memory", lambda: 3000)
     with pytest.raises(DeformError, match=r"takes 3.3 KiB and 2.9 KiB are free"):
         export(session, tmp_path / "egg.nrrd")
     assert list(tmp_path.iterdir()) == []

@@ -89,7 +89,7 @@ def test_the_carp_has_one_shape_wherever_it_is_read(real_data: Callable[[str], P
 def test_no_other_volume_is_hashed_or_changed(
     name: str, real_data: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from deformnb.io import formats
+    from deformnb.io.volumes import formats
 
     monkeypatch.setattr(formats, "voxel_checksum", None)  # would fail if called
     assert not [note for note in read_volume(real_data(name)).notes if "wrong" in note]

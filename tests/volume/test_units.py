@@ -19,8 +19,8 @@ import pytest
 import deformnb as dn
 from deformnb.cli.main import main
 from deformnb.errors import DeformError
-from deformnb.io.formats import FORMATS
-from deformnb.io.landmarks import LANDMARK_FORMATS
+from deformnb.io.landmarks.formats import LANDMARK_FORMATS
+from deformnb.io.volumes.formats import FORMATS
 from deformnb.rbf.fields import Identity
 from deformnb.session.exports import export
 from deformnb.session.session import Session

@@ -15,7 +15,7 @@ from rbf.test_cuts import pushed
 
 from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
-from deformnb.io.meshes import read_mesh
+from deformnb.io.meshes.formats import read_mesh
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import extrude, replicate
 from deformnb.rbf.fields import DisplacementField, Identity

@@ -12,7 +12,7 @@ from deformnb.datasets.darcy import ThompsonMap, thompson_map
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
 from deformnb.io import read_volume
-from deformnb.io.images import SUFFIXES
+from deformnb.io.volumes.images import SUFFIXES
 from deformnb.volume.plane import Picture
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.grid_drawing import MOST_LINES, GridDrawing

@@ -18,7 +18,7 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.io.landmarks import LONGEST_TEXT
+from deformnb.io.landmarks.formats import LONGEST_TEXT
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.bundle import bundle

@@ -27,8 +27,8 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import checked_size
 from deformnb.imaging.vtk_volume import VolumeWindow, check_gl, clipped_for, for_vtk, mark_modified, straight_image
-from deformnb.io.headers import human_bytes
-from deformnb.io.memory import available_memory
+from deformnb.io.files.errors import human_bytes
+from deformnb.io.files.memory import available_memory
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity

@@ -26,7 +26,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
-from deformnb.io.series import read_channels, write_channels
+from deformnb.io.volumes.series import read_channels, write_channels
 from deformnb.rbf import fitting
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.rbf.kernels import KERNELS, register_kernel

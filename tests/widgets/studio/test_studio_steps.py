@@ -17,7 +17,7 @@ from numpy.testing import assert_array_equal
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import part_to_data
 from deformnb.errors import DeformError
-from deformnb.io.formats import read_volume, write_volume
+from deformnb.io.volumes.formats import read_volume, write_volume
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Polygon

@@ -1,4 +1,4 @@
-// NIfTI-1 and NIfTI-2 in one file, by the rules of deformnb/io/nifti.py: the sform if its code is above 0, else the qform
+// NIfTI-1 and NIfTI-2 in one file, by the rules of deformnb/io/volumes/nifti.py: the sform if its code is above 0, else the qform
 // if its code is above 0, else the voxel sizes alone. NIfTI is RAS: x and y change sign. Source: nifti1.h and nifti2.h.
 
 import { ByteReader, FileError, volumeShape } from "./reading.js";

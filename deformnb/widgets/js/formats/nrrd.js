@@ -1,4 +1,4 @@
-// NRRD in one file (.nrrd), by the rules of deformnb/io/nrrd.py. Source: the definition of the NRRD file format of Teem.
+// NRRD in one file (.nrrd), by the rules of deformnb/io/volumes/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
 import { cross } from "../maths/camera.js";
 import { commonUnit, statedUnit } from "../volume/units.js";

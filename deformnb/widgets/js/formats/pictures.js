@@ -1,4 +1,4 @@
-// Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/images.py reads them: grey values by ITU-R 601 as Pillow
+// Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/volumes/images.py reads them: grey values by ITU-R 601 as Pillow
 // rounds them, turned as the camera says, rows along y. The browser unpacks them.
 
 import { checkedGrid } from "../volume/grid.js";

@@ -161,7 +161,7 @@ export function orderedPoints(points, column, isDown, dim) {
 }
 
 /**
- * The points as CSV with a header, which Python takes back (deformnb.io.landmarks).
+ * The points as CSV with a header, which Python takes back (deformnb.io.landmarks.formats).
  * @param {TableRow[]} points
  * @param {number} dim
  */

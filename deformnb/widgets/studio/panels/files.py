@@ -28,9 +28,9 @@ from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
 from deformnb.document.script import VOLUME_LINE
 from deformnb.errors import Cancelled, DeformError, FileChangedError
-from deformnb.io.atomic import writing_held_by
-from deformnb.io.formats import FORMATS
-from deformnb.io.headers import human_bytes
+from deformnb.io.files.atomic import writing_held_by
+from deformnb.io.files.errors import human_bytes
+from deformnb.io.volumes.formats import FORMATS
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume

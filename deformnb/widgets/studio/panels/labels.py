@@ -13,8 +13,13 @@ import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.io.formats import FORMATS, read_volume, supported
-from deformnb.io.label_names import LABEL_TABLES, is_label_table, read_label_names, read_label_table
+from deformnb.io.volumes.formats import FORMATS, read_volume, supported
+from deformnb.io.volumes.label_names import (
+    LABEL_TABLES,
+    is_label_table,
+    read_label_names,
+    read_label_table,
+)
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume

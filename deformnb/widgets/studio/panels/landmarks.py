@@ -9,7 +9,12 @@ import ipywidgets as ipw
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.io.landmarks import LANDMARK_FORMATS, landmark_suffixes, read_landmarks, write_landmarks
+from deformnb.io.landmarks.formats import (
+    LANDMARK_FORMATS,
+    landmark_suffixes,
+    read_landmarks,
+    write_landmarks,
+)
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.file_transfer import FileTransfer

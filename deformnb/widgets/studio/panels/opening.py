@@ -18,10 +18,15 @@ from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
-from deformnb.io.formats import supported
-from deformnb.io.label_names import LABEL_TABLES, is_label_table, read_label_names, read_label_table
-from deformnb.io.landmarks import is_landmarks, landmark_suffixes
-from deformnb.io.transforms import is_transform
+from deformnb.io.landmarks.formats import is_landmarks, landmark_suffixes
+from deformnb.io.transforms.formats import is_transform
+from deformnb.io.volumes.formats import supported
+from deformnb.io.volumes.label_names import (
+    LABEL_TABLES,
+    is_label_table,
+    read_label_names,
+    read_label_table,
+)
 from deformnb.session.inputs import as_volume_and_channels, subject_from
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb._weak import weakly
 from deformnb.errors import DeformError
-from deformnb.io.landmarks import parsed_number, points_from_csv
+from deformnb.io.landmarks.formats import parsed_number, points_from_csv
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.points_table import PointsTable, TableAct

@@ -27,7 +27,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.projection import project
 from deformnb.io.documents import read_deformation
-from deformnb.io.formats import read_volume
+from deformnb.io.volumes.formats import read_volume
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import lone_support

@@ -7,7 +7,7 @@ import pytest
 from driven_studio import a_volume, all_of, panel, wait_for
 
 from deformnb.errors import DeformError
-from deformnb.io.formats import write_volume
+from deformnb.io.volumes.formats import write_volume
 from deformnb.volume.volume import Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.view.live_view import LiveView

@@ -12,8 +12,8 @@ import pytest
 from driven_studio import a_drag, a_volume, drag, notice_of, panel, wait_for
 from numpy.testing import assert_array_equal
 
-from deformnb.io.atomic import atomic_write
-from deformnb.io.formats import read_volume, write_volume
+from deformnb.io.files.atomic import atomic_write
+from deformnb.io.volumes.formats import read_volume, write_volume
 from deformnb.session.exports import export
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio

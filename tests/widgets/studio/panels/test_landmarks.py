@@ -11,7 +11,7 @@ from uploads import uploaded
 from widgets.studio.panels.test_steps_history import Guarded
 
 from deformnb.datasets import PHANTOMS
-from deformnb.io.landmarks import LANDMARK_FORMATS, read_landmarks, write_landmarks
+from deformnb.io.landmarks.formats import LANDMARK_FORMATS, read_landmarks, write_landmarks
 from deformnb.session.session import Session
 from deformnb.warping.points import Landmarks
 from deformnb.widgets.studio.panels.landmarks import LandmarkFiles

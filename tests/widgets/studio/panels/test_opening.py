@@ -17,8 +17,8 @@ from uploads import uploaded
 from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.io.formats import write_volume
-from deformnb.io.landmarks import write_landmarks
+from deformnb.io.landmarks.formats import write_landmarks
+from deformnb.io.volumes.formats import write_volume
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
 from deformnb.widgets.studio.panels.labels import LabelChooser

@@ -1,0 +1,30 @@
+"""Paths of files to read: what a name means, and plain files only."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from deformnb.errors import VolumeFileError
+from deformnb.io.files.errors import fail, shown
+
+
+def as_path(path: str | os.PathLike[str]) -> Path:
+    """The path that a name means, ``~`` included; VolumeFileError for what names no file."""
+    try:
+        return Path(path).expanduser()
+    except (TypeError, RuntimeError) as error:
+        raise VolumeFileError(f"{shown(path)}: this is not the path of a file ({shown(error)}).") from error
+
+
+def regular_file(path: Path) -> Path:
+    """The path if it is a plain file; a pipe would wait for ever and a device has no end."""
+    try:
+        if path.is_file():
+            return path
+        exists = path.exists()
+    except (OSError, ValueError) as error:
+        raise VolumeFileError(f"{shown(path)!r} is not a usable path ({shown(error)}).") from error
+    raise fail(
+        path, "this is not a plain file." if exists else f"there is no such file in {shown(path.absolute().parent)}."
+    )

@@ -1,0 +1,47 @@
+"""A folder of Zarr from which only plain files are read."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterable
+
+from zarr.abc.store import ByteRequest
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import LocalStore
+
+from deformnb.io.files.errors import fail
+
+
+class PlainFiles(LocalStore):
+    """A local store that refuses whatever is there and no plain file: a pipe in place of a chunk would wait for ever.
+
+    Examples
+    --------
+    >>> PlainFiles("scan.zarr", read_only=True)
+    LocalStore('file://scan.zarr')
+    """
+
+    def _check(self, key: str) -> None:
+        path = self.root / key
+        try:
+            mode = path.stat().st_mode
+        except (OSError, ValueError):  # what is missing is the fill value; a name that is none is zarr's to refuse
+            return
+        if not stat.S_ISREG(mode):
+            raise fail(self.root, f"its {key} is no plain file but a folder, a pipe or a device; it is not read.")
+
+    async def get(
+        self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
+    ) -> Buffer | None:
+        """As of LocalStore."""
+        self._check(key)
+        return await super().get(key, prototype, byte_range)
+
+    async def get_partial_values(
+        self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, ByteRequest | None]]
+    ) -> list[Buffer | None]:
+        """As of LocalStore."""
+        wanted = list(key_ranges)
+        for key, _ in wanted:
+            self._check(key)
+        return await super().get_partial_values(prototype, wanted)

@@ -1,0 +1,1 @@
+"""Files of surfaces: PLY, STL, OBJ and VTP."""

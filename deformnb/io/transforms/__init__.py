@@ -1,0 +1,1 @@
+"""Files of transforms: those of ITK, elastix and VTK, displacement fields as images, and OME-NGFF."""
